@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dispatcher behind ./seed, once the environment stands (also `ros2 run seed_bringup seed`)."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from pathlib import Path
+
+from seed_bringup.commands import available, usage
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one subcommand and return its exit code."""
+    arguments = sys.argv[1:] if argv is None else argv
+    root = os.environ.get("SEED_ROOT")
+    commands = available(Path(root) if root else None)
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(usage(commands))
+        return 0
+    command = commands.get(arguments[0])
+    if command is None:
+        print(f"seed: no command {arguments[0]!r}; there are: {', '.join(commands)}", file=sys.stderr)
+        return 2
+    return _run(command.module, command.function, arguments)
+
+
+def _run(module: str, function: str, arguments: list[str]) -> int:
+    sys.argv = [f"seed {arguments[0]}", *arguments[1:]]
+    try:
+        result = getattr(importlib.import_module(module), function)(arguments[1:])
+    except KeyboardInterrupt:
+        print(f"seed {arguments[0]}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except Exception as error:
+        if not _is_expected(error):
+            raise
+        print(f"seed {arguments[0]}: {error}", file=sys.stderr)
+        return 1
+    return int(result or 0)
+
+
+def _is_expected(error: Exception) -> bool:
+    """Errors of ours speak for themselves; anything else keeps its traceback."""
+    return any(base.__name__ == "SeedError" for base in type(error).__mro__)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

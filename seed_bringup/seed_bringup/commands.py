@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The subcommands of ./seed and where each lives; standard library only, for it is read before any set-up.
+
+A command whose module is not there is not offered.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Command(NamedTuple):
+    """One subcommand: the module whose main(argv) runs it, and a line of help."""
+
+    name: str
+    module: str
+    function: str
+    help: str
+
+
+COMMANDS = (
+    Command("demo", "seed_bringup.demo", "main", "the simulated squeegee task, live, with a report"),
+    Command("test", "seed_bringup.checks", "test", "every test; further arguments go to pytest"),
+    Command("evaluate", "seed_sim.evaluate", "main", "a task in closed loop without ROS, scored"),
+    Command("validate", "seed_sim.validate", "main", "the estimators and maps against ground truth"),
+    Command("identify", "seed_sysid.identify", "main", "the stiffness of a grasp, from data"),
+    Command("reproduce", "seed_bringup.reproduce", "main", "the published experiments, side by side"),
+    Command("bench", "seed_bringup.bench", "main", "figures of speed on this machine"),
+    Command("launch", "seed_bringup.launch_cli", "main", "run a launch file: launch FILE [name:=value ...]"),
+    Command("bag", "seed_bringup.bag_cli", "main", "record, play or describe a bag"),
+    Command("ur-sim", "seed_sim.ur_controller", "main", "a simulated UR controller that speaks RTDE"),
+    Command("shell", "seed_bringup.checks", "shell", "a shell with the environment set up"),
+    Command("build", "seed_bringup.checks", "build", "build the workspace again"),
+    Command("lint", "seed_bringup.checks", "lint", "ruff and mypy"),
+)
+
+
+def available(root: Path | None = None) -> dict[str, Command]:
+    """The commands whose modules exist: below the checkout if one is given, else importable."""
+    return {command.name: command for command in COMMANDS if _exists(command.module, root)}
+
+
+def _exists(module: str, root: Path | None) -> bool:
+    package, _, name = module.partition(".")
+    if root is not None:
+        return (root / package / package / f"{name}.py").is_file()
+    return importlib.util.find_spec(package) is not None and importlib.util.find_spec(module) is not None
+
+
+def usage(commands: dict[str, Command]) -> str:
+    """The help text of ./seed."""
+    lines = [f"  {name:<10} {command.help}" for name, command in commands.items()]
+    return "\n".join(
+        [
+            "usage: ./seed COMMAND [ARGUMENTS]     (./seed COMMAND --help for one command)",
+            "",
+            *lines,
+            "",
+            "The first start sets everything up; SEED_HOME says where (default: ~/.cache/seed-ros2).",
+            "SEED_ROS=wheels|/opt/ros/NAME chooses the ROS 2, SEED_PYTHON the interpreter.",
+        ]
+    )

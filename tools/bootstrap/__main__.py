@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sets up what ./seed needs (environment, then workspace) and starts the command inside it.
+
+Standard library only. When nothing changed since the last start, this costs a few hashes and one exec.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" / "seed_bringup")]
+
+import commands  # noqa: E402
+from progress import SetupError, say  # noqa: E402
+
+
+def main(arguments: list[str]) -> int:
+    """Answer help and mistakes at once; set up and run everything else."""
+    known = commands.available(ROOT)
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(commands.usage(known))
+        return 0
+    if arguments[0] not in known:
+        print(f"seed: no command {arguments[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
+        return 2
+    try:
+        start(arguments)
+    except SetupError as error:
+        say(str(error))
+        return 1
+    except KeyboardInterrupt:
+        say("set-up interrupted; run the same command again and it starts over where it must")
+        return 130
+    return 0
+
+
+def start(arguments: list[str]) -> None:
+    """Replace this process by the command, inside the finished environment."""
+    from environment import ready_environment
+    from workspace import ready_workspace
+
+    pins = _pins_asked_for(arguments)
+    environment = ready_environment(ROOT, pins)
+    variables = ready_workspace(ROOT, environment, force=arguments[0] == "build", extra=arguments[1:])
+    python = str(environment.python)
+    os.execve(python, [python, "-P", "-m", "seed_bringup.cli", *arguments], variables)
+
+
+def _pins_asked_for(arguments: list[str]) -> str:
+    """`test --pins apt` runs with the other set of pins."""
+    if arguments[0] != "test" or "--pins" not in arguments:
+        return ""
+    at = arguments.index("--pins")
+    pins = arguments[at + 1] if at + 1 < len(arguments) else ""
+    if pins not in ("wheels", "apt"):
+        raise SetupError(f"--pins {pins or '(nothing)'}: must be wheels or apt")
+    del arguments[at : at + 2]
+    return pins
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

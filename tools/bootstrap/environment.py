@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Python environment: one per set of pins, interpreter and ROS 2, shared by all checkouts of a user."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import home
+from progress import SetupError, run_logged, say
+from ros import Ros, find_ros
+from system import require_system_packages
+
+PINNED_NUMPY_1 = ("jazzy", "kilted")  # ROS 2 on Ubuntu 24.04
+
+
+class Environment(NamedTuple):
+    """A finished environment: where it is, which ROS 2 it serves."""
+
+    path: Path
+    ros: Ros
+
+    @property
+    def python(self) -> Path:
+        """Its interpreter."""
+        return self.path / "bin" / "python"
+
+
+def ready_environment(root: Path, pins: str) -> Environment:
+    """The environment for this checkout's pins, made first if it is not there."""
+    ros = find_ros()
+    pins = pins or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
+    python = _interpreter(ros)
+    files = _requirement_files(root, ros, pins)
+    identity = [*(f.read_bytes() for f in files), str(python).encode(), ros.kind.encode(), str(ros.prefix).encode()]
+    base = home.seed_home()
+    environment = Environment(base / f"env-{ros.kind}-{pins}-{home.digest(identity)}", ros)
+    stamp = environment.path / "seed-complete"
+    if stamp.is_file() and environment.python.exists():
+        return environment
+    with home.locked(base / f"{environment.path.name}.lock", "the environment") as lock:
+        if not (stamp.is_file() and environment.python.exists()):
+            _make(environment, python, files, lock)
+            stamp.touch()
+    return environment
+
+
+def _interpreter(ros: Ros) -> Path:
+    """ROS from apt brings its own Python; the wheels take the one that runs this."""
+    if ros.python is None:
+        return Path(os.path.realpath(sys.executable))
+    name = f"python{ros.python[0]}.{ros.python[1]}"
+    found = Path("/usr/bin") / name
+    if not found.exists():
+        raise SetupError(f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels")
+    return found
+
+
+def _requirement_files(root: Path, ros: Ros, pins: str) -> list[Path]:
+    names = ["build", "common", pins, "dev"] + (["ros-wheels"] if ros.prefix is None else [])
+    return [root / "requirements" / f"{name}.txt" for name in names]
+
+
+def _make(environment: Environment, python: Path, files: list[Path], lock: int) -> None:
+    """From nothing, for half an environment of an interrupted set-up is not worth trusting."""
+    require_system_packages(python)
+    if environment.path.exists():
+        say("an earlier set-up did not finish; starting the environment over")
+        shutil.rmtree(environment.path)
+    say(f"setting up {environment.path} with {_name(environment.ros)} (1.1 GB; a few minutes, once)")
+    flags = [] if environment.ros.prefix is None else ["--system-site-packages"]
+    subprocess.run([str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,))
+    _install(environment, files, lock)
+    if environment.ros.prefix is None:
+        _repair_exported_cmake(environment)
+    (environment.path / "seed-environment.json").write_text(json.dumps({"requirements": [f.name for f in files]}))
+
+
+def _name(ros: Ros) -> str:
+    return "the ROS 2 wheels" if ros.prefix is None else f"the ROS 2 at {ros.prefix}"
+
+
+def _install(environment: Environment, files: list[Path], lock: int) -> None:
+    """Every distribution is pinned, so pip resolves nothing; setuptools first, for the one that has no wheel."""
+    pip = [str(environment.python), "-I", "-m", "pip", "install", "--no-deps", "--no-input"]
+    pip += ["--disable-pip-version-check", "--progress-bar", "off", "--only-binary", ":all:"]
+    command = [*pip, "--no-binary", "empy", "--no-build-isolation"]
+    command += [argument for f in files if f.name != "common.txt" for argument in ("-r", str(f))]
+    total = sum(_counts(line) for f in files for line in f.read_text().splitlines())
+    seen = 0
+
+    def shorten(line: str) -> str:
+        nonlocal seen
+        if line.startswith("Collecting "):
+            seen += 1
+            return f"{seen} of {total}: {line.split()[1]}"
+        return line.strip()[:90] if line.startswith("Installing") else ""
+
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH")}
+    # The wheels' bootstrapper would start every Python twice.
+    env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+    first = [line.split()[0] for f in files for line in f.read_text().splitlines() if line.startswith("setuptools==")]
+    logs = environment.path
+    run_logged([*pip, *first], "installing setuptools", logs / "install-first.log", env, lambda _: "", [lock])
+    run_logged(command, "installing packages", logs / "install.log", env, shorten, [lock])
+
+
+def _counts(line: str) -> bool:
+    return bool(line.strip()) and line[0] not in "#-"
+
+
+def _repair_exported_cmake(environment: Environment) -> None:
+    """The wheels' CMake exports name folders of the machine that built them; point them at this interpreter."""
+    query = "import numpy, sysconfig; print(sysconfig.get_path('include')); print(numpy.get_include())"
+    env = os.environ | {"_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    output = subprocess.check_output([str(environment.python), "-I", "-c", query], text=True, env=env)
+    include, numpy_include = output.splitlines()
+    for file in environment.path.glob("share/*/cmake/*.cmake"):
+        text = file.read_text()
+        fixed = re.sub(r'/opt/python/[^;"]*/numpy/(_core|core)/include', numpy_include, text)
+        fixed = re.sub(r'/opt/python/[^;"]*/include/python3\.\d+', include, fixed)
+        if fixed != text:
+            file.write_text(fixed)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long commands with a progress line, a log, and an error that shows its end."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the message says why and what to do."""
+
+
+def say(text: str) -> None:
+    """One line to the user, apart from what the command itself prints."""
+    print(f"seed: {text}", file=sys.stderr, flush=True)
+
+
+def run_logged(
+    command: list[str],
+    what: str,
+    log: Path,
+    env: dict[str, str],
+    shorten: Callable[[str], str],
+    hold: Iterable[int] = (),
+) -> None:
+    """Run a command with its output in `log` and a line of progress; SetupError when it fails.
+
+    `shorten` turns a line of output into a progress text ('' for none); `hold` are lock descriptors that the
+    command keeps too, so that an orphan of a killed set-up still holds the lock.
+    """
+    say(f"{what} (log: {log})")
+    started, shown = time.monotonic(), time.monotonic()
+    with log.open("w") as file, _start(command, env, hold) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            file.write(line)
+            text = shorten(line.rstrip())
+            if text and (sys.stderr.isatty() or time.monotonic() - shown > 5.0):
+                shown = time.monotonic()
+                _progress(f"{text} ({shown - started:.0f} s)")
+    _end_progress()
+    if process.returncode != 0:
+        tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
+        raise SetupError(f"{what}: failed with exit code {process.returncode}. Its last lines:\n{tail}\nseed: all of it: {log}")
+    say(f"{what}: done in {time.monotonic() - started:.0f} s")
+
+
+def _start(command: list[str], env: dict[str, str], hold: Iterable[int]) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        command,
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        pass_fds=tuple(hold),
+    )
+
+
+def _progress(text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r\033[Kseed:   {text[:100]}", end="", file=sys.stderr, flush=True)
+    else:
+        say(f"  {text}")
+
+
+def _end_progress() -> None:
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr, flush=True)

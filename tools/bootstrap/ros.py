@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which ROS 2 to use: a sourced one, an installed one, else the wheels."""
+
+import os
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from progress import SetupError, say
+
+INSTALLED = ("jazzy", "kilted", "lyrical", "rolling")  # in order of preference; older ones lack Python 3.11
+
+
+class Ros(NamedTuple):
+    """A ROS 2: prefix None means the wheels; underlays are the sourced prefixes, nearest first."""
+
+    prefix: Path | None
+    python: tuple[int, int] | None
+    underlays: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """`wheels`, or the name of the distribution."""
+        return "wheels" if self.prefix is None else self.prefix.name
+
+
+WHEELS = Ros(None, None)
+
+
+def find_ros() -> Ros:
+    """Obey SEED_ROS; else take what is sourced, what is installed, or the wheels."""
+    wanted = os.environ.get("SEED_ROS", "")
+    if wanted == "wheels":
+        return WHEELS
+    if wanted:
+        found = _ros_at(Path(wanted))
+        if found is None:
+            raise SetupError(f"SEED_ROS={wanted}: no ROS 2 with setup.bash and rclpy there; name its prefix, or 'wheels'")
+        return found._replace(underlays=tuple(filter(None, os.environ.get("SEED_UNDERLAYS", "").split(":"))))
+    return _sourced() or _installed() or WHEELS
+
+
+def _sourced() -> Ros | None:
+    prefixes = tuple(p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p)
+    for prefix in prefixes:
+        found = _ros_at(Path(prefix))
+        if found is not None and found.python is not None:
+            if found.python >= (3, 11):
+                return found._replace(underlays=prefixes)
+            say(f"the sourced ROS 2 at {prefix} has Python {found.python[0]}.{found.python[1]}; 3.11 is needed: looking on")
+    return None
+
+
+def _installed() -> Ros | None:
+    for name in INSTALLED:
+        found = _ros_at(Path("/opt/ros") / name)
+        if found is not None:
+            return found
+    return None
+
+
+def _ros_at(prefix: Path) -> Ros | None:
+    """The ROS 2 at a prefix, with the Python that its rclpy is built for."""
+    if not (prefix / "setup.bash").is_file():
+        return None
+    for rclpy in sorted(prefix.glob("lib/python3.*/site-packages/rclpy")):
+        match = re.fullmatch(r"python3\.(\d+)", rclpy.parents[1].name)
+        if match:
+            return Ros(prefix, (3, int(match[1])))
+    return None
+
+
+def foreign(entry: str) -> bool:
+    """Whether an entry of a search path belongs to a ROS 2 that the wheels must not see."""
+    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
+    return entry.startswith("/opt/ros/") or any(entry == p or entry.startswith(p + "/") for p in prefixes)
