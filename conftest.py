@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tests that start ROS nodes get a domain of their own, so that neighbours and other checkouts do not hear them."""
+
+import fcntl
+import os
+import random
+import tempfile
+from pathlib import Path
+from typing import IO
+
+LAST_DOMAIN = 101  # above it, DDS ports meet the ephemeral ones of Linux
+
+
+def _claim_domain() -> tuple[int, IO[str] | None]:
+    """A domain whose lock file this process holds for its lifetime."""
+    folder = Path(tempfile.gettempdir()) / f"seed-test-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    domains = random.sample(range(1, LAST_DOMAIN + 1), LAST_DOMAIN)
+    for domain in domains:
+        lock = (folder / str(domain)).open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return domain, lock
+    return domains[0], None
+
+
+_domain, _lock = _claim_domain()
+os.environ["ROS_DOMAIN_ID"] = str(_domain)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
