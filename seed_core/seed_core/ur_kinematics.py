@@ -74,6 +74,19 @@ class URKinematics:
         z2 = (ca * z[0] - sa * y1[0], ca * z[1] - sa * y1[1], ca * z[2] - sa * y1[2])
         return x1, y2, z2, p1
 
+    def twist(self, q: Sequence[float] | Array, qd: Sequence[float] | Array) -> tuple[float, ...]:
+        """E's angular velocity [rad/s] (3) and velocity [m/s] (3) in W for joint speeds qd (6,) [rad/s]."""
+        x, y, z, p = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+        wx = wy = wz = vx = vy = vz = 0.0
+        for i in range(6):
+            speed = float(qd[i])
+            wx, wy, wz = wx + speed * z[0], wy + speed * z[1], wz + speed * z[2]
+            before = p
+            x, y, z, p = self._next(i, float(q[i]), x, y, z, p)
+            rx, ry, rz = p[0] - before[0], p[1] - before[1], p[2] - before[2]
+            vx, vy, vz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
+        return wx, wy, wz, vx, vy, vz
+
     def jacobian(self, q: Sequence[float] | Array) -> Array:
         """(6, 6) map from joint speeds to E's angular velocity (rows 0-2) and velocity (rows 3-5), in W."""
         frames = self.frames(q)

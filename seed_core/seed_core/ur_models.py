@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published data of UR arms: DH table, limits and link masses.
 
-Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (lengths, masses, centres of
-mass); user manuals SW 5.8 (range, speed, torque). Real arms deviate by their calibration
+Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (lengths, masses,
+centres of mass); user manuals SW 5.8 (range, speed, torque). Real arms deviate by their calibration
 (seed_driver.calibration).
 """
 

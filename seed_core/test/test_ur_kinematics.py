@@ -68,6 +68,7 @@ def test_jacobian_is_the_derivative_of_forward(name: str) -> None:
             turn = Rotation.from_matrix(plus[:3, :3] @ minus[:3, :3].T).as_rotvec() / (2 * h)
             assert_allclose(J[:3, i], turn, atol=1e-8)
             assert_allclose(J[3:, i], (plus - minus)[:3, 3] / (2 * h), atol=1e-8)
+        assert_allclose(arm.twist(q, q[::-1]), J @ q[::-1], atol=1e-13)
 
 
 def test_inverse_keeps_whole_turns_within_the_range_of_the_joints() -> None:
