@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests that start ROS nodes get a domain of their own, so that neighbours and other checkouts do not hear them."""
 
+import contextlib
 import fcntl
+import importlib
 import os
 import random
 import tempfile
@@ -32,3 +34,9 @@ os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# pytest names a test module by its path, seed_core/test/test_x.py by seed_core.test.test_x; the real package must
+# be there first, or pytest takes the folder around it for the package.
+for _folder in sorted(Path(__file__).parent.glob("seed_*/setup.py")):
+    with contextlib.suppress(ImportError):
+        importlib.import_module(_folder.parent.name)

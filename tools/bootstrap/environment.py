@@ -36,7 +36,12 @@ def ready_environment(root: Path, pins: str) -> Environment:
     pins = pins or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
     python = _interpreter(ros)
     files = _requirement_files(root, ros, pins)
-    identity = [*(f.read_bytes() for f in files), str(python).encode(), ros.kind.encode(), str(ros.prefix).encode()]
+    identity = [
+        *(f.read_bytes() for f in files),
+        str(python).encode(),
+        ros.kind.encode(),
+        str(ros.prefix).encode(),
+    ]
     base = home.seed_home()
     environment = Environment(base / f"env-{ros.kind}-{pins}-{home.digest(identity)}", ros)
     stamp = environment.path / "seed-complete"
@@ -56,7 +61,9 @@ def _interpreter(ros: Ros) -> Path:
     name = f"python{ros.python[0]}.{ros.python[1]}"
     found = Path("/usr/bin") / name
     if not found.exists():
-        raise SetupError(f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels")
+        raise SetupError(
+            f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels"
+        )
     return found
 
 
@@ -73,11 +80,15 @@ def _make(environment: Environment, python: Path, files: list[Path], lock: int) 
         shutil.rmtree(environment.path)
     say(f"setting up {environment.path} with {_name(environment.ros)} (1.1 GB; a few minutes, once)")
     flags = [] if environment.ros.prefix is None else ["--system-site-packages"]
-    subprocess.run([str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,))
+    subprocess.run(
+        [str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,)
+    )
     _install(environment, files, lock)
     if environment.ros.prefix is None:
         _repair_exported_cmake(environment)
-    (environment.path / "seed-environment.json").write_text(json.dumps({"requirements": [f.name for f in files]}))
+    (environment.path / "seed-environment.json").write_text(
+        json.dumps({"requirements": [f.name for f in files]})
+    )
 
 
 def _name(ros: Ros) -> str:
@@ -103,7 +114,12 @@ def _install(environment: Environment, files: list[Path], lock: int) -> None:
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH")}
     # The wheels' bootstrapper would start every Python twice.
     env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
-    first = [line.split()[0] for f in files for line in f.read_text().splitlines() if line.startswith("setuptools==")]
+    first = [
+        line.split()[0]
+        for f in files
+        for line in f.read_text().splitlines()
+        if line.startswith("setuptools==")
+    ]
     logs = environment.path
     run_logged([*pip, *first], "installing setuptools", logs / "install-first.log", env, lambda _: "", [lock])
     run_logged(command, "installing packages", logs / "install.log", env, shorten, [lock])

@@ -17,7 +17,11 @@ def seed_home() -> Path:
     wanted = os.environ.get("SEED_HOME")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     fallback = Path(tempfile.gettempdir()) / f"seed-ros2-{os.geteuid()}"
-    for home in [Path(wanted).absolute()] if wanted else [Path(cache).absolute() / "seed-ros2", Path("/var") / fallback.relative_to("/"), fallback]:
+    for home in (
+        [Path(wanted).absolute()]
+        if wanted
+        else [Path(cache).absolute() / "seed-ros2", Path("/var") / fallback.relative_to("/"), fallback]
+    ):
         problem = _problem(home)
         if not problem:
             return home

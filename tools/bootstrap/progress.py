@@ -43,7 +43,9 @@ def run_logged(
     _end_progress()
     if process.returncode != 0:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
-        raise SetupError(f"{what}: failed with exit code {process.returncode}. Its last lines:\n{tail}\nseed: all of it: {log}")
+        raise SetupError(
+            f"{what}: failed with exit code {process.returncode}. Its last lines:\n{tail}\nseed: all of it: {log}"
+        )
     say(f"{what}: done in {time.monotonic() - started:.0f} s")
 
 

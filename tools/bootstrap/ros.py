@@ -35,7 +35,9 @@ def find_ros() -> Ros:
     if wanted:
         found = _ros_at(Path(wanted))
         if found is None:
-            raise SetupError(f"SEED_ROS={wanted}: no ROS 2 with setup.bash and rclpy there; name its prefix, or 'wheels'")
+            raise SetupError(
+                f"SEED_ROS={wanted}: no ROS 2 with setup.bash and rclpy there; name its prefix, or 'wheels'"
+            )
         return found._replace(underlays=tuple(filter(None, os.environ.get("SEED_UNDERLAYS", "").split(":"))))
     return _sourced() or _installed() or WHEELS
 
@@ -47,7 +49,9 @@ def _sourced() -> Ros | None:
         if found is not None and found.python is not None:
             if found.python >= (3, 11):
                 return found._replace(underlays=prefixes)
-            say(f"the sourced ROS 2 at {prefix} has Python {found.python[0]}.{found.python[1]}; 3.11 is needed: looking on")
+            say(
+                f"the sourced ROS 2 at {prefix} has Python {found.python[0]}.{found.python[1]}; 3.11 is needed: looking on"
+            )
     return None
 
 

@@ -21,7 +21,15 @@ from ros import foreign
 # What a build reads by content, and where a new or removed file matters (contents are linked).
 BUILD_FILES = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", "msg/*", "srv/*", "action/*")
 LINKED_FOLDERS = ("config", "launch", "rviz", "layouts", "urdf", "resource", "*/__init__.py")
-LISTS = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", "PKG_CONFIG_PATH", "PYTHONPATH")
+LISTS = (
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "COLCON_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "PATH",
+    "PKG_CONFIG_PATH",
+    "PYTHONPATH",
+)
 DEFAULTS = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "OPENBLAS_NUM_THREADS": "1",
@@ -31,7 +39,9 @@ DEFAULTS = {
 
 def ready_workspace(root: Path, environment: Environment, force: bool, extra: list[str]) -> dict[str, str]:
     """The variables for a process in the built workspace; builds first what is out of date."""
-    key = home.digest([str(root).encode(), str(environment.path).encode(), ":".join(environment.ros.underlays).encode()])
+    key = home.digest(
+        [str(root).encode(), str(environment.path).encode(), ":".join(environment.ros.underlays).encode()]
+    )
     workspace = environment.path.parent / f"ws-{key}"
     wanted = _digests(root, environment)
     stamp = _read(workspace / "stamp.json")
@@ -40,7 +50,9 @@ def ready_workspace(root: Path, environment: Environment, force: bool, extra: li
         with home.locked(workspace / "lock", "the build") as lock:
             stamp = _read(workspace / "stamp.json")
             if force or stamp.get("packages") != wanted:
-                stamp = _build(root, workspace, environment, wanted, {} if force else stamp, extra if force else [], lock)
+                stamp = _build(
+                    root, workspace, environment, wanted, {} if force else stamp, extra if force else [], lock
+                )
     return _merged(stamp["variables"], root, environment)
 
 
@@ -70,11 +82,22 @@ def _digest(package: Path) -> str:
 
 def _files_below(package: Path, pattern: str) -> list[Path]:
     matches = sorted(package.glob(pattern))
-    return [f for match in matches for f in ([match] if match.is_file() else sorted(match.rglob("*"))) if f.is_file()]
+    return [
+        f
+        for match in matches
+        for f in ([match] if match.is_file() else sorted(match.rglob("*")))
+        if f.is_file()
+    ]
 
 
 def _build(
-    root: Path, workspace: Path, environment: Environment, wanted: dict[str, str], old: dict[str, Any], extra: list[str], lock: int
+    root: Path,
+    workspace: Path,
+    environment: Environment,
+    wanted: dict[str, str],
+    old: dict[str, Any],
+    extra: list[str],
+    lock: int,
 ) -> dict[str, Any]:
     built = old.get("packages", {})
     changed = [name for name, value in wanted.items() if built.get(name) != value]
@@ -82,11 +105,31 @@ def _build(
     link.unlink(missing_ok=True)
     link.symlink_to(root, target_is_directory=True)
     paths = [str(link / package.relative_to(root)) for package in _packages(root, environment)]
-    command = [str(environment.python), "-m", "colcon", "--log-base", str(workspace / "log"), "build", "--symlink-install"]
+    command = [
+        str(environment.python),
+        "-m",
+        "colcon",
+        "--log-base",
+        str(workspace / "log"),
+        "build",
+        "--symlink-install",
+    ]
     command += ["--build-base", str(workspace / "build"), "--install-base", str(workspace / "install")]
     command += ["--base-paths", *paths, "--packages-select", *changed]
-    command += ["--event-handlers", "console_direct+", "console_cohesion-", "--metas", str(link / "colcon.meta")]
-    command += ["--cmake-args", f"-DPython3_EXECUTABLE={environment.python}", "-DBUILD_TESTING=OFF", "-Wno-dev", *extra]
+    command += [
+        "--event-handlers",
+        "console_direct+",
+        "console_cohesion-",
+        "--metas",
+        str(link / "colcon.meta"),
+    ]
+    command += [
+        "--cmake-args",
+        f"-DPython3_EXECUTABLE={environment.python}",
+        "-DBUILD_TESTING=OFF",
+        "-Wno-dev",
+        *extra,
+    ]
     (workspace / "stamp.json").unlink(missing_ok=True)
     what = f"building {len(changed)} packages with colcon"
     run_logged(command, what, workspace / "build.log", _build_variables(environment), _shorten, [lock])
@@ -98,7 +141,7 @@ def _build(
 
 
 def _shorten(line: str) -> str:
-    return line.strip() if line.startswith(("Starting >>>", "Finished <<<", "Failed")) or line.startswith("[") else ""
+    return line.strip() if line.startswith(("Starting >>>", "Finished <<<", "Failed", "[")) else ""
 
 
 def _build_variables(environment: Environment) -> dict[str, str]:
@@ -109,7 +152,14 @@ def _build_variables(environment: Environment) -> dict[str, str]:
 def _captured(workspace: Path, environment: Environment) -> dict[str, str]:
     """What sourcing the workspace sets, kept so that later starts need no shell."""
     variables = _sourced([workspace / "install" / "local_setup.bash"], environment)
-    kept = (*LISTS, "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "VIRTUAL_ENV")
+    kept = (
+        *LISTS,
+        "ROS_DISTRO",
+        "ROS_VERSION",
+        "ROS_PYTHON_VERSION",
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+        "VIRTUAL_ENV",
+    )
     ours = (environment.path, workspace, environment.ros.prefix, *environment.ros.underlays)
     found = {name: variables[name] for name in kept if variables.get(name)}
     return {name: _below(value, ours) if name in LISTS else value for name, value in found.items()}
@@ -124,7 +174,11 @@ def _below(entries: str, folders: Iterable[Path | str | None]) -> str:
 def _sourced(scripts: list[Path], environment: Environment) -> dict[str, str]:
     """The variables of a bash that sources the ROS 2 and then the scripts."""
     ros = environment.ros
-    start = {k: v for k, v in os.environ.items() if k not in LISTS and k not in ("SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")}
+    start = {
+        k: v
+        for k, v in os.environ.items()
+        if k not in LISTS and k not in ("SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")
+    }
     path = [p for p in os.environ.get("PATH", os.defpath).split(":") if not foreign(p)]
     start["PATH"] = ":".join([str(environment.path / "bin"), *path])
     start["VIRTUAL_ENV"] = str(environment.path)
@@ -165,7 +219,9 @@ def _merged(variables: dict[str, str], root: Path, environment: Environment) -> 
             result[name] = value
             continue
         ours = value.split(":")
-        theirs = [p for p in result.get(name, "").split(":") if p and p not in ours and not (wheels and foreign(p))]
+        theirs = [
+            p for p in result.get(name, "").split(":") if p and p not in ours and not (wheels and foreign(p))
+        ]
         result[name] = ":".join(ours + theirs)
     if wheels:
         result["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Starts what a launch file describes and watches over it; the API behind ./seed launch and ./seed demo.
+
+launch = Launch(file, {"namespace": "cell"})
+launch.start()
+code = launch.wait()      # or poll() in a loop of one's own, then stop()
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+from seed_bringup.launching import reaper
+from seed_bringup.launching.description import Node, describe
+from seed_bringup.launching.process import NodeProcess, Output, exit_text
+
+TERM_AFTER = 3.0  # [s] after the interrupt
+KILL_AFTER = 4.5  # [s] after the interrupt; everything has ended within 5 s
+POLL = 0.05  # [s]
+
+
+def print_output(label: str, line: str) -> None:
+    """The default output: the node's name in front of each of its lines."""
+    with contextlib.suppress(BrokenPipeError):
+        print(f"[{label}] {line}", flush=True)
+
+
+class Launch:
+    """A launch file and its running nodes. Not for several threads, but any one thread may use it."""
+
+    def __init__(
+        self, file: str | Path, arguments: Mapping[str, str] | None = None, output: Output = print_output
+    ) -> None:
+        self.description = describe(Path(file), dict(arguments or {}))
+        self.nodes: list[NodeProcess] = []
+        self._output = output
+        self._output_lock = threading.Lock()
+        self._folder: Path | None = None
+        self._reaper: subprocess.Popen[bytes] | None = None
+        self._respawns: list[tuple[float, Node]] = []
+        self._code: int | None = None
+
+    def start(self) -> Launch:
+        """Start every node; when one cannot start, stop those that did."""
+        self._folder = Path(tempfile.mkdtemp(prefix="seed-launch-"))
+        command = [sys.executable, "-I", "-S", str(Path(reaper.__file__))]
+        self._reaper = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+        try:
+            for node in self.description.nodes:
+                self._start(node)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def poll(self) -> int | None:
+        """Look after the nodes once: None while the run goes on, else its result (0: every node ended well)."""
+        for running in list(self.nodes):
+            code = running.process.poll()
+            if code is not None and self._code is None:
+                self._ended(running, code)
+        now = time.monotonic()
+        for due, node in [r for r in self._respawns if r[0] <= now]:
+            self._respawns.remove((due, node))
+            self._start(node)
+        if self._code is None and not self.nodes and not self._respawns:
+            self._code = 0
+        return self._code
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Poll until the run has ended and stop what is left; None when `timeout` [s] passed first."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while self.poll() is None:
+            if deadline is not None and time.monotonic() > deadline:
+                return None
+            time.sleep(POLL)
+        self.stop()
+        return self._code
+
+    def stop(self) -> None:
+        """End every node and its children: SIGINT, SIGTERM after 3 s, SIGKILL after 4.5 s."""
+        self._code = 0 if self._code is None else self._code
+        self._respawns.clear()
+        started = time.monotonic()
+        self._signal(signal.SIGINT)
+        for number, at in ((signal.SIGTERM, TERM_AFTER), (signal.SIGKILL, KILL_AFTER)):
+            if self._wait_until(started + at):
+                break
+            self._report(f"{self._labels()} still running after {at:.1f} s: {number.name}")
+            self._signal(number)
+        self._wait_until(started + KILL_AFTER + 0.4)
+        self._close()
+
+    def kill(self) -> None:
+        """End every node at once."""
+        self._code = 1 if self._code is None else self._code
+        self._signal(signal.SIGKILL)
+        self._wait_until(time.monotonic() + 0.5)
+        self._close()
+
+    def __enter__(self) -> Launch:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _start(self, node: Node) -> None:
+        assert self._folder is not None
+        running = NodeProcess(node, self._folder, self._locked_output)
+        self.nodes.append(running)
+        self._tell_reaper(f"+{running.process.pid}")
+
+    def _ended(self, running: NodeProcess, code: int) -> None:
+        """A node ended by itself: start it again, note it, or take the run down."""
+        running.finish_output()
+        self._forget(running)
+        node = running.node
+        if node.respawn:
+            self._report(
+                f"{node.label} ended with {exit_text(code)}; starting it again in {node.respawn_delay:g} s"
+            )
+            self._respawns.append((time.monotonic() + node.respawn_delay, node))
+        elif code == 0 and not node.shutdown_on_exit:
+            self._report(f"{node.label} has finished")
+        else:
+            self._report(f"{node.label} died with {exit_text(code)} ({node.origin}); shutting down")
+            self._code = code if code > 0 else 1
+
+    def _forget(self, running: NodeProcess) -> None:
+        running.signal(signal.SIGKILL)  # children that it left behind
+        self.nodes.remove(running)
+        self._tell_reaper(f"-{running.process.pid}")
+
+    def _wait_until(self, deadline: float) -> bool:
+        """Whether every process group has ended by then."""
+        while True:
+            for running in [n for n in self.nodes if not n.group_alive()]:
+                running.finish_output()
+                self._forget(running)
+            if not self.nodes or time.monotonic() > deadline:
+                return not self.nodes
+            time.sleep(POLL)
+
+    def _signal(self, number: signal.Signals) -> None:
+        for running in self.nodes:
+            running.signal(number)
+
+    def _labels(self) -> str:
+        return ", ".join(running.node.label for running in self.nodes)
+
+    def _close(self) -> None:
+        if self._reaper is not None:
+            assert self._reaper.stdin is not None
+            self._reaper.stdin.close()
+            self._reaper.wait()
+            self._reaper = None
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+
+    def _tell_reaper(self, line: str) -> None:
+        if self._reaper is not None and self._reaper.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._reaper.stdin.write(f"{line}\n".encode())
+                self._reaper.stdin.flush()
+
+    def _report(self, text: str) -> None:
+        self._locked_output("launch", text)
+
+    def _locked_output(self, label: str, line: str) -> None:
+        with self._output_lock:
+            self._output(label, line)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One running node: its command line, its process group, its output marked with its name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import yaml
+
+from seed_bringup.launching.description import Node
+
+Output = Callable[[str, str], None]  # (label, line)
+
+
+def command_line(node: Node, folder: Path) -> list[str]:
+    """The node's arguments; parameters go through files written to `folder`, so that types survive."""
+    ros: list[str] = []
+    if node.name:
+        ros += ["-r", f"__node:={node.name}"]
+    if node.namespace:
+        ros += ["-r", f"__ns:={node.namespace}"]
+    for source, target in node.remappings:
+        ros += ["-r", f"{source}:={target}"]
+    for parameters in node.parameters:
+        file = parameters if isinstance(parameters, Path) else _parameter_file(node, parameters, folder)
+        ros += ["--params-file", str(file)]
+    return [str(node.executable), *node.arguments, *(["--ros-args", *ros] if ros else [])]
+
+
+def _parameter_file(node: Node, parameters: dict[str, Any], folder: Path) -> Path:
+    target = f"{node.namespace}/{node.name}" if node.name else "/**"
+    with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".yaml", delete=False) as file:
+        yaml.safe_dump({target: {"ros__parameters": parameters}}, file)
+    return Path(file.name)
+
+
+class NodeProcess:
+    """Starts on construction, in a process group of its own; a thread hands its lines to `output`."""
+
+    def __init__(self, node: Node, folder: Path, output: Output) -> None:
+        self.node = node
+        self.process = subprocess.Popen(
+            command_line(node, folder),
+            env=node.environment | {"PYTHONUNBUFFERED": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            # A launcher started in the background ignores SIGINT, and its children would inherit that.
+            preexec_fn=_take_signals,
+        )
+        self._reader = threading.Thread(target=self._read, args=(self.process.stdout, output), daemon=True)
+        self._reader.start()
+
+    def _read(self, stream: IO[bytes], output: Output) -> None:
+        for line in stream:
+            output(self.node.label, line.decode(errors="replace").rstrip("\n"))
+
+    def signal(self, number: int) -> None:
+        """Send to the whole group, which may outlive its first process."""
+        try:
+            os.killpg(self.process.pid, number)
+        except (ProcessLookupError, PermissionError):
+            return
+
+    def group_alive(self) -> bool:
+        """Whether any process of the group still runs."""
+        if self.process.poll() is None:
+            return True
+        try:
+            os.killpg(self.process.pid, 0)
+        except (ProcessLookupError, PermissionError):
+            return False
+        # Where nobody adopts orphans (containers without an init), dead ones stay in the group as zombies.
+        return any(_runs_in_group(stat, self.process.pid) for stat in Path("/proc").glob("[0-9]*/stat"))
+
+    def finish_output(self) -> None:
+        """Wait for the last lines."""
+        self._reader.join(timeout=0.5)
+
+
+def _runs_in_group(stat: Path, group: int) -> bool:
+    try:
+        state, _, process_group = stat.read_text().rpartition(")")[2].split()[:3]
+    except OSError:
+        return False
+    return int(process_group) == group and state not in "ZX"
+
+
+def _take_signals() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def exit_text(code: int) -> str:
+    """An exit code for people: 'exit code 3' or 'signal SIGSEGV'."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"exit code {code}, signal {signal.Signals(-code).name}"
+    except ValueError:
+        return f"exit code {code}"

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What launch files may say, and what is said when they say something else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from seed_bringup.launching.description import Description, declared_arguments, describe
+from seed_bringup.launching.elements import LaunchError
+from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An install prefix with a package `cell` and its executable `sleeper`."""
+    (tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
+    (tmp_path / "share/ament_index/resource_index/packages/cell").touch()
+    (tmp_path / "share/cell/launch").mkdir(parents=True)
+    program = tmp_path / "lib/cell/sleeper"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\nexec sleep 60\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    return tmp_path
+
+
+def resolve(folder: Path, body: str, **arguments: str) -> Description:
+    file = folder / "under_test_launch.xml"
+    file.write_text(f"<launch>\n{body}\n</launch>\n")
+    return describe(file, arguments)
+
+
+def test_node_collects_parameters_remaps_environment_and_namespace(prefix: Path) -> None:
+    (prefix / "p.yaml").write_text("/**:\n  ros__parameters: {}\n")
+    (node,) = resolve(
+        prefix,
+        f"""<push_ros_namespace namespace="left"/>
+        <node pkg="cell" exec="sleeper" name="control" namespace="arm" args="-a b" on_exit="shutdown">
+          <param name="rate" value="250.0"/> <param name="n" value="5" type="str"/> <param name="on" value="true"/>
+          <param name="gains" value="1,2" value-sep=","/> <param name="a"><param name="b" value="x"/></param>
+          <param from="{prefix}/p.yaml"/> <remap from="pose" to="current_pose"/> <env name="MODE" value="fast"/>
+        </node>""",
+    ).nodes
+    assert node.parameters == (
+        {"rate": 250.0},
+        {"n": "5"},
+        {"on": True},
+        {"gains": [1, 2]},
+        {"a": {"b": "x"}},
+        prefix / "p.yaml",
+    )
+    assert (node.namespace, node.name, node.arguments) == ("/left/arm", "control", ("-a", "b"))
+    assert node.remappings == (("pose", "current_pose"),)
+    assert node.environment["MODE"] == "fast"
+    assert node.shutdown_on_exit
+
+
+def test_arguments_have_defaults_and_conditions_follow_them(prefix: Path) -> None:
+    body = """<arg name="sim" default="true"/><arg name="law" default="seed"><choice value="seed"/><choice value="welded"/></arg>
+    <node pkg="cell" exec="sleeper" name="plant" if="$(var sim)"/>
+    <node pkg="cell" exec="sleeper" name="driver" unless="$(var sim)"/>
+    <node pkg="cell" exec="sleeper" name="baseline" if="$(eval '\\'$(var law)\\' == \\'welded\\'')"/>"""
+    assert [n.name for n in resolve(prefix, body).nodes] == ["plant"]
+    assert [n.name for n in resolve(prefix, body, sim="False", law="welded").nodes] == ["driver", "baseline"]
+
+
+def test_group_keeps_its_settings_and_include_shares_them(prefix: Path) -> None:
+    (prefix / "inner.xml").write_text(
+        '<launch><arg name="who" default="nobody"/><node pkg="cell" exec="sleeper" name="$(var who)"/>'
+        '<let name="set_inside" value="yes"/></launch>'
+    )
+    names = [
+        n.namespace + ":" + n.name
+        for n in resolve(
+            prefix,
+            """<group><push_ros_namespace namespace="a"/><let name="x" value="1"/>
+            <include file="$(dirname)/inner.xml"><arg name="who" value="left"/></include></group>
+            <include file="$(dirname)/inner.xml"/>
+            <node pkg="cell" exec="sleeper" name="is_$(var set_inside)"/>""",
+        ).nodes
+    ]
+    assert names == ["/a:left", ":nobody", ":is_yes"]
+    with pytest.raises(LaunchError, match=r"under_test_launch.xml:3: name: \$\(var x\): no <arg> or <let>"):
+        resolve(
+            prefix,
+            '<group><let name="x" value="1"/></group>\n<node pkg="cell" exec="sleeper" name="$(var x)"/>',
+        )
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<nodes pkg="cell"/>', r":2: <nodes> is not known inside <launch>; allowed: .*<node>"),
+        (
+            '\n<node pkg="cell" exec="sleeper" nmae="x"/>',
+            r":3: <node> has no attribute 'nmae'; it takes: .*name",
+        ),
+        ('<node pkg="cell"/>', r":2: <node> lacks the attribute 'exec'"),
+        (
+            '<node pkg="cell" exec="sleepy"/>',
+            r":2: package 'cell' has no executable 'sleepy'; it has: sleeper",
+        ),
+        ('<node pkg="cel" exec="sleeper"/>', r":2: package 'cel' is not installed"),
+        ('<node pkg="cell" exec="sleeper" on_exit="restart"/>', r":2: on_exit='restart' must be 'shutdown'"),
+        ('<node pkg="cell" exec="sleeper" if="maybe"/>', r":2: if='maybe' must be true, false, 1 or 0"),
+        (
+            '<node pkg="cell" exec="sleeper"><param name="a" value="b" type="int"/></node>',
+            r":2: value='b' is no int",
+        ),
+        (
+            '<node pkg="cell" exec="sleeper"><param from="/no/where.yaml"/></node>',
+            r":2: from='/no/where.yaml': no such",
+        ),
+        ('<include file="gone.xml"/>', r":2: file='gone.xml': no such launch file"),
+        (
+            '<include file="x"><arg name="a" default="b"/></include>',
+            r":2: <arg> inside <include> takes name and value",
+        ),
+        ('<arg name="must"/>', r":2: launch argument 'must' has no default; give must:=VALUE"),
+        ('<arg name="a" default="x"><choice value="y"/></arg>', r":2: a:='x' must be one of: y"),
+        ('<let name="x" value="$(env SEED_NO_SUCH)"/>', r":2: value: .*SEED_NO_SUCH is not set"),
+        ('<let name="x" value="$(command ls)"/>', r":2: value: \$\(command ls\) is not known"),
+        ('<let name="x" value="$(var"/>', r":2: value: .*not closed"),
+        ("stray", r":1: text 'stray' between tags"),
+        ('<let name="x" value="1">', r":3: not XML: mismatched tag"),
+        (
+            "<include file='$(dirname)/under_test_launch.xml'/>",
+            r":2: more than 20 launch files include each other",
+        ),
+    ],
+)
+def test_mistakes_are_refused_with_file_and_line(prefix: Path, body: str, message: str) -> None:
+    with pytest.raises(LaunchError, match=r"under_test_launch\.xml" + message):
+        resolve(prefix, body)
+
+
+def test_unknown_argument_names_what_there_is(prefix: Path) -> None:
+    with pytest.raises(
+        LaunchError, match=r"no launch argument 'forse'; did you mean 'force'. It takes: force, speed"
+    ):
+        resolve(prefix, '<arg name="force" default="5"/><arg name="speed" default="1"/>', forse="3")
+
+
+def test_document_types_are_refused(prefix: Path) -> None:
+    file = prefix / "bomb.xml"
+    file.write_text('<!DOCTYPE l [<!ENTITY a "aaaa">]>\n<launch/>')
+    with pytest.raises(LaunchError, match="document type"):
+        describe(file, {})
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("1 + 2 * 3", 7),
+        ("'a' == 'a' and not 2 > 3", True),
+        ("1 < 2 < 3", True),
+        ("'x' in ['x', 'y']", True),
+        ("-2.5 / 5", -0.5),
+    ],
+)
+def test_eval_computes_comparisons_and_arithmetic(expression: str, value: object) -> None:
+    assert evaluate(expression) == value
+
+
+@pytest.mark.parametrize(
+    "expression", ["__import__('os')", "(1).__class__", "[x for x in 'a']", "9 ** 99", "seed == 1", "1 <"]
+)
+def test_eval_refuses_everything_else(expression: str) -> None:
+    with pytest.raises(SubstitutionError):
+        evaluate(expression)
+
+
+def test_substitutions_nest_and_quote() -> None:
+    text = "$(env MISSING $(var a)) $(var $(var b)) $(eval \"'$(var a)' == 'one'\") $5"
+    assert substitute(text, {"a": "one", "b": "a"}, {}, Path("f")) == "one one True $5"
+
+
+def test_missing_and_declared_arguments_are_listed_without_running(prefix: Path) -> None:
+    file = prefix / "listed.xml"
+    (prefix / "inner.xml").write_text('<launch><arg name="given"/><arg name="open" default="2"/></launch>')
+    file.write_text(
+        '<launch><arg name="must" description="needed"/><include file="$(dirname)/inner.xml">'
+        '<arg name="given" value="1"/></include></launch>'
+    )
+    listed = {a.name: (a.default, a.description) for a in declared_arguments(file)}
+    assert listed == {"must": (None, "needed"), "open": ("2", "")}
+
+
+@pytest.mark.parametrize("file", sorted(ROOT.glob("seed_*/launch/*.xml")), ids=lambda f: f.name)
+def test_every_launch_file_of_the_suite_resolves(file: Path) -> None:
+    needed = {a.name: "1" for a in declared_arguments(file) if a.default is None}
+    assert describe(file, needed).nodes

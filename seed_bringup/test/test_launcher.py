@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The launcher with real processes: nothing survives it, and nothing dies in silence."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from seed_bringup.launcher import Launch
+
+PROGRAMS = {
+    "sleeper": "trap 'exit 0' INT\nwhile :; do sleep 0.1; done",
+    "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",
+    "stubborn": "trap '' INT TERM\nwhile :; do sleep 0.1; done",
+    "dying": "sleep 0.2; echo last words; exit 7",
+    "finishing": "echo done",
+    "says": 'echo "$*"; for last; do :; done; cat "$last"',
+}
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package `cell` with the programs above; every process it starts carries a mark in its environment."""
+    (tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
+    (tmp_path / "share/ament_index/resource_index/packages/cell").touch()
+    (tmp_path / "lib/cell").mkdir(parents=True)
+    for name, body in PROGRAMS.items():
+        program = tmp_path / "lib/cell" / name
+        program.write_text(f"#!/bin/sh\n{body}\n")
+        program.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.setenv("CHILD", str(tmp_path / "child"))
+    monkeypatch.setenv("SEED_TEST_MARK", str(tmp_path))
+    return tmp_path
+
+
+def launch_file(folder: Path, *nodes: str) -> Path:
+    file = folder / "under_test_launch.xml"
+    lines = [f'<node pkg="cell" {node}/>' for node in nodes]
+    file.write_text("\n".join(["<launch>", *lines, "</launch>"]))
+    return file
+
+
+def marked_processes(folder: Path) -> list[int]:
+    """Living processes below this test, but this one."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            environment = (entry / "environ").read_bytes()
+            state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if (
+            f"SEED_TEST_MARK={folder}".encode() in environment
+            and state != "Z"
+            and int(entry.name) != os.getpid()
+        ):
+            found.append(int(entry.name))
+    return found
+
+
+def eventually_none_left(folder: Path, patience: float) -> bool:
+    deadline = time.monotonic() + patience
+    while marked_processes(folder) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return not marked_processes(folder)
+
+
+def start_cli(file: Path) -> subprocess.Popen[str]:
+    """The command line in a process of its own, up and running."""
+    code = "import sys; from seed_bringup.launch_cli import main; sys.exit(main(sys.argv[1:]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "--own", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert process.stdout is not None
+    while "nodes running" not in process.stdout.readline():
+        assert process.poll() is None
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_interrupt_ends_nodes_and_their_children(cell: Path, number: signal.Signals) -> None:
+    process = start_cli(launch_file(cell, 'exec="sleeper"', 'exec="parent"'))
+    time.sleep(0.3)
+    process.send_signal(number)
+    assert process.wait(timeout=5.0) == 128 + number
+    assert eventually_none_left(cell, 0.5)
+
+
+def test_interrupt_ends_even_the_stubborn_within_five_seconds(cell: Path) -> None:
+    process = start_cli(launch_file(cell, 'exec="stubborn" name="mule"', 'exec="sleeper"'))
+    time.sleep(0.3)
+    started = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    output = process.communicate(timeout=6.0)[0]
+    assert time.monotonic() - started < 5.0
+    assert "mule still running after 4.5 s: SIGKILL" in output
+    assert not marked_processes(cell)
+
+
+def test_nodes_do_not_outlive_a_killed_launcher(cell: Path) -> None:
+    process = start_cli(launch_file(cell, 'exec="stubborn"', 'exec="parent"'))
+    time.sleep(0.3)
+    process.kill()
+    process.wait()
+    assert eventually_none_left(cell, 5.0)
+
+
+def test_death_of_one_node_ends_the_run_with_its_name_and_code(cell: Path) -> None:
+    process = start_cli(launch_file(cell, 'exec="dying" name="gripper"', 'exec="sleeper"'))
+    output = process.communicate(timeout=5.0)[0]
+    assert process.returncode == 7
+    assert "[gripper] last words" in output
+    assert "[launch] gripper died with exit code 7" in output
+    assert not marked_processes(cell)
+
+
+def test_killed_node_ends_the_run_with_its_signal(cell: Path) -> None:
+    lines: list[str] = []
+    launch = Launch(
+        launch_file(cell, 'exec="sleeper" name="a"'), output=lambda who, line: lines.append(f"{who}: {line}")
+    )
+    launch.start()
+    os.kill(launch.nodes[0].process.pid, signal.SIGKILL)
+    assert launch.wait(timeout=5.0) == 1
+    assert any("a died with exit code -9, signal SIGKILL" in line for line in lines)
+
+
+def test_finished_node_leaves_the_others_running_unless_it_must_live(cell: Path) -> None:
+    with Launch(launch_file(cell, 'exec="finishing"', 'exec="sleeper"')) as launch:
+        assert launch.wait(timeout=0.5) is None
+        assert [n.node.label for n in launch.nodes] == ["sleeper"]
+    with Launch(launch_file(cell, 'exec="finishing" on_exit="shutdown"', 'exec="sleeper"')) as launch:
+        assert launch.wait(timeout=5.0) == 1
+    assert not marked_processes(cell)
+
+
+def test_run_of_finishing_nodes_ends_well(cell: Path) -> None:
+    assert (
+        Launch(launch_file(cell, 'exec="finishing"', 'exec="finishing" name="b"')).start().wait(timeout=5.0)
+        == 0
+    )
+
+
+def test_respawned_node_starts_again(cell: Path) -> None:
+    lines: list[str] = []
+    file = launch_file(cell, 'exec="dying" respawn="true" respawn_delay="0.1"')
+    with Launch(file, output=lambda _, line: lines.append(line)) as launch:
+        launch.wait(timeout=1.0)
+    assert lines.count("last words") >= 2
+
+
+def test_parameters_reach_the_node_in_a_file(cell: Path) -> None:
+    lines: list[str] = []
+    file = cell / "under_test_launch.xml"
+    file.write_text(
+        '<launch><node pkg="cell" exec="says" name="n" namespace="left"><remap from="a" to="b"/>'
+        '<param name="rate" value="2.0"/></node></launch>'
+    )
+    Launch(file, output=lambda _, line: lines.append(line)).start().wait(timeout=5.0)
+    assert lines[0].startswith("--ros-args -r __node:=n -r __ns:=/left -r a:=b --params-file")
+    assert yaml.safe_load("\n".join(lines[1:4])) == {"/left/n": {"ros__parameters": {"rate": 2.0}}}
