@@ -20,11 +20,7 @@ def checkout() -> Path:
 def test(argv: list[str]) -> int:
     """Run pytest over every package, or over the paths given; further arguments are pytest's."""
     root = checkout()
-    paths = (
-        []
-        if _names_a_path(argv, root)
-        else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
-    )
+    paths = [] if _names_a_path(argv, root) else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
     command = [sys.executable, "-P", "-m", "pytest", "--durations=15", *_workers(argv), *argv, *paths]
     print(f"seed test: {' '.join(command[3:])}", flush=True)
     # pytest itself returns 5 when it collected nothing.
@@ -37,9 +33,7 @@ def _names_a_path(argv: list[str], root: Path) -> bool:
 
 def _workers(argv: list[str]) -> list[str]:
     """Two processes, each file in one of them; alone when a debugger or the caller's own -n is wanted."""
-    own = any(
-        a in ("--pdb", "-s", "-n", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv
-    )
+    own = any(a in ("--pdb", "-s", "-n", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
     return [] if own else ["-n", "2", "--dist", "loadfile"]
 
 
@@ -72,11 +66,7 @@ def cores(root: Path) -> list[Path]:
 
 def is_edge(file: Path) -> bool:
     """Whether a module may know ROS."""
-    return (
-        file.name in EDGE_NAMES
-        or file.name.endswith("_node.py")
-        or file.parent.name in ("seed_ros", "seed_bringup")
-    )
+    return file.name in EDGE_NAMES or file.name.endswith("_node.py") or file.parent.name in ("seed_ros", "seed_bringup")
 
 
 def shell(argv: list[str]) -> int:

@@ -36,9 +36,7 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed launch", description=__doc__)
     parser.add_argument("words", nargs="+", metavar="FILE | PACKAGE FILE | name:=value")
-    parser.add_argument(
-        "-s", "--show-args", action="store_true", help="list the arguments of the launch file"
-    )
+    parser.add_argument("-s", "--show-args", action="store_true", help="list the arguments of the launch file")
     parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")
     return parser
 
@@ -49,9 +47,7 @@ def describe_arguments(file: Path) -> str:
     for argument in declared_arguments(file):
         default = "required" if argument.default is None else f"default {argument.default!r}"
         choices = f", one of {', '.join(argument.choices)}" if argument.choices else ""
-        lines.append(
-            f"  {argument.name} ({default}{choices})\n      {argument.description or 'no description'}"
-        )
+        lines.append(f"  {argument.name} ({default}{choices})\n      {argument.description or 'no description'}")
     return "\n".join(lines if len(lines) > 1 else [f"{file.name} takes no arguments"])
 
 

@@ -128,9 +128,7 @@ class Launch:
         self._forget(running)
         node = running.node
         if node.respawn:
-            self._report(
-                f"{node.label} ended with {exit_text(code)}; starting it again in {node.respawn_delay:g} s"
-            )
+            self._report(f"{node.label} ended with {exit_text(code)}; starting it again in {node.respawn_delay:g} s")
             self._respawns.append((time.monotonic() + node.respawn_delay, node))
         elif code == 0 and not node.shutdown_on_exit:
             self._report(f"{node.label} has finished")

@@ -138,9 +138,7 @@ def test_mistakes_are_refused_with_file_and_line(prefix: Path, body: str, messag
 
 
 def test_unknown_argument_names_what_there_is(prefix: Path) -> None:
-    with pytest.raises(
-        LaunchError, match=r"no launch argument 'forse'; did you mean 'force'. It takes: force, speed"
-    ):
+    with pytest.raises(LaunchError, match=r"no launch argument 'forse'; did you mean 'force'. It takes: force, speed"):
         resolve(prefix, '<arg name="force" default="5"/><arg name="speed" default="1"/>', forse="3")
 
 

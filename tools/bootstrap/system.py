@@ -40,9 +40,7 @@ def _missing_of_python(python: Path) -> set[str]:
         "print(v, all(u.find_spec(m) for m in ('venv', 'ensurepip')),"
         " os.path.exists(os.path.join(sysconfig.get_path('include'), 'Python.h')))"
     )
-    version, has_venv, has_headers = subprocess.check_output(
-        [str(python), "-I", "-c", probe], text=True
-    ).split()
+    version, has_venv, has_headers = subprocess.check_output([str(python), "-I", "-c", probe], text=True).split()
     wanted = {f"python{version}-venv": has_venv, f"python{version}-dev": has_headers}
     return {package for package, present in wanted.items() if present != "True"}
 

@@ -82,12 +82,7 @@ def _digest(package: Path) -> str:
 
 def _files_below(package: Path, pattern: str) -> list[Path]:
     matches = sorted(package.glob(pattern))
-    return [
-        f
-        for match in matches
-        for f in ([match] if match.is_file() else sorted(match.rglob("*")))
-        if f.is_file()
-    ]
+    return [f for match in matches for f in ([match] if match.is_file() else sorted(match.rglob("*"))) if f.is_file()]
 
 
 def _build(
@@ -175,9 +170,7 @@ def _sourced(scripts: list[Path], environment: Environment) -> dict[str, str]:
     """The variables of a bash that sources the ROS 2 and then the scripts."""
     ros = environment.ros
     start = {
-        k: v
-        for k, v in os.environ.items()
-        if k not in LISTS and k not in ("SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")
+        k: v for k, v in os.environ.items() if k not in LISTS and k not in ("SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")
     }
     path = [p for p in os.environ.get("PATH", os.defpath).split(":") if not foreign(p)]
     start["PATH"] = ":".join([str(environment.path / "bin"), *path])
@@ -219,9 +212,7 @@ def _merged(variables: dict[str, str], root: Path, environment: Environment) -> 
             result[name] = value
             continue
         ours = value.split(":")
-        theirs = [
-            p for p in result.get(name, "").split(":") if p and p not in ours and not (wheels and foreign(p))
-        ]
+        theirs = [p for p in result.get(name, "").split(":") if p and p not in ours and not (wheels and foreign(p))]
         result[name] = ":".join(ours + theirs)
     if wheels:
         result["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"

@@ -128,9 +128,7 @@ class _Resolver:
             raise element.error("if and unless exclude each other")
         if not self.strict and element.tag in ("include", "group", "arg"):
             return True
-        return self._boolean(element, "if", scope, True) and not self._boolean(
-            element, "unless", scope, False
-        )
+        return self._boolean(element, "if", scope, True) and not self._boolean(element, "unless", scope, False)
 
     def _arg(self, element: Element, scope: _Scope) -> None:
         name = element.attributes["name"]
@@ -210,9 +208,7 @@ class _Resolver:
             raise element.error(str(error)) from error
 
     def _environment(self, element: Element, scope: _Scope) -> dict[str, str]:
-        own = {
-            e.attributes["name"]: self._text(e, "value", scope) for e in element.children if e.tag == "env"
-        }
+        own = {e.attributes["name"]: self._text(e, "value", scope) for e in element.children if e.tag == "env"}
         return scope.environment | own
 
     def _parameter(self, element: Element, scope: _Scope) -> Parameters:

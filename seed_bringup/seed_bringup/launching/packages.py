@@ -53,6 +53,4 @@ def _in_package(package: str, name: str) -> Path:
         if (folder / candidate).is_file():
             return folder / candidate
     there = sorted(f.name for f in folder.glob("*.xml"))
-    raise LaunchError(
-        f"package {package!r} has no launch file {name!r}; it has: {', '.join(there) or 'none'}"
-    )
+    raise LaunchError(f"package {package!r} has no launch file {name!r}; it has: {', '.join(there) or 'none'}")

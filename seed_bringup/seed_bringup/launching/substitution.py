@@ -24,9 +24,7 @@ def substitute(text: str, variables: Mapping[str, str], environment: Mapping[str
 class _Reader:
     """Reads a template from left to right; substitutions nest."""
 
-    def __init__(
-        self, text: str, variables: Mapping[str, str], environment: Mapping[str, str], file: Path
-    ) -> None:
+    def __init__(self, text: str, variables: Mapping[str, str], environment: Mapping[str, str], file: Path) -> None:
         self.text = text
         self.variables = variables
         self.environment = environment
@@ -90,9 +88,7 @@ class _Reader:
     def _variable(self, name: str) -> str:
         if name not in self.variables:
             known = ", ".join(sorted(self.variables)) or "none"
-            raise SubstitutionError(
-                f"$(var {name}): no <arg> or <let> of that name before this line; so far: {known}"
-            )
+            raise SubstitutionError(f"$(var {name}): no <arg> or <let> of that name before this line; so far: {known}")
         return self.variables[name]
 
     def _environment(self, name: str, default: list[str]) -> str:
@@ -151,6 +147,4 @@ def _value(node: ast.expr) -> Any:
             values = [_value(left), *(_value(r) for r in rights)]
             return all(_OPERATIONS[type(o)](a, b) for o, a, b in zip(ops, values, values[1:], strict=False))
     hint = " (text needs quotes)" if isinstance(node, ast.Name) else ""
-    raise SubstitutionError(
-        f"$(eval ...): {ast.unparse(node)!r} is not a comparison or arithmetic on values{hint}"
-    )
+    raise SubstitutionError(f"$(eval ...): {ast.unparse(node)!r} is not a comparison or arithmetic on values{hint}")

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed bag record|play|info: MCAP bags that `ros2 bag`, rosbags and Foxglove read."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from seed_core.errors import SeedError
+
+
+def main(argv: list[str]) -> int:
+    """Run one of the three; ROS is imported by record and play only."""
+    options = _parser().parse_args(argv)
+    return int(options.run(options))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="seed bag", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="record|play|info")
+    _add_record(commands.add_parser("record", help="record topics until Ctrl-C"))
+    _add_play(commands.add_parser("play", help="publish what a bag holds"))
+    info = commands.add_parser("info", help="what a bag holds")
+    info.add_argument("bag", type=Path, help="folder or .mcap file")
+    info.set_defaults(run=_info)
+    return parser
+
+
+def _add_record(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topics", nargs="*", help="topics to record, now or when they appear")
+    parser.add_argument("-a", "--all", action="store_true", help="every topic")
+    parser.add_argument("-o", "--output", type=Path, help="folder, or a name ending in .mcap for a single file")
+    parser.add_argument("--use-sim-time", action="store_true", help="stamp by /clock")
+    parser.add_argument("-d", "--duration", type=float, help="end after so many seconds")
+    parser.set_defaults(run=_record)
+
+
+def _add_play(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", type=Path, help="folder or .mcap file")
+    parser.add_argument("-r", "--rate", type=float, default=1.0, help="speed (1 is as recorded)")
+    parser.add_argument("-l", "--loop", action="store_true", help="again and again")
+    parser.add_argument("--clock", action="store_true", help="publish /clock from the bag's times")
+    parser.add_argument("--delay", type=float, default=1.0, help="seconds before the first message")
+    parser.add_argument("--topics", nargs="+", default=[], help="only these")
+    parser.add_argument("-m", "--remap", nargs="+", default=[], metavar="FROM:=TO", help="publish under another name")
+    parser.set_defaults(run=_play)
+
+
+def _record(options: argparse.Namespace) -> int:
+    from seed_bringup.bags.record import record
+
+    if bool(options.topics) == options.all:
+        raise SeedError("name the topics to record, or --all")
+    path = options.output or Path(time.strftime("seed_bag_%Y_%m_%d-%H_%M_%S"))
+    print(f"seed bag: recording to {path}; Ctrl-C ends it", flush=True)
+    writer = record(path, options.topics, options.all, options.use_sim_time, options.duration)
+    print(f"seed bag: {sum(writer.counts.values())} messages of {len(writer.counts)} topics in {path}")
+    return 0
+
+
+def _play(options: argparse.Namespace) -> int:
+    from seed_bringup.bags.play import Options, play
+
+    if any(":=" not in pair for pair in options.remap):
+        raise SeedError(f"--remap takes FROM:=TO, not {' '.join(options.remap)}")
+    remap = dict(pair.split(":=", 1) for pair in options.remap)
+    how = Options(options.rate, options.clock, options.loop, options.delay, options.topics, remap)
+    print(f"seed bag: {play(options.bag, how)} messages played")
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    from seed_bringup.bags.info import describe_bag
+
+    print(describe_bag(options.bag))
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except SeedError as error:
+        print(f"seed bag: {error}", file=sys.stderr)
+        sys.exit(1)

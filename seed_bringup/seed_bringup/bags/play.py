@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plays a bag: the recorded bytes, at their times, with the recorded quality of service."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag2 import Reader
+from rosgraph_msgs.msg import Clock
+
+from seed_bringup.bags import qos
+from seed_bringup.bags.info import open_bag
+from seed_bringup.bags.messages import message_class
+from seed_bringup.bags.types import BagError, InstalledTypes
+
+CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
+CLOCK_TOPIC = "/clock"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to play."""
+
+    rate: float = 1.0  # bag seconds per second
+    clock: bool = False
+    loop: bool = False
+    delay: float = 1.0  # [s] before the first message, for subscribers to be found
+    topics: Sequence[str] = ()  # all when empty
+    remap: Mapping[str, str] = field(default_factory=dict)
+
+
+class Player(Node):
+    """Publishes what a bag holds."""
+
+    def __init__(self, reader: Reader, options: Options) -> None:
+        super().__init__("seed_bag_player", start_parameter_services=False)
+        self.reader = reader
+        self.options = options
+        self.connections = [c for c in reader.connections if self._wanted(c)]
+        _refuse_unknown_topics(reader, options)
+        types = InstalledTypes()
+        self.outputs = {c.id: self._publisher(c, types) for c in self.connections}
+        self.clock_output = self.create_publisher(Clock, CLOCK_TOPIC, QoSProfile(depth=10)) if options.clock else None
+        self.published = 0
+
+    def _wanted(self, connection: Connection) -> bool:
+        if self.options.clock and connection.topic == CLOCK_TOPIC:
+            return False
+        return not self.options.topics or connection.topic in self.options.topics
+
+    def _publisher(self, connection: Connection, types: InstalledTypes) -> Any:
+        _check_hash(connection, types)
+        assert isinstance(connection.ext, ConnectionExtRosbag2)
+        topic = self.options.remap.get(connection.topic, connection.topic)
+        profile = qos.to_play(connection.ext.offered_qos_profiles, connection.msgcount)
+        return self.create_publisher(message_class(connection.msgtype), topic, profile)
+
+    def play_once(self) -> None:
+        """From the first message to the last."""
+        started, first = time.monotonic(), None
+        for connection, stamp, data in self._messages():
+            first = stamp if first is None else first
+            self._wait_for(started, first, stamp)
+            if not rclpy.ok():
+                return
+            self.outputs[connection.id].publish(bytes(data))
+            self.published += 1
+
+    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
+        return iter(self.reader.messages(connections=self.connections))
+
+    def _wait_for(self, started: float, first: int, stamp: int) -> None:
+        """Sleep until a message is due; tell the time meanwhile."""
+        while True:
+            now = time.monotonic()
+            remaining = started + (stamp - first) * 1e-9 / self.options.rate - now
+            if remaining <= 0.0 or not rclpy.ok():
+                break
+            if self.clock_output is not None:
+                self._tell(min(first + int((now - started) * self.options.rate * 1e9), stamp))
+            time.sleep(min(remaining, CLOCK_PERIOD))
+        self._tell(stamp)
+
+    def _tell(self, stamp: int) -> None:
+        if self.clock_output is None:
+            return
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(stamp, 10**9)
+        self.clock_output.publish(message)
+
+    def finish(self) -> None:
+        """Give reliable subscribers the time to take the last messages."""
+        for output in self.outputs.values():
+            output.wait_for_all_acked(Duration(seconds=2.0))
+
+
+def _refuse_unknown_topics(reader: Reader, options: Options) -> None:
+    for topic in [*options.topics, *options.remap]:
+        if topic not in reader.topics:
+            raise BagError(f"the bag has no topic {topic!r}; it has: {', '.join(sorted(reader.topics))}")
+
+
+def _check_hash(connection: Connection, types: InstalledTypes) -> None:
+    """Bytes of another version of a type would arrive as nonsense."""
+    if connection.digest and connection.digest != types.hash(connection.msgtype):
+        raise BagError(
+            f"{connection.topic}: the bag's {connection.msgtype} differs from the installed one "
+            f"({connection.digest} against {types.hash(connection.msgtype)}); play it with the release it was recorded with"
+        )
+
+
+def play(path: Path, options: Options) -> int:
+    """Play a bag and return how many messages were published."""
+    if not options.rate > 0.0:
+        raise BagError(f"rate = {options.rate} must be > 0")
+    with open_bag(path) as reader:
+        rclpy.init(args=[])
+        try:
+            player = Player(reader, options)
+            time.sleep(options.delay)
+            player.play_once()
+            while options.loop and rclpy.ok():
+                player.play_once()
+            if rclpy.ok():
+                player.finish()
+            return player.published
+        finally:
+            rclpy.try_shutdown()

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records topics, those that appear later too, until told to stop."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rosbags.interfaces import Connection
+
+from seed_bringup.bags import qos
+from seed_bringup.bags.messages import message_class
+from seed_bringup.bags.types import BagError
+from seed_bringup.bags.writing import BagWriter
+
+DISCOVERY_PERIOD = 0.2  # [s]
+
+
+class Recorder(Node):
+    """Subscribes to topics as they appear and writes their messages as they came, never deserialized."""
+
+    def __init__(self, writer: BagWriter, topics: Sequence[str], everything: bool, sim_time: bool) -> None:
+        overrides = [Parameter("use_sim_time", value=sim_time)]
+        super().__init__("seed_bag_recorder", parameter_overrides=overrides, start_parameter_services=False)
+        self.writer = writer
+        self.everything = everything
+        self.sim_time = sim_time
+        self.wanted = {self.resolve_topic_name(topic) for topic in topics}
+        self.recorded: set[str] = set()
+        self.refused: dict[str, str] = {}
+        self.before_clock = 0
+        self.create_timer(DISCOVERY_PERIOD, self.discover, clock=rclpy.clock.Clock())
+        self.discover()
+
+    def discover(self) -> None:
+        """Subscribe to what is wanted and published by now."""
+        for topic, types in self.get_topic_names_and_types():
+            wanted = self.everything or topic in self.wanted
+            if wanted and topic not in self.recorded and topic not in self.refused:
+                self._subscribe(topic, types[0])
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        if not offered:
+            return
+        try:
+            connection = self.writer.add_topic(topic, type_name, [qos.for_bag(profile) for profile in offered])
+            kind = message_class(type_name)
+        except BagError as error:
+            self.refused[topic] = str(error)
+            self.get_logger().warning(f"not recording {topic}: {error}")
+            return
+        self.create_subscription(kind, topic, self._keep(connection), qos.to_record(offered), raw=True)
+        self.recorded.add(topic)
+        self.get_logger().info(f"recording {topic} ({type_name})")
+
+    def _keep(self, connection: Connection) -> Callable[[bytes, dict[str, int]], None]:
+        def keep(data: bytes, info: dict[str, int]) -> None:
+            stamp = self.get_clock().now().nanoseconds if self.sim_time else info["received_timestamp"]
+            if stamp:
+                self.writer.write(connection, stamp or time.time_ns(), data)
+            else:
+                self.before_clock += 1
+
+        return keep
+
+    def missing(self) -> list[str]:
+        """Topics asked for that never appeared."""
+        return sorted(self.wanted - self.recorded)
+
+
+def record(
+    path: Path, topics: Sequence[str], everything: bool = False, sim_time: bool = False, duration: float | None = None
+) -> BagWriter:
+    """Record until SIGINT, SIGTERM or `duration` [s]; the bag is complete on return."""
+    stopping: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda received, _: stopping.append(received))
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    deadline = None if duration is None else time.monotonic() + duration
+    try:
+        with BagWriter(path) as writer:
+            node = Recorder(writer, topics, everything, sim_time)
+            while not stopping and (deadline is None or time.monotonic() < deadline):
+                rclpy.spin_once(node, timeout_sec=0.1)
+            _report(node)
+    finally:
+        rclpy.try_shutdown()
+    return writer
+
+
+def _report(node: Recorder) -> None:
+    for topic in node.missing():
+        node.get_logger().warning(f"{topic} was asked for and never published")
+    if node.before_clock:
+        node.get_logger().warning(f"{node.before_clock} messages came before the first /clock and are not in the bag")

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags round trip: recorded by one process, read by rosbags, played by another to a late joiner."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from geometry_msgs.msg import TransformStamped, WrenchStamped  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+from rosbags.interfaces import QosDurability, QosReliability  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from seed_bringup.bags.recording import Recording  # noqa: E402
+from seed_bringup.bags.types import BagError, InstalledTypes, definition_file  # noqa: E402
+from seed_bringup.bags.writing import BagWriter  # noqa: E402
+from std_msgs.msg import Float32, String  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TOPICS = ["/cell/wrench", "/cell/force", "/cell/mode", "/tf"]
+COUNT = 40
+PERIOD = 0.02  # [s]
+
+
+@pytest.fixture
+def node() -> Iterator[Node]:
+    rclpy.init(args=[])
+    node = rclpy.create_node("bag_test")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def wait_until(condition: object, node: Node, patience: float) -> bool:
+    deadline = time.monotonic() + patience
+    while not condition() and time.monotonic() < deadline:  # type: ignore[operator]
+        rclpy.spin_once(node, timeout_sec=0.05)
+    return bool(condition())  # type: ignore[operator]
+
+
+def publish_everything(node: Node, path: Path, topics: list[str]) -> Path:
+    """Publish numbered messages of several kinds while they are recorded."""
+    wrench = node.create_publisher(WrenchStamped, "/cell/wrench", 10)
+    force = node.create_publisher(Float32, "/cell/force", qos_profile_sensor_data)
+    mode = node.create_publisher(String, "/cell/mode", LATCHED)
+    tf = node.create_publisher(TFMessage, "/tf", 100)
+    mode.publish(String(data="remote control"))  # before the recorder is there
+    with Recording(path, topics) as recording:
+        assert wait_until(
+            lambda: min(wrench.get_subscription_count(), force.get_subscription_count()) > 0, node, 15.0
+        ), recording.output()
+        assert wait_until(lambda: min(mode.get_subscription_count(), tf.get_subscription_count()) > 0, node, 5.0)
+        time.sleep(0.5)
+        for i in range(COUNT):
+            message = WrenchStamped()
+            message.header.frame_id = "tip"
+            message.wrench.force.z = float(i)
+            wrench.publish(message)
+            force.publish(Float32(data=float(i)))
+            tf.publish(TFMessage(transforms=[TransformStamped(child_frame_id=f"tool{i}")]))
+            time.sleep(PERIOD)
+        time.sleep(0.3)
+    return path
+
+
+def played(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+def test_bag_keeps_every_message_its_quality_of_service_and_its_timing(node: Node, tmp_path: Path) -> None:
+    path = publish_everything(node, tmp_path / "bag.mcap", TOPICS)
+    assert path.is_file()
+    with AnyReader([path]) as reader:
+        assert set(reader.topics) == set(TOPICS)
+        by_topic: dict[str, list[object]] = {topic: [] for topic in TOPICS}
+        stamps: dict[str, list[int]] = {topic: [] for topic in TOPICS}
+        for connection, stamp, data in reader.messages():
+            by_topic[connection.topic].append(reader.deserialize(data, connection.msgtype))
+            stamps[connection.topic].append(stamp)
+        durability = {c.topic: c.ext.offered_qos_profiles[0].durability for c in reader.connections}
+        reliability = {c.topic: c.ext.offered_qos_profiles[0].reliability for c in reader.connections}
+    assert [m.wrench.force.z for m in by_topic["/cell/wrench"]] == [float(i) for i in range(COUNT)]
+    assert [m.transforms[0].child_frame_id for m in by_topic["/tf"]] == [f"tool{i}" for i in range(COUNT)]
+    assert [m.data for m in by_topic["/cell/mode"]] == ["remote control"]
+    assert durability["/cell/mode"] == QosDurability.TRANSIENT_LOCAL
+    assert durability["/cell/wrench"] == QosDurability.VOLATILE
+    assert reliability["/cell/force"] == QosReliability.BEST_EFFORT
+    assert reliability["/cell/wrench"] == QosReliability.RELIABLE
+    span = (stamps["/cell/wrench"][-1] - stamps["/cell/wrench"][0]) * 1e-9
+    assert span == pytest.approx((COUNT - 1) * PERIOD, rel=0.5)  # a busy machine sleeps longer
+
+
+def test_played_bag_arrives_in_order_latched_topics_also_late_and_with_its_clock(node: Node, tmp_path: Path) -> None:
+    bag = publish_everything(node, tmp_path / "bag", TOPICS)
+    assert (bag / "metadata.yaml").is_file()
+    received: dict[str, list[object]] = {"wrench": [], "mode": [], "clock": []}
+    node.create_subscription(WrenchStamped, "/played/wrench", received["wrench"].append, 100)
+    node.create_subscription(String, "/played/mode", received["mode"].append, LATCHED)
+    node.create_subscription(Clock, "/clock", received["clock"].append, 100)
+    arguments = [str(bag), "--clock", "--rate", "2.0", "--remap", "/cell/wrench:=/played/wrench"]
+    arguments += ["/cell/mode:=/played/mode"]
+    player = subprocess.Popen([sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", *arguments])
+    assert wait_until(lambda: len(received["wrench"]) == COUNT, node, 20.0)
+    assert player.wait(timeout=10.0) == 0
+    assert [m.wrench.force.z for m in received["wrench"]] == [float(i) for i in range(COUNT)]
+    assert [m.data for m in received["mode"]] == ["remote control"]
+    clock = [m.clock.sec + m.clock.nanosec * 1e-9 for m in received["clock"]]
+    assert clock == sorted(clock)
+    assert len(clock) > COUNT
+
+
+def test_type_hashes_are_those_that_rosidl_computed() -> None:
+    """The independent check: rosidl writes the hash of every type beside its definition."""
+    types = InstalledTypes()
+    checked = 0
+    for prefix in os.environ["AMENT_PREFIX_PATH"].split(":"):
+        for package in ("geometry_msgs", "sensor_msgs", "seed_msgs", "tf2_msgs"):
+            for file in sorted(Path(prefix, "share", package, "msg").glob("*.json")):
+                known = {t["type_name"]: t["hash_string"] for t in json.loads(file.read_text())["type_hashes"]}
+                name = f"{package}/msg/{file.stem}"
+                assert types.hash(name) == known[name]
+                checked += 1
+    assert checked > 50
+
+
+def test_installed_tf_message_has_the_hash_of_the_real_one() -> None:
+    """Ours is a stand-in with the wheels; rosbags carries the definitions of the ROS 2 releases."""
+    real = get_typestore(Stores.ROS2_JAZZY).hash_rihs01("tf2_msgs/msg/TFMessage")
+    assert InstalledTypes().hash("tf2_msgs/msg/TFMessage") == real
+
+
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    assert "not a readable bag" in played([str(tmp_path / "gone")]).stderr
+    with BagWriter(tmp_path / "one.mcap") as writer:
+        connection = writer.add_topic("/force", "std_msgs/msg/Float32")
+        writer.write(connection, 1, b"\x00\x01\x00\x00\x00\x00\x80?")
+    wrong = played([str(tmp_path / "one.mcap"), "--topics", "/farce"])
+    assert wrong.returncode == 1
+    assert "the bag has no topic '/farce'; it has: /force" in wrong.stderr
+    with pytest.raises(BagError, match="never overwritten"):
+        BagWriter(tmp_path / "one.mcap")
+    with pytest.raises(BagError, match="'no_msgs/msg/Nothing' is not installed"):
+        definition_file("no_msgs/msg/Nothing")
