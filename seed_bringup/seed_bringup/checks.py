@@ -54,19 +54,14 @@ def lint(argv: list[str]) -> int:
     return max(codes)
 
 
-# Files that may import rclpy and messages; everything else in a package is core.
-EDGE_NAMES = ("node.py", "_node.py", "launcher.py", "launch_cli.py", "bag.py", "bag_cli.py", "cli.py")
-
-
 def cores(root: Path) -> list[Path]:
-    """Every module of every package but the edge."""
-    files = sorted(root.glob("seed_*/seed_*/**/*.py"))
-    return [f.relative_to(root) for f in files if f.parents[0].name != "seed_ros" and not is_edge(f)]
+    """Every module but the edge, relative to the checkout."""
+    return [f.relative_to(root) for f in sorted(root.glob("seed_*/seed_*/**/*.py")) if not is_edge(f)]
 
 
 def is_edge(file: Path) -> bool:
-    """Whether a module may know ROS."""
-    return file.name in EDGE_NAMES or file.name.endswith("_node.py") or file.parent.name in ("seed_ros", "seed_bringup")
+    """Whether a module may know ROS: nodes, the helpers of seed_ros, the bag tools."""
+    return file.name == "node.py" or file.stem.endswith("_node") or file.parent.name in ("seed_ros", "bags")
 
 
 def shell(argv: list[str]) -> int:

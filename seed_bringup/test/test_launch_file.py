@@ -59,7 +59,8 @@ def test_node_collects_parameters_remaps_environment_and_namespace(prefix: Path)
 
 
 def test_arguments_have_defaults_and_conditions_follow_them(prefix: Path) -> None:
-    body = """<arg name="sim" default="true"/><arg name="law" default="seed"><choice value="seed"/><choice value="welded"/></arg>
+    body = """<arg name="sim" default="true"/>
+    <arg name="law" default="seed"><choice value="seed"/><choice value="welded"/></arg>
     <node pkg="cell" exec="sleeper" name="plant" if="$(var sim)"/>
     <node pkg="cell" exec="sleeper" name="driver" unless="$(var sim)"/>
     <node pkg="cell" exec="sleeper" name="baseline" if="$(eval '\\'$(var law)\\' == \\'welded\\'')"/>"""

@@ -49,9 +49,7 @@ def _sourced() -> Ros | None:
         if found is not None and found.python is not None:
             if found.python >= (3, 11):
                 return found._replace(underlays=prefixes)
-            say(
-                f"the sourced ROS 2 at {prefix} has Python {found.python[0]}.{found.python[1]}; 3.11 is needed: looking on"
-            )
+            say(f"the sourced ROS 2 at {prefix} has Python 3.{found.python[1]}; 3.11 is needed: looking on")
     return None
 
 

@@ -114,7 +114,8 @@ def _check_hash(connection: Connection, types: InstalledTypes) -> None:
     if connection.digest and connection.digest != types.hash(connection.msgtype):
         raise BagError(
             f"{connection.topic}: the bag's {connection.msgtype} differs from the installed one "
-            f"({connection.digest} against {types.hash(connection.msgtype)}); play it with the release it was recorded with"
+            f"({connection.digest} against {types.hash(connection.msgtype)}); "
+            "play it with the release that it was recorded with"
         )
 
 

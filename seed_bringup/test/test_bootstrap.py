@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The set-up behind ./seed, on folders made for the purpose; the real thing runs before every test."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BOOTSTRAP = ROOT / "tools" / "bootstrap"
+pytestmark = pytest.mark.skipif(not BOOTSTRAP.is_dir(), reason="this is an installed copy, not the checkout")
+
+
+@pytest.fixture
+def load(monkeypatch: pytest.MonkeyPatch) -> object:
+    """Import a module of the bootstrap, whose folder is on the path only there."""
+    monkeypatch.syspath_prepend(str(BOOTSTRAP))
+    return importlib.import_module
+
+
+def make_ros(prefix: Path, python: str = "python3.12") -> Path:
+    """What identifies an installed ROS 2."""
+    (prefix / "lib" / python / "site-packages" / "rclpy").mkdir(parents=True)
+    (prefix / "setup.bash").write_text(f"export AMENT_PREFIX_PATH={prefix} ROS_DISTRO={prefix.name}\n")
+    return prefix
+
+
+def test_sourced_ros_comes_before_the_wheels_and_a_too_old_one_does_not(
+    load: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ros: ModuleType = load("ros")  # type: ignore[operator]
+    monkeypatch.delenv("SEED_ROS", raising=False)
+    monkeypatch.setattr(ros, "INSTALLED", ())
+    jazzy, humble = make_ros(tmp_path / "jazzy"), make_ros(tmp_path / "humble", "python3.10")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'overlay'}:{jazzy}")
+    found = ros.find_ros()
+    assert (found.kind, found.python, found.underlays) == ("jazzy", (3, 12), (f"{tmp_path / 'overlay'}", str(jazzy)))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(humble))
+    assert ros.find_ros() == ros.WHEELS
+    monkeypatch.setenv("SEED_ROS", str(jazzy))
+    assert ros.find_ros().prefix == jazzy
+    monkeypatch.setenv("SEED_ROS", "wheels")
+    assert ros.find_ros() == ros.WHEELS
+    monkeypatch.setenv("SEED_ROS", str(tmp_path / "nothing"))
+    with pytest.raises(Exception, match="no ROS 2 with setup\\.bash and rclpy there"):
+        ros.find_ros()
+
+
+def test_wheels_do_not_see_the_paths_of_another_ros(load: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    ros: ModuleType = load("ros")  # type: ignore[operator]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/home/me/ws/install/cell:/opt/ros/humble")
+    assert ros.foreign("/opt/ros/humble/lib/python3.10/site-packages")
+    assert ros.foreign("/home/me/ws/install/cell/lib")
+    assert not ros.foreign("/usr/lib/python3/dist-packages")
+
+
+def test_home_is_writable_and_free_of_white_space(
+    load: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home: ModuleType = load("home")  # type: ignore[operator]
+    monkeypatch.setenv("SEED_HOME", str(tmp_path / "kept here"))
+    with pytest.raises(Exception, match="writable folder without white space"):
+        home.seed_home()
+    monkeypatch.setenv("SEED_HOME", str(tmp_path / "kept"))
+    assert home.seed_home() == tmp_path / "kept"
+    monkeypatch.delenv("SEED_HOME")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    fallback = home.seed_home()
+    assert fallback.is_relative_to("/var/tmp")
+
+
+def test_only_changes_that_a_build_reads_make_a_package_build_again(load: object, tmp_path: Path) -> None:
+    workspace: ModuleType = load("workspace")  # type: ignore[operator]
+    package = tmp_path / "seed_x"
+    (package / "seed_x").mkdir(parents=True)
+    (package / "launch").mkdir()
+    (package / "package.xml").write_text("<package/>")
+    (package / "seed_x" / "core.py").write_text("A = 1")
+    (package / "launch" / "a.xml").write_text("<launch/>")
+    before = workspace._digest(package)
+    (package / "seed_x" / "core.py").write_text("A = 2")
+    (package / "seed_x" / "new.py").write_text("B = 1")
+    (package / "launch" / "a.xml").write_text("<launch></launch>")
+    assert workspace._digest(package) == before, "sources are linked, not copied"
+    (package / "launch" / "b.xml").write_text("<launch/>")
+    with_file = workspace._digest(package)
+    assert with_file != before, "a new launch file has to be installed"
+    (package / "package.xml").write_text("<package format='3'/>")
+    assert workspace._digest(package) != with_file
+
+
+def test_missing_tools_are_named_in_one_line_to_paste(
+    load: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system: ModuleType = load("system")  # type: ignore[operator]
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    with pytest.raises(Exception, match=r"sudo apt-get update && sudo apt-get install -y cmake g\+\+ gcc make"):
+        system.require_system_packages(Path(sys.executable))
+
+
+def test_failed_command_shows_the_end_of_its_log(load: object, tmp_path: Path) -> None:
+    progress: ModuleType = load("progress")  # type: ignore[operator]
+    command = ["sh", "-c", "seq 100; echo the disk is full; exit 3"]
+    with pytest.raises(progress.SetupError, match=r"(?s)installing: failed with exit code 3.*the disk is full"):
+        progress.run_logged(command, "installing", tmp_path / "log", dict(os.environ), lambda line: line)
+    assert (tmp_path / "log").read_text().startswith("1\n2\n")
+
+
+def test_second_set_up_waits_for_the_first(load: object, tmp_path: Path) -> None:
+    """The lock is held by the first one's children too, should it be killed."""
+    code = (
+        f"import sys, subprocess; sys.path.insert(0, {str(BOOTSTRAP)!r}); import home, pathlib;"
+        f"lock = home.locked(pathlib.Path({str(tmp_path / 'lock')!r}), 'x'); d = lock.__enter__();"
+        "subprocess.Popen(['sleep', '1.5'], pass_fds=(d,)); print('held', flush=True); import os; os._exit(9)"
+    )
+    first = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert first.stdout is not None
+    assert first.stdout.readline() == "held\n"
+    started = time.monotonic()
+    assert first.wait() == 9
+    home: ModuleType = load("home")  # type: ignore[operator]
+    with home.locked(tmp_path / "lock", "x"):
+        assert time.monotonic() - started > 0.8
+
+
+def test_second_start_runs_the_command_in_the_same_environment() -> None:
+    command = [ROOT / "seed", "shell", "-c", 'echo "$VIRTUAL_ENV"; python -c "import rclpy, seed_core"']
+    done = subprocess.run(command, capture_output=True, text=True, cwd="/", env=os.environ | {"SHELL": "/bin/sh"})
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == os.environ["VIRTUAL_ENV"]

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rules that hold for the whole repository; they need its checkout."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from seed_bringup.checks import cores, is_edge
+from seed_bringup.commands import COMMANDS, available
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
+
+SUITE = {p.parent.name for p in ROOT.glob("seed_*/package.xml")}
+# What the cores of a package may import beside the standard library and itself.
+NUMERIC = {"numpy", "scipy", "yaml"}
+MAY_IMPORT = {
+    "seed_core": NUMERIC,
+    "seed_control": NUMERIC | {"seed_core"},
+    "seed_estimation": NUMERIC | {"seed_core", "cv2"},
+    "seed_driver": NUMERIC | {"seed_core", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client"},
+    "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
+    "seed_sim": NUMERIC
+    | {"seed_core", "seed_control", "seed_estimation", "seed_sysid", "cv2", "pydrake", "matplotlib"},
+    "seed_bringup": None,  # puts everything together
+}
+
+
+def imported(file: Path) -> Iterator[str]:
+    """Top-level names of every import in a file, those inside functions too."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.split(".")[0]
+
+
+def of_ros(name: str) -> bool:
+    return name in ("rclpy", "seed_ros", "tf2_ros", "cv_bridge") or name.endswith(("_msgs", "_srvs", "_interfaces"))
+
+
+@pytest.mark.parametrize("package", sorted(SUITE - {"seed_msgs", "seed_ros"}))
+def test_cores_import_neither_ros_nor_what_lies_above_them(package: str) -> None:
+    files = [ROOT / f for f in cores(ROOT) if f.parts[0] == package]
+    assert files, f"{package} has no core"
+    allowed = MAY_IMPORT[package]
+    for file in files:
+        names = set(imported(file)) - set(sys.stdlib_module_names) - {package}
+        assert not {n for n in names if of_ros(n)}, f"{file.relative_to(ROOT)} is core and imports ROS"
+        if allowed is not None:
+            assert names <= allowed, f"{file.relative_to(ROOT)} imports {sorted(names - allowed)}"
+
+
+@pytest.mark.parametrize("package", sorted(SUITE - {"seed_msgs"}))
+def test_packages_declare_what_they_import(package: str) -> None:
+    manifest = ET.parse(ROOT / package / "package.xml").getroot()
+    declared = {e.text for e in manifest if e.tag.endswith("depend")}
+    for file in sorted((ROOT / package / package).glob("**/*.py")):
+        used = {n for n in imported(file) if n in SUITE or (of_ros(n) and is_edge(file))} - {package}
+        assert used <= declared, f"{file.relative_to(ROOT)}: package.xml lacks {sorted(used - declared)}"
+
+
+def tracked(*patterns: str) -> list[Path]:
+    command = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", *patterns]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        return [f for pattern in patterns for f in ROOT.rglob(pattern)]
+    return [ROOT / line for line in done.stdout.splitlines() if (ROOT / line).is_file()]
+
+
+def test_every_source_file_states_its_licence_first() -> None:
+    patterns = ["*.py", "*.xml", "*.yaml", "*.txt", "*.toml", "*.msg", "*.srv", "*.action", "seed", ".ci/run"]
+    for file in tracked(*patterns):
+        lines = file.read_text().splitlines()[:3]
+        assert any("SPDX-License-Identifier: Apache-2.0" in line for line in lines), file.relative_to(ROOT)
+    assert "Apache License" in (ROOT / "LICENSE").read_text()
+    for manifest in ROOT.glob("seed_*/package.xml"):
+        assert ET.parse(manifest).findtext("license") == "Apache-2.0"
+
+
+def test_every_dependency_is_pinned_exactly() -> None:
+    for file in (ROOT / "requirements").glob("*.txt"):
+        for line in file.read_text().splitlines():
+            if line and not line.startswith(("#", "-r ")):
+                assert re.match(r"[\w.-]+==[\w.]+(;.*|  #.*)?$", line), f"{file.name}: {line}"
+
+
+def test_metas_name_the_python_packages_that_exist() -> None:
+    names = json.loads((ROOT / "colcon.meta").read_text())["names"]
+    assert set(names) == {p.parent.name for p in ROOT.glob("seed_*/setup.py")}
+
+
+def test_stand_ins_are_hidden_from_ordinary_workspaces() -> None:
+    assert (ROOT / "tools/standins/COLCON_IGNORE").exists()
+
+
+def test_every_offered_command_has_its_function() -> None:
+    for command in available(ROOT).values():
+        file = ROOT / command.module.split(".")[0] / (command.module.replace(".", "/") + ".py")
+        functions = {n.name for n in ast.parse(file.read_text()).body if isinstance(n, ast.FunctionDef)}
+        assert command.function in functions, f"{command.name}: {file} has no {command.function}"
+    assert {c.name for c in COMMANDS} >= {"demo", "test", "launch", "evaluate", "bench", "bag", "shell", "lint"}
+
+
+def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
+    environment = {"PATH": "/usr/bin:/bin", "SEED_PYTHON": sys.executable, "SEED_HOME": str(tmp_path / "none")}
+    usage = subprocess.run([ROOT / "seed", "--help"], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert usage.returncode == 0
+    assert "./seed COMMAND" in usage.stdout
+    wrong = subprocess.run([ROOT / "seed", "dmeo"], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "no command 'dmeo'" in wrong.stderr
+    assert not (tmp_path / "none").exists()
