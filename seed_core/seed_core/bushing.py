@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The generalised stiffness map of the grasp (Suh et al., Sec. IV-C): displacement X_TC to the spring's wrench and back.
+
+With q = (r, p, y) = rpy(R_TC), the spring's load on the tool, about T's origin and written in T, is
+
+    torque = N(q)^T diag(k) q,    force = K p_TC                                           model 'plain' (the paper's)
+    force = R_TB K R_TB^T p_TC,   torque = N(q)^T diag(k) q + 1/2 p_TC x force             model 'midpoint' (Drake's)
+
+where N maps angular velocity to gimbal rates, q_dot = N w, and R_TB = exp(log(R_TC) / 2) is half the rotation. The two
+agree to rounding where the translational stiffness is isotropic and the torque is taken about the midpoint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, pi, sin
+from typing import Literal
+
+import numpy as np
+
+from seed_core.config import ConfigError, field
+from seed_core.errors import SeedError
+from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
+
+Model = Literal["midpoint", "plain"]
+MODELS = ("midpoint", "plain")
+_ITERATIONS = 50  # the fixed point contracts by |p x f| / (2 k): a dozen steps reach rounding within 30 degrees
+_CONVERGED = 1e-14  # [m]
+
+
+class BushingError(SeedError):
+    """A wrench that no displacement within the map's domain produces."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Diagonal, positive stiffness of the grasp (Assumption 2)."""
+
+    rotation: tuple[float, float, float] = field(unit="N m/rad", doc="about the gimbal's roll, pitch and yaw axes")
+    translation: tuple[float, float, float] = field(unit="N/m", doc="along x, y and z")
+
+    def __post_init__(self) -> None:
+        for name, unit in (("rotation", "N m/rad"), ("translation", "N/m")):
+            for i, value in enumerate(getattr(self, name)):
+                if not (np.isfinite(value) and value > 0.0):
+                    raise ConfigError(f"stiffness.{name}[{i}] = {value} {unit} must be finite and > 0")
+
+    def scaled(self, factor: float) -> Stiffness:
+        """Every stiffness times factor."""
+        r, t = (tuple(factor * v for v in values) for values in (self.rotation, self.translation))
+        return Stiffness((r[0], r[1], r[2]), (t[0], t[1], t[2]))
+
+
+def gimbal_rates_matrix(rpy: Array) -> Array:
+    """N (3, 3) with q_dot = N w, w the angular velocity written in the parent frame; singular at |pitch| = pi/2."""
+    c1, s1, c2, s2 = cos(rpy[1]), sin(rpy[1]), cos(rpy[2]), sin(rpy[2])
+    return np.array(((c2 / c1, s2 / c1, 0.0), (-s2, c2, 0.0), (c2 * s1 / c1, s2 * s1 / c1, 1.0)))
+
+
+class Bushing:
+    """The stiffness map K of one grasp and its inverse."""
+
+    def __init__(self, stiffness: Stiffness, model: Model = "midpoint") -> None:
+        if model not in MODELS:
+            raise ConfigError(f"model = '{model}' must be one of: {', '.join(MODELS)}")
+        self.stiffness = stiffness
+        self.model = model
+        self.k = np.array(stiffness.rotation)
+        self.K = np.array(stiffness.translation)
+
+    def wrench(self, X_TC: Array) -> Wrench:
+        """Wrench of the spring on the tool about T's origin, in T, at displacement X_TC (4, 4)."""
+        R, p = X_TC[:3, :3], X_TC[:3, 3]
+        torque = self.torque(rpy_from_rotation(R))
+        if self.model == "plain":
+            return Wrench(torque, self.K * p)
+        R_TB = so3_exp(0.5 * so3_log(R))
+        force = R_TB @ (self.K * (R_TB.T @ p))
+        return Wrench(torque + 0.5 * cross(p, force), force)
+
+    def torque(self, rpy: Array) -> Array:
+        """N(q)^T diag(k) q (3,) [N m] at q = rpy (3,) [rad]."""
+        r, p, y = float(rpy[0]), float(rpy[1]), float(rpy[2])
+        kr, kp, ky = self.stiffness.rotation
+        c1, s1, c2, s2 = cos(p), sin(p), cos(y), sin(y)
+        a = (kr * r + s1 * ky * y) / c1
+        return np.array((a * c2 - s2 * kp * p, a * s2 + c2 * kp * p, ky * y))
+
+    def energy(self, X_TC: Array) -> float:
+        """Elastic energy [J] at X_TC: 1/2 q^T k q + 1/2 p^T K p, p written in B for the midpoint model."""
+        R, p = X_TC[:3, :3], X_TC[:3, 3]
+        q = rpy_from_rotation(R)
+        if self.model == "midpoint":
+            p = so3_exp(0.5 * so3_log(R)).T @ p
+        return 0.5 * float(q @ (self.k * q) + p @ (self.K * p))
+
+    def angles(self, torque: Array) -> Array:
+        """The rpy (3,) [rad] at which N^T diag(k) q is torque (3,) [N m] (Eq. 5 of the paper, from the bottom row up).
+
+        Raises:
+            BushingError: the torque asks for a pitch of 90 degrees or more, or a roll or yaw beyond 180.
+        """
+        kr, kp, ky = self.stiffness.rotation
+        tx, ty, tz = float(torque[0]), float(torque[1]), float(torque[2])
+        y = tz / ky
+        c2, s2 = cos(y), sin(y)
+        p = (-s2 * tx + c2 * ty) / kp
+        r = (cos(p) * (c2 * tx + s2 * ty) - sin(p) * tz) / kr
+        for name, value, bound in (("yaw", y, pi), ("pitch", p, pi / 2), ("roll", r, pi)):
+            if not abs(value) < bound:
+                raise BushingError(
+                    f"torque {np.round(torque, 3)} N m needs a {name} of {np.rad2deg(value):.0f} degrees; "
+                    f"this grasp's map ends at {np.rad2deg(bound):.0f}: ask for less torque or a stiffer grip"
+                )
+        return np.array((r, p, y))
+
+    def pose(self, wrench: Wrench) -> Array:
+        """X_TC (4, 4) at which the spring's wrench on the tool about T's origin, in T, is the one given.
+
+        Raises:
+            BushingError: no such displacement within the map's domain.
+        """
+        if self.model == "plain":
+            return make_pose(rotation_from_rpy(self.angles(wrench.torque)), wrench.force / self.K)
+        p = wrench.force / self.K
+        for _ in range(_ITERATIONS):
+            R = rotation_from_rpy(self.angles(wrench.torque - 0.5 * cross(p, wrench.force)))
+            p_next = self.translation(wrench.force, R)
+            if np.abs(p_next - p).max() < _CONVERGED:
+                return make_pose(R, p_next)
+            p = p_next
+        raise BushingError(
+            f"wrench {np.round(wrench.vector(), 3)} (N m, N): the displacement does not settle; "
+            "the force bends the grasp too far: ask for less or grip more firmly"
+        )
+
+    def translation(self, force: Array, R_TC: Array) -> Array:
+        """p_TC (3,) [m] at which the spring's force on the tool, in T, is force (3,) [N] while the rotation is R_TC."""
+        if self.model == "plain":
+            return force / self.K
+        R_TB = so3_exp(0.5 * so3_log(R_TC))
+        return np.asarray(R_TB @ ((R_TB.T @ force) / self.K))
+
+    def translation_stiffness(self, R_TC: Array) -> Array:
+        """(3, 3) [N/m] with force_T = K_T p_TC at rotation R_TC: diagonal, or half rotated for the midpoint model."""
+        if self.model == "plain":
+            return np.diag(self.K)
+        R_TB = so3_exp(0.5 * so3_log(R_TC))
+        return np.asarray(R_TB @ np.diag(self.K) @ R_TB.T)

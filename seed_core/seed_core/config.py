@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frozen dataclasses with units and bounds, and a strict loader from YAML that names file, line, value and bound.
+
+A parameter is declared once, with `field(default, unit=..., low=..., high=..., doc=...)`; files, command lines and ROS
+parameters are all checked against that one declaration. Unknown keys, wrong types, NaN and values out of bounds
+are refused; nothing is evaluated or unpickled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from seed_core.errors import SeedError
+
+T = TypeVar("T")
+MAX_BYTES = 10_000_000  # a configuration file larger than this is not one
+
+
+class ConfigError(SeedError):
+    """A configuration value that cannot be used."""
+
+
+def field(
+    default: Any = dataclasses.MISSING,
+    *,
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: tuple[str, ...] = (),
+    doc: str = "",
+) -> Any:
+    """A dataclass field whose value is checked: each number within [low, high] and finite, each string in choices."""
+    metadata = {"unit": unit, "low": low, "high": high, "choices": choices, "doc": doc}
+    if isinstance(default, list | dict):
+        return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+class _Node:
+    """A YAML value with the line that it stands on."""
+
+    __slots__ = ("line", "value")
+
+    def __init__(self, value: Any, line: int) -> None:
+        self.value = value
+        self.line = line
+
+
+def _wrap(value: Any) -> Any:
+    """Plain data as nodes without lines."""
+    if isinstance(value, Mapping):
+        return _Node({str(k): _wrap(v) for k, v in value.items()}, 0)
+    if isinstance(value, list | tuple):
+        return _Node([_wrap(v) for v in value], 0)
+    return _Node(value, 0)
+
+
+def _parse(node: yaml.Node | None, loader: yaml.SafeLoader, source: str) -> _Node:
+    if node is None:
+        return _Node({}, 1)
+    line = node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        out: dict[str, _Node] = {}
+        for key_node, value_node in node.value:
+            key = str(loader.construct_object(key_node))
+            if key in out:
+                raise ConfigError(f"{source}:{key_node.start_mark.line + 1}: key '{key}' stands twice")
+            out[key] = _parse(value_node, loader, source)
+        return _Node(out, line)
+    if isinstance(node, yaml.SequenceNode):
+        return _Node([_parse(n, loader, source) for n in node.value], line)
+    return _Node(loader.construct_object(node), line)
+
+
+def parse_yaml(text: str, source: str = "<text>") -> _Node:
+    """YAML text as nodes that know their lines.
+
+    Raises:
+        ConfigError: the text is no YAML, or too large.
+    """
+    if len(text) > MAX_BYTES:
+        raise ConfigError(f"{source}: {len(text)} characters are too many for a configuration file (at most {MAX_BYTES})")
+    loader = yaml.SafeLoader(text)
+    try:
+        return _parse(loader.get_single_node(), loader, source)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ConfigError(f"{source}: not readable as YAML: {error}") from error
+    finally:
+        loader.dispose()  # type: ignore[no-untyped-call]
+
+
+def load_text(text: str, cls: type[T], source: str = "<text>") -> T:
+    """An instance of the dataclass cls from YAML text. Raises ConfigError with source and line."""
+    return _build(parse_yaml(text, source), cls, "", source)
+
+
+def load_file(path: str | Path, cls: type[T]) -> T:
+    """An instance of the dataclass cls from a YAML file. Raises ConfigError with file and line."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from error
+    return load_text(text, cls, str(file))
+
+
+def from_mapping(data: Mapping[str, Any], cls: type[T], source: str = "<values>") -> T:
+    """An instance of the dataclass cls from plain nested data (for example ROS parameters)."""
+    return _build(_wrap(data), cls, "", source)
+
+
+def to_mapping(value: Any) -> Any:
+    """Plain data (dicts, lists, scalars) of a dataclass, ready for yaml.safe_dump."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_mapping(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): to_mapping(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_mapping(v) for v in value]
+    return value.item() if hasattr(value, "item") else value
+
+
+def checked(value: T, source: str = "<values>") -> T:
+    """The dataclass instance value, once each of its fields has passed its check. Raises ConfigError."""
+    from_mapping(to_mapping(value), type(value), source)
+    return value
+
+
+def _fail(node: _Node, source: str, message: str) -> typing.NoReturn:
+    raise ConfigError(f"{source}:{node.line}: {message}" if node.line else f"{source}: {message}")
+
+
+def _build(node: _Node, cls: type[T], path: str, source: str) -> T:
+    hints = typing.get_type_hints(cls)
+    if not isinstance(node.value, dict):
+        _fail(node, source, f"{path or cls.__name__} must be a mapping with some of: {', '.join(hints)}")
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]
+    for key, child in node.value.items():
+        if key not in fields:
+            _fail(child, source, f"unknown key '{_join(path, key)}'; known here: {', '.join(fields)}")
+    values = {}
+    for name, spec in fields.items():
+        if name in node.value:
+            values[name] = _convert(node.value[name], hints[name], _join(path, name), source, spec.metadata)
+        elif spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING:
+            _fail(node, source, f"'{_join(path, name)}' is missing{_describe(spec.metadata)}")
+    try:
+        return cls(**values)
+    except ConfigError as error:
+        _fail(node, source, str(error))
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _describe(meta: Mapping[str, Any]) -> str:
+    words = [w for w in (meta.get("unit", ""), meta.get("doc", "")) if w]
+    return f" ({'; '.join(words)})" if words else ""
+
+
+def _convert(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        if node.value is None and type(None) in args:
+            return None
+        (kind,) = (a for a in args if a is not type(None))
+        return _convert(node, kind, name, source, meta)
+    if dataclasses.is_dataclass(kind):
+        return _build(node, typing.cast(type, kind), name, source)
+    if origin in (tuple, list):
+        return _convert_sequence(node, origin, args, name, source, meta)
+    if origin in (dict, Mapping):
+        if not isinstance(node.value, dict):
+            _fail(node, source, f"{name} must be a mapping")
+        return {k: _convert(v, args[1], f"{name}.{k}", source, meta) for k, v in node.value.items()}
+    return _convert_scalar(node, kind, name, source, meta)
+
+
+def _convert_sequence(node: _Node, origin: Any, args: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
+    if not isinstance(node.value, list):
+        _fail(node, source, f"{name} must be a list{_describe(meta)}, not {node.value!r}")
+    kinds = [args[0]] * len(node.value) if origin is list or args[-1] is Ellipsis else list(args)
+    if len(kinds) != len(node.value):
+        _fail(node, source, f"{name} has {len(node.value)} values; it needs {len(kinds)}{_describe(meta)}")
+    return origin(
+        _convert(v, k, f"{name}[{i}]", source, meta) for i, (v, k) in enumerate(zip(node.value, kinds, strict=True))
+    )
+
+
+def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
+    value, unit = node.value, f" {meta['unit']}" if meta.get("unit") else ""
+    if kind in (float, int):
+        wanted = (int, float) if kind is float else (int,)
+        if isinstance(value, bool) or not isinstance(value, wanted):
+            word = "a number" if kind is float else "a whole number"
+            _fail(node, source, f"{name} = {value!r} must be {word}{_describe(meta)}")
+        if not math.isfinite(value):
+            _fail(node, source, f"{name} = {value}{unit} must be finite")
+        low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
+        if not low <= value <= high:
+            _fail(node, source, f"{name} = {value:g}{unit} must be within {low:g} and {high:g}{unit}")
+        return kind(value)
+    if kind is bool or kind is str:
+        if not isinstance(value, kind):
+            _fail(node, source, f"{name} = {value!r} must be {'true or false' if kind is bool else 'a text'}")
+        if meta.get("choices") and value not in meta["choices"]:
+            _fail(node, source, f"{name} = '{value}' must be one of: {', '.join(meta['choices'])}")
+    return value

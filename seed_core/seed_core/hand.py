@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of a hand and the tool in it: where the frames lie, what the tool weighs, how soft the grasp is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.bushing import Stiffness
+from seed_core.config import field
+from seed_core.spatial import Array, pose_from_rpy
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A fixed pose of a child frame in its parent."""
+
+    position: Vector = field((0.0, 0.0, 0.0), unit="m", low=-5.0, high=5.0, doc="origin of the child in the parent")
+    rpy_deg: Vector = field(
+        (0.0, 0.0, 0.0), unit="deg", low=-360.0, high=360.0, doc="fixed-axis roll, pitch, yaw of the child"
+    )
+
+    @property
+    def pose(self) -> Array:
+        """X (4, 4)."""
+        return pose_from_rpy(np.deg2rad(self.rpy_deg), self.position)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Frames fixed on the gripper: C in the flange E, and both optical frames in C.
+
+    The defaults are a parallel gripper with two bubbles whose cameras look along +y_C (right finger) and -y_C
+    (left finger), 95 mm from the grasp's centre. Image columns run along x_C on one side and -x_C on the other.
+    """
+
+    name: str = field("soft_bubble", doc="name of this hand")
+    E_C: Frame = field(Frame((0.0, 0.0, 0.15)), doc="compliance frame C in the flange E (tool0)")
+    C_L: Frame = field(Frame((0.0, 0.095, 0.0), (90.0, 0.0, 0.0)), doc="left optical frame in C; looks along -y_C")
+    C_R: Frame = field(Frame((0.0, -0.095, 0.0), (-90.0, 0.0, 0.0)), doc="right optical frame in C; looks along +y_C")
+
+    @property
+    def X_EC(self) -> Array:
+        return self.E_C.pose
+
+    @property
+    def X_CL(self) -> Array:
+        return self.C_L.pose
+
+    @property
+    def X_CR(self) -> Array:
+        return self.C_R.pose
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What is held: its working point and its weight, in T, which equals C at the moment of grasp."""
+
+    name: str = field("squeegee", doc="name of this tool")
+    T_tip: Frame = field(Frame((0.0, 0.0, 0.12)), doc="tip frame in T: where the tool works")
+    mass: float = field(0.2, unit="kg", low=0.0, high=20.0, doc="mass of the tool")
+    center_of_mass: Vector = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="centre of mass in T")
+
+    @property
+    def X_Ttip(self) -> Array:
+        return self.T_tip.pose
+
+
+DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))

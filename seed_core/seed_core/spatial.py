@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses, rotations and wrenches.
+
+Monogram notation (Drake's): X_AB is the pose of frame B measured in frame A, so that `p_A = X_AB @ p_B` and
+`X_AC = X_AB @ X_BC`. A pose is a (4, 4) float64 matrix. Units are metres, radians, newtons and newton metres.
+Angles `rpy` are fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) (REP-103, SciPy's lower-case 'xyz').
+"""
+
+from __future__ import annotations
+
+from math import asin, atan2, cos, sin
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from seed_core.errors import SeedError
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE = 1e-6  # [rad]; below it two terms of each series are exact to rounding
+_UNIT_TOLERANCE = 1e-3  # how far a quaternion's norm may be from one before it is refused
+
+
+class SpatialError(SeedError):
+    """A matrix or quaternion that is no pose or rotation."""
+
+
+class Wrench(NamedTuple):
+    """Torque and force (each (3,) [N m], [N]) about one point and written in one frame, which the name tells."""
+
+    torque: Array
+    force: Array
+
+    @classmethod
+    def zero(cls) -> Wrench:
+        """No load."""
+        return cls(np.zeros(3), np.zeros(3))
+
+    @classmethod
+    def from_vector(cls, vector: ArrayLike) -> Wrench:
+        """From a flat (6,) [torque, force]."""
+        v = np.asarray(vector, dtype=float)
+        return cls(v[:3].copy(), v[3:].copy())
+
+    def vector(self) -> Array:
+        """Flat (6,) [torque, force]."""
+        return np.concatenate([self.torque, self.force])
+
+    def rotated(self, R_AB: Array) -> Wrench:
+        """The wrench, written in B, written in A."""
+        return Wrench(R_AB @ self.torque, R_AB @ self.force)
+
+    def about(self, p_PQ: Array) -> Wrench:
+        """The same load about point Q instead of P; p_PQ (3,) [m] runs from P to Q."""
+        return Wrench(self.torque - cross(p_PQ, self.force), self.force)
+
+    def plus(self, other: Wrench) -> Wrench:
+        """Sum of two wrenches about one point in one frame."""
+        return Wrench(self.torque + other.torque, self.force + other.force)
+
+    def minus(self, other: Wrench) -> Wrench:
+        """Difference of two wrenches about one point in one frame."""
+        return Wrench(self.torque - other.torque, self.force - other.force)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a x b of two (3,) vectors; several times faster than numpy.cross."""
+    ax, ay, az = float(a[0]), float(a[1]), float(a[2])
+    bx, by, bz = float(b[0]), float(b[1]), float(b[2])
+    return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+
+
+def skew(v: ArrayLike) -> Array:
+    """(3, 3) matrix with skew(v) @ u = v x u."""
+    x, y, z = np.asarray(v, dtype=float)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_rpy(rpy: ArrayLike) -> Array:
+    """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll) of rpy (3,) [rad]."""
+    r, p, y = (float(a) for a in np.asarray(rpy, dtype=float))
+    cr, sr, cp, sp, cy, sy = cos(r), sin(r), cos(p), sin(p), cos(y), sin(y)
+    return np.array(
+        (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+    )
+
+
+def rpy_from_rotation(R: Array) -> Array:
+    """Roll, pitch, yaw (3,) [rad] of R, pitch within +-pi/2; at +-pi/2 only roll and yaw together are determined."""
+    return np.array(
+        (
+            atan2(R[2, 1], R[2, 2]),
+            asin(max(-1.0, min(1.0, -float(R[2, 0])))),
+            atan2(R[1, 0], R[0, 0]),
+        )
+    )
+
+
+def so3_exp(rotation_vector: ArrayLike) -> Array:
+    """R (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
+    v = np.asarray(rotation_vector, dtype=float)
+    angle = float(np.sqrt(v @ v))
+    K = skew(v)
+    if angle < _SMALL_ANGLE:
+        return np.eye(3) + K + 0.5 * (K @ K)
+    half = sin(0.5 * angle) / angle
+    return np.eye(3) + (sin(angle) / angle) * K + (2.0 * half * half) * (K @ K)
+
+
+def so3_log(R: Array) -> Array:
+    """Rotation vector (3,) [rad], of length at most pi, of R."""
+    sine = 0.5 * np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
+    s = float(np.sqrt(sine @ sine))
+    cosine = 0.5 * (float(R[0, 0] + R[1, 1] + R[2, 2]) - 1.0)
+    if s < _SMALL_ANGLE and cosine > 0.0:
+        return sine * (1.0 + s * s / 6.0)
+    if cosine < -0.99:  # the sine is ill-conditioned near pi
+        return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=float)
+    return sine * (atan2(s, cosine) / s)
+
+
+def make_pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
+    """X (4, 4) from R (3, 3) and p (3,) [m]; identity where left out."""
+    X = np.eye(4)
+    if R is not None:
+        X[:3, :3] = R
+    if p is not None:
+        X[:3, 3] = p
+    return X
+
+
+def pose_from_rpy(rpy: ArrayLike, p: ArrayLike) -> Array:
+    """X (4, 4) from rpy (3,) [rad] and p (3,) [m]."""
+    return make_pose(rotation_from_rpy(rpy), p)
+
+
+def inverse_pose(X_AB: Array) -> Array:
+    """X_BA (4, 4)."""
+    X_BA = np.eye(4)
+    R_BA = X_AB[:3, :3].T
+    X_BA[:3, :3] = R_BA
+    X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
+    return X_BA
+
+
+def interpolate_pose(X_A: Array, X_B: Array, s: float) -> Array:
+    """Pose at share s of the way from X_A to X_B: straight in position, on the great circle in rotation."""
+    R_A = X_A[:3, :3]
+    R = R_A @ so3_exp(s * so3_log(R_A.T @ X_B[:3, :3]))
+    return make_pose(R, (1.0 - s) * X_A[:3, 3] + s * X_B[:3, 3])
+
+
+def rotation_error(R_est: Array, R_true: Array) -> Array:
+    """Rotation vector (3,) [rad] of R_est R_true^T, written in the frame in which both are measured."""
+    return so3_log(R_est @ R_true.T)
+
+
+def quaternion_from_rotation(R: Array) -> Array:
+    """Unit quaternion (4,) x, y, z, w with w >= 0 of R."""
+    q = np.asarray(Rotation.from_matrix(R).as_quat(), dtype=float)
+    return -q if q[3] < 0 else q
+
+
+def pose_from_quaternion(xyzw: ArrayLike, p: ArrayLike, name: str = "pose") -> Array:
+    """X (4, 4) from a unit quaternion x, y, z, w and p (3,) [m].
+
+    Raises:
+        SpatialError: a value is not finite, or the quaternion's norm is further than 1e-3 from one.
+    """
+    q, position = np.asarray(xyzw, dtype=float), np.asarray(p, dtype=float)
+    if not (np.isfinite(q).all() and np.isfinite(position).all()):
+        raise SpatialError(f"{name} has a value that is not finite: position {position}, quaternion {q}")
+    norm = float(np.sqrt(q @ q))
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+        raise SpatialError(f"{name}.orientation has norm {norm:.4g}; a unit quaternion (x, y, z, w) is needed")
+    return make_pose(Rotation.from_quat(q).as_matrix(), position)
+
+
+def check_pose(X: ArrayLike, name: str = "pose") -> Array:
+    """X as a (4, 4) float64 pose.
+
+    Raises:
+        SpatialError: wrong shape, not finite, or no rotation to 1e-6.
+    """
+    out = np.asarray(X, dtype=float)
+    if out.shape != (4, 4):
+        raise SpatialError(f"{name} has shape {out.shape}; a pose is (4, 4)")
+    if not np.isfinite(out).all():
+        raise SpatialError(f"{name} has a value that is not finite")
+    R = out[:3, :3]
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(out[3] != (0, 0, 0, 1)):
+        raise SpatialError(f"{name} is no pose: its rotation is not orthonormal or its last row is not 0 0 0 1")
+    return out
+
+
+def orthonormalised(X: Array) -> Array:
+    """X with its rotation replaced by the nearest one, against rounding that adds up."""
+    U, _, Vt = np.linalg.svd(X[:3, :3])
+    return make_pose(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt, X[:3, 3])
