@@ -9,7 +9,7 @@ to actual position. Frames: W is `base`; poses given by programs are of the TCP.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, sqrt
+from math import exp, isfinite, sqrt
 from typing import Protocol
 
 import numpy as np
@@ -156,7 +156,7 @@ class Arm:
         self.qd, self.target_qd, self.target_qdd = [0.0] * 6, [0.0] * 6, [0.0] * 6
         self.motion: Motion = Hold()
         self.scaling = 1.0  # speed slider, 0..1
-        self.tcp = np.eye(4)  # X_E,tcp
+        self.set_tcp(np.eye(4))
         self.X_WE = kinematics.forward(self.q)
         self._target_pose: Pose6 | None = None
 
@@ -183,8 +183,18 @@ class Arm:
         """Joint angles (6,) that put the TCP at a pose vector."""
         if not all(np.isfinite(tcp_pose)):
             raise KinematicsError(f"get_inverse_kin: pose {tuple(tcp_pose)} must be finite")
-        X_WE = matrix_from_pose(tcp_pose) @ np.linalg.inv(self.tcp)
+        X_WE = matrix_from_pose(tcp_pose) @ self._tcp_inverse
         return [float(t) for t in self.kinematics.inverse(X_WE, near)]
+
+    def follow(self, tcp_pose: Sequence[float]) -> list[float]:
+        """As `inverse` near the target, quickly."""
+        if not all(map(isfinite, tcp_pose)):
+            raise KinematicsError(f"get_inverse_kin: pose {tuple(tcp_pose)} must be finite")
+        return self.kinematics.follow(matrix_from_pose(tcp_pose) @ self._tcp_inverse, self.target_q)
+
+    def set_tcp(self, X_E_tcp: Array) -> None:
+        """Where the TCP is, in the flange frame."""
+        self.tcp, self._tcp_inverse = X_E_tcp, np.linalg.inv(X_E_tcp)
 
     def joint_speed_of(self, tcp_velocity: Sequence[float]) -> list[float]:
         """Joint speeds (6,) for a TCP velocity (vx vy vz wx wy wz in W), damped near singularities."""

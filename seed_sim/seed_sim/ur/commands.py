@@ -182,7 +182,7 @@ def _payload(box: Controller, program: Program) -> None:
 
 
 def _tcp(box: Controller, program: Program) -> None:
-    box.arm.tcp = matrix_from_pose(_doubles(box, program, 0, 6))
+    box.arm.set_tcp(matrix_from_pose(_doubles(box, program, 0, 6)))
 
 
 def _watchdog(box: Controller, program: Program) -> None:

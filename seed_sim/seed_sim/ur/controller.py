@@ -92,6 +92,8 @@ class Controller:
         """What an RTDE client sends."""
         for name, value in values.items():
             number = name.rpartition("_")[2]
+            if name in self.values:
+                self.values[name] = value
             if name.startswith("input_int_register_"):
                 self.in_int[int(number)] = int(value)  # type: ignore[arg-type]
             elif name.startswith("input_double_register_"):
@@ -178,7 +180,7 @@ class Controller:
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
         """Joint goal of a servoL pose (kept while the pose stays the same)."""
         if pose != self._ik[0]:
-            self._ik = (list(pose), self.arm.inverse(pose, self.arm.target_q))
+            self._ik = (list(pose), self.arm.follow(pose))
         return self._ik[1]
 
     def check_step(self, before: Sequence[float], after: Sequence[float]) -> None:

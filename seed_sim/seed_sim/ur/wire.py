@@ -65,6 +65,8 @@ OUTPUTS: Mapping[str, str] = {
     ),
     **{f"output_int_register_{i}": "INT32" for i in range(48)},
     **{f"output_double_register_{i}": "DOUBLE" for i in range(48)},
+    **{f"input_int_register_{i}": "INT32" for i in range(48)},
+    **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
 }
 INPUTS: Mapping[str, str] = {
     **_table(

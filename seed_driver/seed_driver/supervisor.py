@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the servo process, listens to its heartbeat, puts it down when it hangs, starts it again when it died.
+
+Nothing here blocks or sleeps: `step` is called often (100 Hz or more) with the time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from typing import Any, NamedTuple
+
+from seed_core.errors import SeedError
+
+from seed_driver.config import DriverConfig
+from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
+
+SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
+    Stage.STARTING: (5.0, 10.0),
+    Stage.SEARCHING: (3.0, 6.0),
+    Stage.BUSY: (0.5, 7.0),
+    Stage.MONITORING: (0.09, 0.5),
+    Stage.SERVOING: (0.09, 0.5),
+}
+RESTART_AFTER = 0.1  # [s] from the death of a process to the next
+
+
+class Reply(NamedTuple):
+    """Answer to a request."""
+
+    ok: bool
+    text: str
+
+
+class Supervisor:
+    """Owner of the servo process. `state` is the newest one, with `linked` False whenever it cannot be trusted."""
+
+    def __init__(self, config: DriverConfig) -> None:
+        self.config = config.check()
+        self.state: State = EMPTY
+        self.replies: dict[int, Reply] = {}
+        self.deaths = 0
+        self._memory: SharedMemory | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._wire: socket.socket | None = None
+        self._requests = 0
+        self._targets = 0
+        self._restart_at = 0.0
+        self._start_program = False
+        self._started_at = 0.0
+        self._waiting: dict[int, float] = {}
+
+    def start(self, start_program: bool) -> None:
+        """Start the process; with `start_program` it sends the robot program as soon as the robot allows."""
+        self._memory = SharedMemory.create()
+        self._start_program = start_program
+        self._spawn(time.monotonic())
+
+    def _spawn(self, now: float) -> None:
+        assert self._memory is not None
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        reason = self.state.reason if self.deaths else "starting"
+        self._memory.write_reason(reason, now)
+        command = [sys.executable, "-m", "seed_driver.servo", str(self._memory.fd), str(theirs.fileno())]
+        self._process = subprocess.Popen(
+            command, pass_fds=(self._memory.fd, theirs.fileno()), stdin=subprocess.DEVNULL, close_fds=True
+        )
+        theirs.close()
+        ours.setblocking(False)
+        ours.send(json.dumps({"config": self.config.to_json(), "start": self._start_program}).encode())
+        self._wire, self._started_at = ours, now
+        self._start_program = False  # only the first life may start the program by itself
+
+    @property
+    def pid(self) -> int | None:
+        """Process number of the servo process."""
+        return self._process.pid if self._process is not None else None
+
+    def step(self, now: float) -> State:
+        """Look after the process; the newest state."""
+        if self._memory is None:
+            return self.state
+        self._read_replies()
+        fresh = self._memory.read_state()
+        state = fresh if fresh is not None else self.state
+        if self._process is None:
+            if now >= self._restart_at:
+                self._spawn(now)
+            return self.state
+        code = self._process.poll()
+        silent = now - state.heartbeat
+        gone, hopeless = SILENT[state.stage]
+        if code is not None:
+            self._buried(now, state, code)
+        elif silent > hopeless:
+            self._process.kill()
+            self._process.wait()
+            self._buried(now, state._replace(reason="servo process hung and was killed"), 0)
+        elif silent > gone:
+            self.state = state._replace(linked=False, armed=False, reason="servo process does not answer")
+        else:
+            self.state = state
+        return self.state
+
+    def _buried(self, now: float, last: State, code: int) -> None:
+        self.deaths += 1
+        reason = last.reason if code in (0, 3, 4) and last.reason else _obituary(code)
+        self.state = last._replace(linked=False, armed=False, stage=Stage.SEARCHING, reason=reason)
+        if self._wire is not None:
+            self._wire.close()
+        self._process, self._wire = None, None
+        self._restart_at = now + RESTART_AFTER
+        for number in list(self._waiting):
+            self.replies[number] = Reply(False, f"link lost meanwhile: {reason}")
+        self._waiting.clear()
+
+    # requests
+    def send(self, do: str, **arguments: Any) -> int:
+        """Send a request; its answer appears in `replies` under the returned number."""
+        self._requests += 1
+        number = self._requests
+        message = json.dumps({"do": do, "id": number, **arguments}).encode()
+        try:
+            if self._wire is None:
+                raise OSError("no servo process")
+            self._wire.send(message)
+            self._waiting[number] = time.monotonic()
+        except OSError:
+            self.replies[number] = Reply(False, f"no link to the robot: {self.state.reason}")
+        return number
+
+    def _read_replies(self) -> None:
+        while self._wire is not None:
+            try:
+                data = self._wire.recv(65_536)
+            except OSError:
+                return
+            if not data:
+                return
+            reply = json.loads(data)
+            self._waiting.pop(reply["id"], None)
+            self.replies[reply["id"]] = Reply(reply["ok"], reply["text"])
+            while len(self.replies) > 200:
+                self.replies.pop(next(iter(self.replies)))
+
+    def write_target(
+        self, p: tuple[float, float, float], q: tuple[float, float, float, float], now: float
+    ) -> int:
+        """Hand over a target that has passed the gate; its number."""
+        if self._memory is None:
+            raise SeedError("the driver is not active")
+        self._targets += 1
+        self._memory.write_target(TargetSlot(self._targets, now, p, q))
+        return self._targets
+
+    def set_config(self, config: DriverConfig) -> None:
+        """Change settings while running."""
+        self.config = config
+        if self._memory is not None:
+            self.send("config", config=config.to_json())
+
+    def close(self, patience: float = 2.0) -> None:
+        """Let the arm come to rest, end the program and the process."""
+        process, self._process = self._process, None
+        if process is not None and process.poll() is None:
+            self.send("quit")
+            try:
+                process.wait(patience)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
+        if self._memory is not None:
+            self._memory.close()
+            self._memory = None
+        self.state = EMPTY._replace(reason="not active")
+
+
+def _obituary(code: int) -> str:
+    if code < 0:
+        return f"servo process died of {signal.Signals(-code).name}"
+    return f"servo process ended with code {code}"
+
+
+def leftover_processes(parent: int) -> list[int]:
+    """Servo processes whose parent is `parent` (for tests of clean shut-down)."""
+    found = []
+    for entry in os.listdir("/proc"):
+        if not entry.isdigit():
+            continue
+        try:
+            with open(f"/proc/{entry}/stat") as stat, open(f"/proc/{entry}/cmdline") as line:
+                is_ours, ppid = (
+                    "seed_driver.servo" in line.read(),
+                    int(stat.read().rsplit(")", 1)[1].split()[1]),
+                )
+        except OSError:
+            continue
+        if is_ours and ppid == parent:
+            found.append(int(entry))
+    return found
