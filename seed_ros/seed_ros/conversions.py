@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to core values and back. Quaternions are x, y, z, w and covariances translation-first on this edge only."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, PoseStamped, Quaternion, TransformStamped, Wrench as WrenchMsg, WrenchStamped
+from seed_msgs.msg import RelativePose
+
+from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array, Wrench, pose_from_quaternion, quaternion_from_rotation
+
+_SWAP = [3, 4, 5, 0, 1, 2]  # rotation-first to translation-first and back
+
+
+class MessageError(SeedError):
+    """A message that cannot be used."""
+
+
+def seconds(stamp: Time) -> float:
+    """Time message as seconds."""
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def stamp_from_seconds(t: float) -> Time:
+    """Seconds as a time message."""
+    whole = math.floor(t)
+    nanosec = round((t - whole) * 1e9)
+    return Time(sec=int(whole) + nanosec // 1_000_000_000, nanosec=nanosec % 1_000_000_000)
+
+
+def pose_to_matrix(pose: Pose, name: str = "pose") -> Array:
+    """(4, 4) from a Pose. Raises SpatialError: not finite, or no unit quaternion."""
+    p, q = pose.position, pose.orientation
+    return pose_from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z), name)
+
+
+def fill_pose(pose: Pose, X: Array) -> Pose:
+    """Write X (4, 4) into a Pose message."""
+    pose.position.x, pose.position.y, pose.position.z = (float(v) for v in X[:3, 3])
+    fill_quaternion(pose.orientation, X[:3, :3])
+    return pose
+
+
+def fill_quaternion(quaternion: Quaternion, R: Array) -> Quaternion:
+    """Write R (3, 3) into a Quaternion message."""
+    q = quaternion_from_rotation(R)
+    quaternion.x, quaternion.y, quaternion.z, quaternion.w = (float(v) for v in q)
+    return quaternion
+
+
+def pose_stamped(X: Array, t: float, frame_id: str) -> PoseStamped:
+    """PoseStamped of X (4, 4) at time t [s]."""
+    message = PoseStamped()
+    message.header.stamp = stamp_from_seconds(t)
+    message.header.frame_id = frame_id
+    fill_pose(message.pose, X)
+    return message
+
+
+def transform_stamped(X_AB: Array, t: float, frame_a: str, frame_b: str) -> TransformStamped:
+    """TransformStamped of X_AB (4, 4)."""
+    message = TransformStamped()
+    message.header.stamp = stamp_from_seconds(t)
+    message.header.frame_id = frame_a
+    message.child_frame_id = frame_b
+    v = message.transform.translation
+    v.x, v.y, v.z = (float(x) for x in X_AB[:3, 3])
+    fill_quaternion(message.transform.rotation, X_AB[:3, :3])
+    return message
+
+
+def wrench_to_core(message: WrenchMsg, name: str = "wrench") -> Wrench:
+    """Core wrench (torque, force) from a Wrench message. Raises MessageError: a value is not finite."""
+    torque = np.array((message.torque.x, message.torque.y, message.torque.z))
+    force = np.array((message.force.x, message.force.y, message.force.z))
+    if not (np.isfinite(torque).all() and np.isfinite(force).all()):
+        raise MessageError(f"{name} has a value that is not finite: force {force} N, torque {torque} N m")
+    return Wrench(torque, force)
+
+
+def fill_wrench(message: WrenchMsg, wrench: Wrench) -> WrenchMsg:
+    """Write a core wrench into a Wrench message."""
+    message.force.x, message.force.y, message.force.z = (float(v) for v in wrench.force)
+    message.torque.x, message.torque.y, message.torque.z = (float(v) for v in wrench.torque)
+    return message
+
+
+def wrench_stamped(wrench: Wrench, t: float, frame_id: str) -> WrenchStamped:
+    """WrenchStamped of a core wrench."""
+    message = WrenchStamped()
+    message.header.stamp = stamp_from_seconds(t)
+    message.header.frame_id = frame_id
+    fill_wrench(message.wrench, wrench)
+    return message
+
+
+def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: str) -> RelativePose:
+    """RelativePose message of an estimate."""
+    message = RelativePose()
+    message.header.stamp = stamp_from_seconds(estimate.stamp)
+    message.header.frame_id = frame_c
+    message.child_frame_id = frame_t
+    fill_pose(message.pose.pose, estimate.X_CT)
+    message.pose.covariance = estimate.covariance[np.ix_(_SWAP, _SWAP)].ravel()
+    message.observed = [bool(o) for o in estimate.observed]
+    message.valid = bool(estimate.valid)
+    message.reason = estimate.reason
+    message.slip = float(estimate.slip)
+    message.gross_slip = bool(estimate.gross_slip)
+    message.method = estimate.method
+    return message
+
+
+def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
+    """The core's estimate of a RelativePose message.
+
+    Raises:
+        SpatialError, MessageError: a value is not finite, or the quaternion is no unit quaternion.
+    """
+    covariance = np.asarray(message.pose.covariance, dtype=float).reshape(6, 6)
+    if message.valid and not np.isfinite(covariance).all():
+        raise MessageError("relative_pose.covariance has a value that is not finite")
+    X_CT = pose_to_matrix(message.pose.pose, "relative_pose") if message.valid else np.eye(4)
+    o = [bool(v) for v in message.observed]
+    return RelativePoseEstimate(
+        stamp=seconds(message.header.stamp),
+        X_CT=X_CT,
+        covariance=covariance[np.ix_(_SWAP, _SWAP)],
+        observed=(o[0], o[1], o[2], o[3], o[4], o[5]),
+        valid=bool(message.valid),
+        reason=message.reason,
+        slip=float(message.slip),
+        gross_slip=bool(message.gross_slip),
+        method=message.method,
+    )
+
+
+def check_frame(frame_id: str, known: tuple[str, ...], name: str) -> None:
+    """Raises MessageError when a message's frame is none of the known ones."""
+    if frame_id not in known:
+        raise MessageError(f"{name}.header.frame_id = '{frame_id}' is unknown here; known: {', '.join(known)}")

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How every node of the suite starts and ends."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from seed_core.errors import SeedError
+
+
+def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
+    """Create a node, spin it until the end, and say in one line why it could not start. Returns the exit code."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    rclpy.init(args=argv)
+    node: Node | None = None
+    try:
+        node = create()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        gc.freeze()  # what was loaded so far stays: the collector need not walk it in a control loop
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except SeedError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from one typed dataclass: declared, described, bounded and checked by the core's own rules."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from seed_core.config import ConfigError, from_mapping
+
+T = TypeVar("T")
+
+
+def _leaves(value: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """(dotted name, default, field) of every scalar or list below a dataclass instance."""
+    for spec in dataclasses.fields(value):
+        name, item = f"{prefix}{spec.name}", getattr(value, spec.name)
+        if dataclasses.is_dataclass(item):
+            yield from _leaves(item, f"{name}.")
+        else:
+            yield name, item, spec
+
+
+def _descriptor(spec: Any, read_only: bool) -> ParameterDescriptor:
+    meta = spec.metadata
+    words = meta.get("doc", "") + (f" [{meta['unit']}]" if meta.get("unit") else "")
+    choices = meta.get("choices") or ()
+    descriptor = ParameterDescriptor(description=words, read_only=read_only)
+    if choices:
+        descriptor.additional_constraints = f"one of: {', '.join(choices)}"
+    low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
+    if math.isfinite(low) and math.isfinite(high) and isinstance(spec.default, int | float):
+        if isinstance(spec.default, bool):
+            return descriptor
+        if isinstance(spec.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
+    return descriptor
+
+
+def _ros_value(item: Any) -> Any:
+    if isinstance(item, tuple | list):
+        return [_ros_value(v) for v in item]
+    return float(item) if isinstance(item, float) else item
+
+
+def _nested(values: dict[str, Any]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for name, value in values.items():
+        *path, last = name.split(".")
+        place = out
+        for part in path:
+            place = place.setdefault(part, {})
+        place[last] = list(value) if isinstance(value, typing.Sequence) and not isinstance(value, str) else value
+    return out
+
+
+def declare(
+    node: Node,
+    defaults: T,
+    prefix: str = "",
+    *,
+    on_change: Callable[[T], None] | None = None,
+    live: tuple[str, ...] = (),
+) -> T:
+    """Declare one ROS parameter per field of the dataclass instance `defaults`, and read it back.
+
+    Names are dotted below `prefix`. Fields named in `live` may be changed while the node runs: the whole is
+    checked first, then `on_change` gets the new instance. All others are read-only.
+
+    Raises:
+        ConfigError: a value given from outside is of the wrong type or out of bounds.
+    """
+    dot = f"{prefix}." if prefix else ""
+    leaves = [leaf for leaf in _leaves(defaults) if leaf[1] is not None]
+    for name, item, spec in leaves:
+        _declare_one(node, f"{dot}{name}", _ros_value(item), _descriptor(spec, name.split(".")[0] not in live))
+
+    def read(changes: dict[str, Any]) -> T:
+        values = {n: changes.get(f"{dot}{n}", node.get_parameter(f"{dot}{n}").value) for n, _, _ in leaves}
+        return from_mapping(_nested(values), type(defaults), f"parameters of {node.get_name()}")
+
+    names = {f"{dot}{name}" for name, _, _ in leaves}
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        changes = {p.name: p.value for p in parameters if p.name in names}
+        try:
+            if changes:
+                read(changes)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(parameters: list[Parameter]) -> None:
+        if on_change and any(p.name in names for p in parameters):
+            on_change(read({}))
+
+    value = read({})
+    if live:
+        node.add_on_set_parameters_callback(check)
+        node.add_post_set_parameters_callback(apply)
+    return value
+
+
+def _declare_one(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
+    """Declare with the default's type; a whole number given for a float is taken, other mismatches are named."""
+    dynamic = ParameterDescriptor(
+        description=descriptor.description,
+        additional_constraints=descriptor.additional_constraints,
+        read_only=descriptor.read_only,
+        dynamic_typing=True,
+    )
+    value = node.declare_parameter(name, default, dynamic).value
+    if value is None:
+        raise ConfigError(f"parameter '{name}' of {node.get_name()} has no value; default: {default!r}")
