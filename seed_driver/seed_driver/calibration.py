@@ -80,12 +80,11 @@ def load_calibration(path: str, nominal: URKinematics) -> CalibratedKinematics:
 def _origin(path: str, name: str, entry: object) -> Array:
     if not isinstance(entry, dict):
         raise SeedError(f"{path}: kinematics.{name} is missing; it needs {', '.join(KEYS)}")
-    numbers = [entry.get(k) for k in KEYS]
-    for key, number in zip(KEYS, numbers, strict=True):
+    numbers: list[float] = []
+    for key in KEYS:
+        number = entry.get(key)
         if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
-            raise SeedError(
-                f"{path}: kinematics.{name}.{key} = {number!r} must be a finite number [m or rad]"
-            )
+            raise SeedError(f"{path}: kinematics.{name}.{key} = {number!r} must be a finite number [m or rad]")
     X = np.eye(4)
     X[:3, :3] = Rotation.from_euler("xyz", numbers[3:]).as_matrix()
     X[:3, 3] = numbers[:3]
@@ -96,6 +95,4 @@ def _check_plausible(path: str, arm: CalibratedKinematics, nominal: URKinematics
     q = [0.3, -1.2, 1.4, -0.9, -1.3, 0.5]
     off = hypot(*(arm.forward(q) - nominal.forward(q))[:3, 3])
     if off > 0.03:
-        raise SeedError(
-            f"{path}: is {off:.3f} m away from a {nominal.model.name} (limit 0.03 m): wrong model or file?"
-        )
+        raise SeedError(f"{path}: is {off:.3f} m away from a {nominal.model.name} (limit 0.03 m): wrong model or file?")

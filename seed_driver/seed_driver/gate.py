@@ -39,12 +39,7 @@ def refusal(
         return f"target_frame quaternion has length {length:.4f}, must be 1"
     if target.frame != c.base_frame:
         return f"target_frame is in frame '{target.frame}', must be '{c.base_frame}'"
-    return (
-        _stale(target, c)
-        or _outside(target, c)
-        or _jump(target, command, c)
-        or _unreachable(target, joints, arm)
-    )
+    return _stale(target, c) or _outside(target, c) or _jump(target, command, c) or _unreachable(target, joints, arm)
 
 
 def _stale(target: Target, c: DriverConfig) -> str | None:
@@ -67,7 +62,8 @@ def _jump(target: Target, command: tuple[Vector, Quaternion], c: DriverConfig) -
         return f"target_frame jumps {distance:.3f} m from the command, limit {c.max_step} m"
     turn = hypot(*difference(target.q, command[1]))
     if turn > c.max_turning_step:
-        return f"target_frame jumps {degrees(turn):.1f} degrees from the command, limit {degrees(c.max_turning_step):.1f}"
+        limit = degrees(c.max_turning_step)
+        return f"target_frame jumps {degrees(turn):.1f} degrees from the command, limit {limit:.1f}"
     return None
 
 

@@ -141,11 +141,7 @@ class Follower:
     @property
     def still(self) -> bool:
         """Whether neither the command nor its past moves."""
-        return (
-            not any(self.velocity)
-            and not any(self.turning)
-            and not any(any(p) or any(r) for p, r in self._steps)
-        )
+        return not any(self.velocity) and not any(self.turning) and not any(any(p) or any(r) for p, r in self._steps)
 
 
 def _chase(error: Vector, feed: Vector, top: float, acceleration: float) -> Vector:

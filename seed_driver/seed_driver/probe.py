@@ -62,9 +62,7 @@ class MiniRtde:
             self._socket.sendall(struct.pack(">HB", 3 + len(payload), ord(kind)) + payload)
             return self.receive(kind)
         except OSError as error:
-            raise LinkError(
-                f"{self.host}:{RTDE_PORT} does not speak RTDE ({error}); is it a UR controller?"
-            ) from error
+            raise LinkError(f"{self.host}:{RTDE_PORT} does not speak RTDE ({error}); is it a UR controller?") from error
 
     def send(self, data: bytes) -> None:
         """Send a data package (recipe number, then values)."""
@@ -108,9 +106,7 @@ class MiniRtde:
         try:
             data = self.receive("U")
         except OSError as error:
-            raise LinkError(
-                f"{self.host} answers but sends no data ({error}); restart the controller"
-            ) from error
+            raise LinkError(f"{self.host} answers but sends no data ({error}); restart the controller") from error
         return list(struct.unpack(">" + "".join(_FORMATS[k] for k in kinds), data[1:]))
 
     def input_free(self, name: str) -> bool:
@@ -140,9 +136,7 @@ def require_control(host: str, version: tuple[int, int, int, int]) -> None:
             raise LinkError(f"another RTDE client holds the input registers of {host}: stop that program")
     remote_is_known = version[0] == 5 and version[1] >= 6
     if remote_is_known and "true" not in dashboard(host, "is in remote control"):
-        raise LinkError(
-            f"the robot at {host} is in local control: switch it to remote control on the pendant"
-        )
+        raise LinkError(f"the robot at {host} is in local control: switch it to remote control on the pendant")
 
 
 def command_register(host: str) -> int | None:

@@ -16,11 +16,24 @@ from seed_driver.probe import LinkError
 from seed_driver.rotation import Quaternion, Vector, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_driver.shared import Modes, Sample
 
-VARIABLES = ["timestamp", "actual_q", "actual_qd", "actual_current", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "robot_mode", "safety_mode", "runtime_state", "robot_status_bits", "safety_status_bits", "speed_scaling", "target_speed_fraction"]
+VARIABLES = [
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "actual_current",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "robot_status_bits",
+    "safety_status_bits",
+    "speed_scaling",
+    "target_speed_fraction",
+]
 STATE_RATE = 250.0  # [Hz] of the states; the control connection needs the full rate, or servoL waits for it
-INSTALL = (
-    "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
-)
+INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 
 
 def load() -> tuple[Any, Any]:
@@ -121,9 +134,7 @@ class Robot:
         time.sleep(0.01)
         left = probe.command_register(self.config.robot_ip)
         if left not in (0, None):
-            raise LinkError(
-                f"command register still holds {left}; the program is not sent again, restart the driver"
-            )
+            raise LinkError(f"command register still holds {left}; the program is not sent again, restart the driver")
         self.control.reuploadScript()
 
     def _wait_playing(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servo process: owns ur_rtde and streams at the servo rate. Started by supervisor.py, `python -m seed_driver.servo`.
+"""The servo process (`python -m seed_driver.servo`, started by supervisor.py): owns ur_rtde and streams to the robot.
 
 A process of its own because ur_rtde may hold the GIL, hang or crash (docs/driver.md). It ends itself when the link
 is dead, before ur_rtde tries to reconnect; the node sees the end, reports it and starts a new one.
@@ -23,7 +23,7 @@ from seed_core.errors import SeedError
 from seed_core.ur_kinematics import KinematicsError
 
 from seed_driver import link
-from seed_driver.config import DriverConfig, from_json
+from seed_driver.config import TOOL, DriverConfig, from_json
 from seed_driver.kinematics import arm_kinematics
 from seed_driver.limits import Bounds, Follower, Reference
 from seed_driver.probe import LinkError
@@ -128,7 +128,7 @@ class ServoProcess:
             self._listen(robot, now)
         if self.ticks % CHECK_EVERY == 0:
             self._hear()
-            self._start_if_wanted(robot, now)
+            self._start_if_wanted(now)
         self._follow(now)
         if self.running:
             self._command(robot, now)
@@ -241,7 +241,7 @@ class ServoProcess:
         self.guard_q, self.reference, self.running = list(s.q), None, True
         self.watch.advanced_at, self.watch.ticks_since = now, 0
 
-    def _start_if_wanted(self, robot: Robot, now: float) -> None:
+    def _start_if_wanted(self, now: float) -> None:
         if not self.want_start or self.running or not self.linked or now < self.next_try:
             return
         try:
@@ -292,8 +292,7 @@ class ServoProcess:
         if self.robot is None:
             return ""
         self.robot.config = self.config
-        tool = ("payload_mass", "payload_cog", "tcp", "speed_slider")
-        if self.running and any(getattr(before, n) != getattr(self.config, n) for n in tool):
+        if self.running and any(getattr(before, n) != getattr(self.config, n) for n in TOOL):
             self.robot.apply_tool(self.config)
         return ""
 
@@ -431,9 +430,7 @@ def _realtime(config: DriverConfig) -> None:
         if config.cpu >= 0:
             os.sched_setaffinity(0, {config.cpu})
         if config.realtime_priority > 0:
-            os.sched_setscheduler(
-                0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(config.realtime_priority)
-            )
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(config.realtime_priority))
     except OSError:
         pass  # ordinary users may not; timing is measured and shown in the diagnostics
 

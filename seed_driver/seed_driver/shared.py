@@ -201,8 +201,9 @@ class SharedMemory:
         )
         version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[63:65])
         return State(
-            *v[:3], Stage(v[3]), bool(v[4]), bool(v[5]), sample, v[49:56], *v[56:63], version, reason
-        )
+            v[0], v[1], v[2], Stage(v[3]), bool(v[4]), bool(v[5]), sample, v[49:56], v[56], v[57], v[58], v[59], v[60],
+            v[61], v[62], version, reason,
+        )  # fmt: skip
 
     def _write(self, at: int, data: bytes) -> None:
         (count,) = _COUNTER.unpack_from(self._map, at)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from seed_core.errors import SeedError
 
-from seed_driver.config import DriverConfig
+from seed_driver.config import DriverConfig, to_json
 from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
 
 SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
@@ -72,7 +72,7 @@ class Supervisor:
         )
         theirs.close()
         ours.setblocking(False)
-        ours.send(json.dumps({"config": self.config.to_json(), "start": self._start_program}).encode())
+        ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
         self._wire, self._started_at = ours, now
         self._start_program = False  # only the first life may start the program by itself
 
@@ -148,9 +148,7 @@ class Supervisor:
             while len(self.replies) > 200:
                 self.replies.pop(next(iter(self.replies)))
 
-    def write_target(
-        self, p: tuple[float, float, float], q: tuple[float, float, float, float], now: float
-    ) -> int:
+    def write_target(self, p: tuple[float, float, float], q: tuple[float, float, float, float], now: float) -> int:
         """Hand over a target that has passed the gate; its number."""
         if self._memory is None:
             raise SeedError("the driver is not active")
@@ -162,7 +160,7 @@ class Supervisor:
         """Change settings while running."""
         self.config = config
         if self._memory is not None:
-            self.send("config", config=config.to_json())
+            self.send("config", config=to_json(config))
 
     def close(self, patience: float = 2.0) -> None:
         """Let the arm come to rest, end the program and the process."""

@@ -43,9 +43,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--model", default="ur5e", choices=sorted(MODELS))
     out.add_argument("--version", default="5.12.4.1101319", help="PolyScope version (default %(default)s)")
     out.add_argument("--home", type=float, nargs=6, metavar="DEG", help="joint angles at start [degree]")
-    out.add_argument(
-        "--local", action="store_true", help="start in local control (remote control is refused)"
-    )
+    out.add_argument("--local", action="store_true", help="start in local control (remote control is refused)")
     out.add_argument("--on-stop", default="paused", choices=("paused", "stopped", "playing"))
     out.add_argument("--unlock-after", type=float, default=5.0, help="[s] lock after a protective stop")
     out.add_argument("--protective-stop", action="store_true", help="start in a protective stop")

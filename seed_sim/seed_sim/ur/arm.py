@@ -59,9 +59,7 @@ class Servo:
     def velocity(self, arm: Arm, dt: float) -> list[float]:
         wn = self.rate * arm.scaling
         out = []
-        for goal, q, v, limit in zip(
-            self.goal, arm.target_q, arm.target_qd, arm.kinematics.model.speed, strict=True
-        ):
+        for goal, q, v, limit in zip(self.goal, arm.target_q, arm.target_qd, arm.kinematics.model.speed, strict=True):
             a = wn * wn * (goal - q) - 2.0 * wn * v
             a = max(-JOINT_ACCELERATION, min(JOINT_ACCELERATION, a))
             out.append(max(-limit, min(limit, v + a * dt)))
@@ -73,9 +71,7 @@ class Speed:
 
     def __init__(self, speed: Sequence[float], acceleration: float, duration: float, cartesian: bool) -> None:
         self.speed, self.cartesian, self.done = list(speed), cartesian, False
-        self.acceleration = acceleration * (
-            3.0 if cartesian else 1.0
-        )  # [rad/s^2] coarse for tool accelerations
+        self.acceleration = acceleration * (3.0 if cartesian else 1.0)  # [rad/s^2] coarse for tool accelerations
         self.left = duration if duration > 0.0 else float("inf")
 
     def velocity(self, arm: Arm, dt: float) -> list[float]:
@@ -90,9 +86,7 @@ class Speed:
 class Move:
     """Move along a straight line, in joints or in space, with a trapezoid of speed."""
 
-    def __init__(
-        self, arm: Arm, goal: Sequence[float], speed: float, acceleration: float, cartesian: bool
-    ) -> None:
+    def __init__(self, arm: Arm, goal: Sequence[float], speed: float, acceleration: float, cartesian: bool) -> None:
         self.cartesian, self.done, self.time = cartesian, False, 0.0
         self.start, self.goal = list(arm.target_q), list(goal)
         if cartesian:

@@ -47,7 +47,7 @@ class Channel:
     def finished(self) -> None:
         """The client has closed."""
 
-    def cycle(self, now: float, paused: bool) -> bool:
+    def cycle(self, now: float, paused: bool) -> bool:  # noqa: ARG002
         """Called every 2 ms; False closes the connection."""
         return self.open
 
@@ -120,9 +120,7 @@ class Rtde(Channel):
     def text(self, text: str) -> None:
         if self.talk.started:
             body, source = text.encode()[:200], b"stand-in"
-            self.send(
-                wire.pack(wire.TEXT, bytes((len(body),)) + body + bytes((len(source),)) + source + b"\x02")
-            )
+            self.send(wire.pack(wire.TEXT, bytes((len(body),)) + body + bytes((len(source),)) + source + b"\x02"))
 
     def close(self) -> None:
         self.talk.close()
@@ -144,7 +142,7 @@ class Script(Channel):
     def finished(self) -> None:
         self._upload()
 
-    def cycle(self, now: float, paused: bool) -> bool:
+    def cycle(self, now: float, paused: bool) -> bool:  # noqa: ARG002
         if self.buffer and now - self.heard > 0.01 and self.buffer.rstrip().endswith(b"\nend"):
             self._upload()
         return self.open

@@ -46,9 +46,7 @@ def _free_arm(box: Controller) -> None:
         raise ProgramError(ANOTHER_THREAD)
 
 
-def _run(
-    box: Controller, program: Program, moves: list[Callable[[], Move]], in_background: bool
-) -> Job | None:
+def _run(box: Controller, program: Program, moves: list[Callable[[], Move]], in_background: bool) -> Job | None:
     """Play moves one after the other, as a blocking job or in the background."""
     _free_arm(box)
     queue = list(moves)

@@ -65,9 +65,8 @@ class Controller:
         self.zero_W = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot = -1.0  # [s] time of the first cycle
-        self.send_text: Callable[[str], None] = lambda text: None
+        self.send_text: Callable[[str], None] = lambda _: None
         self._ik: tuple[Sequence[float], list[float]] = ((), [])
-
 
     def input_int(self, index: int) -> int:
         """input_int_register_<index>."""
@@ -80,9 +79,7 @@ class Controller:
     def set_output_int(self, index: int, value: int) -> None:
         """Write output_int_register_<index>; the ready and done marks are lost while they are stuck."""
         offset = self.program.offset if self.program else 0
-        self.values[f"output_int_register_{index}"] = (
-            0 if self.faults.stuck_ready and index == offset else value
-        )
+        self.values[f"output_int_register_{index}"] = 0 if self.faults.stuck_ready and index == offset else value
 
     def set_output_double(self, index: int, value: float) -> None:
         """Write output_double_register_<index>."""
@@ -104,7 +101,6 @@ class Controller:
         if f"input_int_register_{offset}" in values:
             self.register_written_at = now
             self.recorder.command(self.in_int[offset], now, [self.in_double[offset + i] for i in range(6)])
-
 
     def upload(self, text: str, now: float) -> str:
         """Take a new program; returns why not, or nothing."""
@@ -129,7 +125,6 @@ class Controller:
             self.runtime_state = PLAYING
             return True
         return False
-
 
     def protective_stop(self) -> None:
         """As after a collision."""
@@ -175,7 +170,6 @@ class Controller:
             return False
         self.robot_mode = RUNNING
         return True
-
 
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
         """Joint goal of a servoL pose (kept while the pose stays the same)."""
@@ -225,7 +219,6 @@ class Controller:
         elif self.safety_mode == NORMAL:
             self.arm.stop()
 
-
     def wrench_W(self) -> tuple[float, ...]:
         """(fx fy fz tx ty tz) of the environment on the tool about the TCP, in W, as actual_TCP_force."""
         R = self.arm.X_WE[:3, :3]
@@ -244,7 +237,6 @@ class Controller:
     def set_wrench(self, wrench_E: Sequence[float]) -> None:
         """Wrench of the environment on the flange, (fx fy fz tx ty tz) in E; refuses what is not finite."""
         self.wrench_E = checked_pose(wrench_E, "wrench")
-
 
     def _publish(self, now: float) -> None:
         arm, values = self.arm, self.values

@@ -84,7 +84,7 @@ def _state(box: Controller) -> str:
 _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "polyscopeversion": _version,
     "version": lambda box: "{}.{}.{}.{}".format(*box.options.version),
-    "get serial number": lambda box: "20215500001",
+    "get serial number": lambda _: "20215500001",
     "get robot model": lambda box: box.options.model.rstrip("e").upper(),
     "is in remote control": lambda box: str(box.options.remote_control).lower(),
     "robotmode": lambda box: f"Robotmode: {_MODES.get(box.robot_mode, 'NO_CONTROLLER')}",
@@ -92,8 +92,8 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "safetystatus": lambda box: f"Safetystatus: {_SAFETY[box.safety_mode]}",
     "programstate": _state,
     "running": _running,
-    "get loaded program": lambda box: "No program loaded",
-    "isprogramsaved": lambda box: "true",
+    "get loaded program": lambda _: "No program loaded",
+    "isprogramsaved": lambda _: "true",
     "stop": _stop,
     "play": _play,
     "pause": _pause,
@@ -101,11 +101,11 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "power on": _power(True),
     "power off": _power(False),
     "brake release": _brakes,
-    "close safety popup": lambda box: "closing safety popup",
-    "close popup": lambda box: "closing popup",
-    "restart safety": lambda box: "Restarting safety",
-    "quit": lambda box: "Disconnected",
-    "shutdown": lambda box: "Shutting down",
+    "close safety popup": lambda _: "closing safety popup",
+    "close popup": lambda _: "closing popup",
+    "restart safety": lambda _: "Restarting safety",
+    "quit": lambda _: "Disconnected",
+    "shutdown": lambda _: "Shutting down",
 }
 _SINCE_5_6 = frozenset(("get serial number", "is in remote control", "get robot model"))
 _PREFIXES = {

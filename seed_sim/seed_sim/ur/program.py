@@ -24,9 +24,7 @@ STOP_SCRIPT = 255
 CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
 _HEAD = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
 _OFFSET = re.compile(r"# float register offset\s+(\d+)")
-_PATH_MOVE = re.compile(
-    r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M
-)
+_PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M)
 Line: TypeAlias = tuple[str, list[float], float, float]  # move, target, acceleration, speed
 
 
@@ -102,9 +100,7 @@ class Program:
     def report_operation(self, box: Controller, running: bool) -> None:
         """Progress word of asynchronous moves: bit 15 running, bits 24 to 30 the operation's number."""
         writes = (self.cycles & 0x7F) << 16
-        box.set_output_int(
-            self.offset + 2, (self.operation & 0x7F) << 24 | writes | (0x8000 if running else 0)
-        )
+        box.set_output_int(self.offset + 2, (self.operation & 0x7F) << 24 | writes | (0x8000 if running else 0))
 
 
 def _path_line(match: re.Match[str]) -> Line:

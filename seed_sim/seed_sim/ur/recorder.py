@@ -6,6 +6,7 @@ from __future__ import annotations
 from array import array
 from collections import Counter, deque
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 
@@ -31,9 +32,7 @@ class Recorder:
         self.history.clear()
         self.commands: Counter[int] = Counter()
         self.servo_times: deque[float] = deque(maxlen=120_000)  # [s] monotonic, when servo commands arrived
-        self.targets: deque[tuple[float, ...]] = deque(
-            maxlen=5_000
-        )  # time, then the six numbers of the command
+        self.targets: deque[tuple[float, ...]] = deque(maxlen=5_000)  # time, then the six numbers of the command
         self.lateness = array("d")  # [s] of ticks
         self.top_speed = self.top_turning = self.top_joint = 0.0
         self.outputs_sent = self.outputs_dropped = 0
@@ -68,19 +67,16 @@ class Recorder:
     def report(self) -> dict[str, Any]:
         """Everything as JSON data."""
         times = list(self.servo_times)
-        gaps = sorted(b - a for a, b in zip(times, times[1:], strict=False))
+        gaps = sorted(b - a for a, b in pairwise(times))
         return {
             "commands": {str(k): v for k, v in self.commands.items()},
             "servo_count": len(times),
-            "servo_period": {
-                name: _quantile(gaps, q) for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
-            },
+            "servo_period": {name: _quantile(gaps, q) for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))},
             "top_speed": self.top_speed,
             "top_turning": self.top_turning,
             "top_joint_speed": self.top_joint,
             "tick_lateness": {
-                name: _quantile(sorted(self.lateness), q)
-                for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
+                name: _quantile(sorted(self.lateness), q) for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
             },
             "outputs_sent": self.outputs_sent,
             "outputs_dropped": self.outputs_dropped,

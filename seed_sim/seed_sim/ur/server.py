@@ -61,7 +61,6 @@ class Server:
         self._listen_robot()
         self.box.send_text = self._text
 
-
     def _listen(self, port: int, kind: type[Channel]) -> None:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -113,7 +112,6 @@ class Server:
         channel.close()
         if channel in self.channels:
             self.channels.remove(channel)
-
 
     def run(self) -> None:
         """Serve until `running` is False."""

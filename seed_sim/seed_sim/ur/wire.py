@@ -82,9 +82,7 @@ INPUTS: Mapping[str, str] = {
     **{f"input_int_register_{i}": "INT32" for i in range(48)},
     **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
 }
-_SINCE: Mapping[
-    str, tuple[tuple[int, int], tuple[int, int]]
-] = {  # first release in the 3.x and in the 5.x line
+_SINCE: Mapping[str, tuple[tuple[int, int], tuple[int, int]]] = {  # first release in the 3.x and in the 5.x line
     "payload": ((3, 11), (5, 5)),
     "payload_cog": ((3, 11), (5, 5)),
     "payload_inertia": ((3, 15), (5, 11)),
