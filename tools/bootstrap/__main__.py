@@ -5,6 +5,7 @@ Standard library only. When nothing changed since the last start, this costs a f
 """
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -24,6 +25,9 @@ def main(arguments: list[str]) -> int:
     if arguments[0] not in known:
         print(f"seed: no command {arguments[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
         return 2
+    # Also where a shell started us in the background with SIGINT ignored; exec gives the command the defaults again.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         start(arguments)
     except SetupError as error:

@@ -93,6 +93,8 @@ def _install(environment: Environment, files: list[Path], lock: int) -> None:
     """Every distribution is pinned, so pip resolves nothing; setuptools first, for the one that has no wheel."""
     pip = [str(environment.python), "-I", "-m", "pip", "install", "--no-deps", "--no-input"]
     pip += ["--disable-pip-version-check", "--progress-bar", "off", "--only-binary", ":all:"]
+    if not home.can_make(os.environ.get("PIP_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"):
+        pip += ["--no-cache-dir"]
     command = [*pip, "--no-binary", "empy", "--no-build-isolation"]
     command += [argument for f in files if f.name != "common.txt" for argument in ("-r", str(f))]
     total = sum(_counts(line) for f in files for line in f.read_text().splitlines())

@@ -45,6 +45,16 @@ def _problem(home: Path) -> str:
         return error.strerror or str(error)
 
 
+def can_make(folder: str) -> bool:
+    """Whether a folder below the user's home exists or could be made."""
+    try:
+        Path(folder).expanduser().mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=Path(folder).expanduser()):
+            return True
+    except (OSError, RuntimeError):
+        return False
+
+
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[int]:
     """Hold the lock file while the block runs; yields its descriptor, which children may hold too."""

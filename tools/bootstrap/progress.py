@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Long commands with a progress line, a log, and an error that shows its end."""
 
+import contextlib
+import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import IO
 
 
 class SetupError(Exception):
@@ -31,25 +35,23 @@ def run_logged(
     command keeps too, so that an orphan of a killed set-up still holds the lock.
     """
     say(f"{what} (log: {log})")
-    started, shown = time.monotonic(), time.monotonic()
+    started = time.monotonic()
     with log.open("w") as file, _start(command, env, hold) as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            file.write(line)
-            text = shorten(line.rstrip())
-            if text and (sys.stderr.isatty() or time.monotonic() - shown > 5.0):
-                shown = time.monotonic()
-                _progress(f"{text} ({shown - started:.0f} s)")
+        try:
+            _follow(process, file, started, shorten)
+        except BaseException:
+            _end(process)
+            raise
     _end_progress()
     if process.returncode != 0:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
-        raise SetupError(
-            f"{what}: failed with exit code {process.returncode}. Its last lines:\n{tail}\nseed: all of it: {log}"
-        )
+        code = process.returncode
+        raise SetupError(f"{what}: failed with exit code {code}. Its last lines:\n{tail}\nseed: all of it: {log}")
     say(f"{what}: done in {time.monotonic() - started:.0f} s")
 
 
 def _start(command: list[str], env: dict[str, str], hold: Iterable[int]) -> "subprocess.Popen[str]":
+    """In a session of its own, so that an interrupt reaches it through us, children included."""
     return subprocess.Popen(
         command,
         env=env,
@@ -59,7 +61,26 @@ def _start(command: list[str], env: dict[str, str], hold: Iterable[int]) -> "sub
         text=True,
         errors="replace",
         pass_fds=tuple(hold),
+        start_new_session=True,
     )
+
+
+def _follow(process: "subprocess.Popen[str]", file: IO[str], started: float, shorten: Callable[[str], str]) -> None:
+    shown = time.monotonic()
+    for line in process.stdout or ():
+        file.write(line)
+        text = shorten(line.rstrip())
+        if text and (sys.stderr.isatty() or time.monotonic() - shown > 5.0):
+            shown = time.monotonic()
+            _progress(f"{text} ({shown - started:.0f} s)")
+
+
+def _end(process: "subprocess.Popen[str]") -> None:
+    _end_progress()
+    for number, patience in ((signal.SIGINT, 2.0), (signal.SIGKILL, 2.0)):
+        with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
+            os.killpg(process.pid, number)
+            process.wait(timeout=patience)
 
 
 def _progress(text: str) -> None:

@@ -218,6 +218,8 @@ def _merged(variables: dict[str, str], root: Path, environment: Environment) -> 
         result["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
     for name, value in DEFAULTS.items():
         result.setdefault(name, value)
+    if not {"ROS_HOME", "ROS_LOG_DIR"} & result.keys() and not home.can_make("~/.ros"):
+        result["ROS_LOG_DIR"] = str(environment.path.parent / "log")  # nodes do not start without a place for logs
     result.pop("PYTHONHOME", None)
     # A start from within finds the same ROS 2 again.
     result["SEED_ROS"] = "wheels" if wheels else str(environment.ros.prefix)
