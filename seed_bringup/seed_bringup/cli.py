@@ -10,6 +10,15 @@ from pathlib import Path
 
 from seed_bringup.commands import available, usage
 
+# Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
+PIP_ONLY = {
+    "pydrake": "drake",
+    "rosbags": "rosbags",
+    "rtde_control": "ur-rtde",
+    "rtde_receive": "ur-rtde",
+    "dashboard_client": "ur-rtde",
+}
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
@@ -36,6 +45,13 @@ def _run(module: str, function: str, arguments: list[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except ModuleNotFoundError as error:
+        package = PIP_ONLY.get((error.name or "").partition(".")[0])
+        if package is None:
+            raise
+        message = f"needs the Python package {package}, which apt does not have: pip install {package}"
+        print(f"seed {arguments[0]}: {message} (the version in requirements/)", file=sys.stderr)
+        return 1
     except Exception as error:
         if not _is_expected(error):
             raise
