@@ -62,9 +62,10 @@ class DriverNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """Check the settings; FAILURE, with the reason in the log and the diagnostics, when they are wrong."""
         try:
-            self.config = from_json(self._parameters()).check()
+            self.config = from_json(self._settings()).check()
             self.arm = arm_kinematics(self.config)
-        except SeedError as error:
+        except (SeedError, TypeError) as error:
+            self.config = None
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         self.outputs = Outputs(self, self.config)
@@ -104,7 +105,7 @@ class DriverNode(LifecycleNode):
             self._timer = self._subscription = None
         if self.supervisor is not None:
             self.supervisor.close()
-            if self.outputs is not None:
+            if self.outputs is not None and self.context.ok():
                 self.outputs.publish_inactive(self.supervisor.state)
             self.supervisor = None
         for future, _ in self._waiting.values():
@@ -117,7 +118,7 @@ class DriverNode(LifecycleNode):
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     # parameters
-    def _parameters(self) -> dict[str, Any]:
+    def _settings(self) -> dict[str, Any]:
         names = to_json(DriverConfig())
         values = {name: self.get_parameter(name).value for name in names}
         return {n: list(v) if isinstance(names[n], list) and v is not None else v for n, v in values.items()}
@@ -133,14 +134,14 @@ class DriverNode(LifecycleNode):
             return SetParametersResult(successful=True)  # everything is checked when the driver is configured
         try:
             lists = {n: list(v) if isinstance(known[n], list) else v for n, v in changes.items()}
-            from_json({**self._parameters(), **lists}).check()
+            from_json({**self._settings(), **lists}).check()
         except (SeedError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _use_parameters(self, parameters: list[Parameter]) -> None:
         if self.config is not None and any(p.name in to_json(DriverConfig()) for p in parameters):
-            self.config = from_json(self._parameters())
+            self.config = from_json(self._settings())
             if self.supervisor is not None:
                 self.supervisor.set_config(self.config)
 

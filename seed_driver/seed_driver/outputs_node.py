@@ -90,8 +90,10 @@ class Outputs:
             if old != new:
                 publisher.publish(message(data=new))
         if before[3] != words[3]:
-            log = self.node.get_logger()
-            (log.warning if words[3] else log.info)(words[3] or "ready: following target_frame")
+            if words[3]:
+                self.node.get_logger().warning(words[3])
+            else:
+                self.node.get_logger().info("ready: following target_frame")
         return True
 
     def _publish_pose(self, s: Sample, stamp: Any) -> None:

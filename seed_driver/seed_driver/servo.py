@@ -15,7 +15,8 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import hypot
 from typing import Any
 
@@ -80,7 +81,8 @@ class ServoProcess:
             self.publish(Stage.SEARCHING, time.monotonic())
             self._hear()
             try:
-                self.robot = Robot(self.config)
+                with _threads_above(self.config):
+                    self.robot = Robot(self.config)
             except (LinkError, RuntimeError) as error:
                 self.reason = str(error)
                 self._pause(RETRY)
@@ -212,7 +214,8 @@ class ServoProcess:
         robot = self._need_robot()
         if not self.running:
             self.publish(Stage.BUSY, time.monotonic())
-            robot.start_program()
+            with _threads_above(self.config):
+                robot.start_program()
             self._begin(robot)
         elif self.freedrive:
             raise LinkError("the arm is in freedrive; end it first")
@@ -421,18 +424,25 @@ def _bounds(c: DriverConfig) -> Bounds:
     )
 
 
-def _realtime(config: DriverConfig) -> None:
-    """No garbage collection; real-time priority and one processor when the system allows it."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
+def _realtime(config: DriverConfig, above: int = 0) -> None:
+    """Real-time priority and one processor, when the system allows it."""
     try:
         if config.cpu >= 0:
             os.sched_setaffinity(0, {config.cpu})
         if config.realtime_priority > 0:
-            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(config.realtime_priority))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(config.realtime_priority + above))
     except OSError:
         pass  # ordinary users may not; timing is measured and shown in the diagnostics
+
+
+@contextmanager
+def _threads_above(config: DriverConfig) -> Iterator[None]:
+    """Threads made in the block get a higher priority than ours: ur_rtde spins until they have received something."""
+    _realtime(config, above=1)
+    try:
+        yield
+    finally:
+        _realtime(config)
 
 
 def main() -> int:
@@ -443,6 +453,8 @@ def main() -> int:
     wire = socket.socket(fileno=int(sys.argv[2]))
     setup = json.loads(wire.recv(65_536))
     config = from_json(setup["config"])
+    gc.freeze()
+    gc.disable()
     _realtime(config)
     if not os.environ.get("SEED_DRIVER_DEBUG"):
         silence = os.open(os.devnull, os.O_WRONLY)
@@ -451,6 +463,8 @@ def main() -> int:
     process = ServoProcess(memory, wire, config, bool(setup["start"]))
     try:
         process.run()
+    except RuntimeError as error:  # ur_rtde's word for a broken connection
+        process._end(LOST, f"link lost: {error}")
     except Exception as error:
         process._end(CRASHED, f"servo process failed: {type(error).__name__}: {error}")
     return 0

@@ -109,6 +109,7 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "program": box.program.name if box.program else None,
         "command": box.in_int[box.program.offset if box.program else 0],
         "freedrive": box.freedrive,
+        "wrench": box.wrench_W(),
         "payload": box.payload,
         "speed_scaling": box.arm.scaling,
         "clients": server.client_counts(),

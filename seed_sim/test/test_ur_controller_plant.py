@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plant coupled to the stand-in sees the flange and presses back."""
+
+import time
+
+import numpy as np
+from numpy.testing import assert_allclose
+from seed_core.ur_kinematics import URKinematics
+from seed_sim.ur.client import StandIn
+from seed_sim.ur.plant_link import ArmState, PlantLink
+
+
+def wait_for_state(link: PlantLink, force: np.ndarray, seconds: float) -> ArmState:
+    deadline = time.monotonic() + seconds
+    state = None
+    while time.monotonic() < deadline:
+        state = link.exchange(force, np.zeros(3)) or state
+        time.sleep(0.002)
+    assert state is not None
+    return state
+
+
+def test_plant_gets_the_flange_and_gives_the_wrench() -> None:
+    with StandIn() as robot, PlantLink(robot.host) as link:
+        state = wait_for_state(link, np.array([0.0, 0.0, -10.0]), 0.2)
+        assert_allclose(state.X_WE, URKinematics.for_model("ur5e").forward(state.q), atol=1e-12)
+        assert time.monotonic() - state.time < 1.0
+        # the flange looks down, so pushing it along -z of the flange pushes up in the base
+        assert_allclose(robot.ask("state")["wrench"][:3], [0.0, 0.0, 10.0], atol=0.1)
+
+
+def test_wrench_is_zero_when_the_plant_is_gone() -> None:
+    with StandIn() as robot:
+        with PlantLink(robot.host) as link:
+            wait_for_state(link, np.array([1.0, 2.0, 3.0]), 0.1)
+        time.sleep(1.0)
+        assert_allclose(robot.ask("state")["wrench"], np.zeros(6), atol=0)
