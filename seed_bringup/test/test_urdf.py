@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The URDF files are those of the script, and their arms are the arms of the kinematics."""
+
+import importlib.util
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from seed_core.hand import Hand, Tool
+from seed_core.ur_kinematics import URKinematics
+
+FOLDER = Path(__file__).parents[1] / "urdf"
+ARMS = ("ur5e", "ur10e")
+
+
+def chain_pose(file: Path, end: str, start: str, angles: dict[str, float]) -> np.ndarray:
+    """Pose of one link in another by walking the URDF's joints (all about z)."""
+    joints = {j.find("child").get("link"): j for j in ET.parse(file).getroot().findall("joint")}
+    X, link = np.eye(4), end
+    while link != start:
+        joint = joints[link]
+        at = joint.find("origin")
+        step = np.eye(4)
+        turn = Rotation.from_euler("xyz", [float(t) for t in at.get("rpy").split()])
+        step[:3, :3] = (turn * Rotation.from_euler("z", angles.get(joint.get("name"), 0.0))).as_matrix()
+        step[:3, 3] = [float(t) for t in at.get("xyz").split()]
+        X, link = step @ X, joint.find("parent").get("link")
+    return X
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_committed_file_is_what_the_script_writes(name: str) -> None:
+    spec = importlib.util.spec_from_file_location("generate_urdf", FOLDER / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert (FOLDER / f"{name}.urdf").read_text() == module.texts()[f"{name}.urdf"], "run urdf/generate.py"
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_flange_of_the_urdf_is_the_flange_of_the_dh_table(name: str) -> None:
+    arm = URKinematics.for_model(name)
+    names = [j.get("name") for j in ET.parse(FOLDER / f"{name}.urdf").getroot().findall("joint[@type='revolute']")]
+    for q in np.random.default_rng(8).uniform(-np.pi, np.pi, (20, 6)):
+        X = chain_pose(FOLDER / f"{name}.urdf", "tool0", "base", dict(zip(names, q, strict=True)))
+        assert_allclose(X, arm.forward(q), atol=5e-6)  # six decimals in the file
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_compliance_and_tip_are_where_hand_and_tool_say(name: str) -> None:
+    file = FOLDER / f"{name}.urdf"
+    assert_allclose(chain_pose(file, "compliance", "tool0", {}), Hand().X_EC, atol=5e-6)
+    assert_allclose(chain_pose(file, "tip", "tool", {}), Tool().X_Ttip, atol=5e-6)
+    assert_allclose(chain_pose(file, "base", "base_link", {})[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=5e-6)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_centre_of_mass_of_the_arm_agrees_with_the_dh_data(name: str) -> None:
+    arm, file = URKinematics.for_model(name), FOLDER / f"{name}.urdf"
+    q = np.array([0.3, -1.1, 1.4, -0.8, -1.5, 0.4])
+    root = ET.parse(file).getroot()
+    names = [j.get("name") for j in root.findall("joint[@type='revolute']")]
+    for X_dh, com, link, mass in zip(
+        arm.frames(q), arm.model.com, [j.find("child").get("link") for j in root.findall("joint[@type='revolute']")],
+        arm.model.mass, strict=True,
+    ):  # fmt: skip
+        inertial = root.find(f"link[@name='{link}']/inertial")
+        local = [float(t) for t in inertial.find("origin").get("xyz").split()]
+        X = chain_pose(file, link, "base", dict(zip(names, q, strict=True)))
+        assert_allclose((X @ [*local, 1])[:3], (X_dh @ [*com, 1])[:3], atol=1e-5)
+        assert float(inertial.find("mass").get("value")) == pytest.approx(mass, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_drake_reads_the_file_and_agrees(name: str) -> None:
+    pytest.importorskip("pydrake", reason="drake is not installed")
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(0.001)
+    (model,) = Parser(plant).AddModels(str(FOLDER / f"{name}.urdf"))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    q = np.array([0.3, -1.1, 1.4, -0.8, -1.5, 0.4])
+    for i, joint in enumerate(("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")):
+        plant.GetJointByName(f"{joint}_joint", model).set_angle(context, q[i])
+    X = plant.GetFrameByName("tool0").CalcPoseInWorld(context).GetAsMatrix4()
+    assert_allclose(X, URKinematics.for_model(name).forward(q), atol=5e-6)
