@@ -45,15 +45,15 @@ def test_flange_of_the_urdf_is_the_flange_of_the_dh_table(name: str) -> None:
     names = [j.get("name") for j in ET.parse(FOLDER / f"{name}.urdf").getroot().findall("joint[@type='revolute']")]
     for q in np.random.default_rng(8).uniform(-np.pi, np.pi, (20, 6)):
         X = chain_pose(FOLDER / f"{name}.urdf", "tool0", "base", dict(zip(names, q, strict=True)))
-        assert_allclose(X, arm.forward(q), atol=5e-6)  # six decimals in the file
+        assert_allclose(X, arm.forward(q), atol=1e-8)  # nine decimals in the file
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_compliance_and_tip_are_where_hand_and_tool_say(name: str) -> None:
     file = FOLDER / f"{name}.urdf"
-    assert_allclose(chain_pose(file, "compliance", "tool0", {}), Hand().X_EC, atol=5e-6)
-    assert_allclose(chain_pose(file, "tip", "tool", {}), Tool().X_Ttip, atol=5e-6)
-    assert_allclose(chain_pose(file, "base", "base_link", {})[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=5e-6)
+    assert_allclose(chain_pose(file, "compliance", "tool0", {}), Hand().X_EC, atol=1e-8)
+    assert_allclose(chain_pose(file, "tip", "tool", {}), Tool().X_Ttip, atol=1e-8)
+    assert_allclose(chain_pose(file, "base", "base_link", {})[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -88,4 +88,4 @@ def test_drake_reads_the_file_and_agrees(name: str) -> None:
     for i, joint in enumerate(("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")):
         plant.GetJointByName(f"{joint}_joint", model).set_angle(context, q[i])
     X = plant.GetFrameByName("tool0").CalcPoseInWorld(context).GetAsMatrix4()
-    assert_allclose(X, URKinematics.for_model(name).forward(q), atol=5e-6)
+    assert_allclose(X, URKinematics.for_model(name).forward(q), atol=1e-8)

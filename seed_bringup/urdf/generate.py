@@ -33,8 +33,8 @@ FINGER_LENGTH = 0.09  # [m] of the sketched fingers along z_C
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Six decimals, no negative zero."""
-    return " ".join(f"{round(float(v), 6) + 0.0:.6g}" for v in values)
+    """Nine decimals, no negative zero."""
+    return " ".join(f"{round(float(v), 9) + 0.0:.10g}" for v in values)
 
 
 def origin(xyz: Iterable[float] = (0, 0, 0), rpy: Iterable[float] = (0, 0, 0)) -> ET.Element:
