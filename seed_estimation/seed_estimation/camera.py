@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pinhole camera with lens distortion: pixels to rays and back.
 
-Two models of distortion (names as in sensor_msgs/CameraInfo). With a = (u - cx)/fx, b = (v - cy)/fy measured, x, y true,
-c = 1 + k1 r2 + k2 r2^2 + k3 r2^3 and
+Two models of distortion (named as in sensor_msgs/CameraInfo). With a = (u - cx)/fx, b = (v - cy)/fy measured,
+x, y true, c = 1 + k1 r2 + k2 r2^2 + k3 r2^3 and
 
     B(x, y) = (x c + 2 p1 x y + p2 (r2 + 2 x^2), y c + p1 (r2 + 2 y^2) + 2 p2 x y)
 

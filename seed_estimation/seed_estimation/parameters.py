@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every number that the estimator can be told: one declaration for files, command lines and ROS parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from seed_core.config import ConfigError, field
+
+
+@dataclass(frozen=True)
+class EstimatorParameters:
+    """Defaults fit a PicoFlexx inside a soft bubble; config/ has those for a RealSense D405.
+
+    Lengths in pixels are meant for an image about 224 px wide: use `decimate` for larger ones.
+    """
+
+    method: str = field("rigid_fit", choices=("rigid_fit", "published"), doc="which estimator gives relative_pose")
+    decimate: int = field(1, low=1, high=8, doc="use every n-th pixel and line")
+
+    # what counts as membrane
+    near: float = field(0.050, unit="m", low=0.01, high=1.0, doc="nothing closer is membrane")
+    far: float = field(0.120, unit="m", low=0.02, high=2.0, doc="nothing further away is membrane")
+    steady: float = field(0.0025, unit="m", low=1e-5, high=0.05, doc="largest deviation of a pixel during reference")
+    rim: int = field(7, unit="px", low=0, high=50, doc="width cut off along the membrane's rim")
+    least_valid: float = field(0.15, low=0.01, high=1.0, doc="share of a depth image that must lie in near to far")
+    saturation: float = field(65535.0, unit="counts", low=100.0, high=65535.0, doc="infrared value of a full pixel")
+
+    # what counts as contact
+    threshold: float = field(0.0015, unit="m", low=1e-4, high=0.02, doc="indentation from which a pixel is in contact")
+    largest: float = field(0.020, unit="m", low=0.002, high=0.1, doc="a larger indentation is a broken pixel")
+    smooth: int = field(5, unit="px", low=1, high=25, doc="side of the box over which indentation is averaged")
+    opening: int = field(7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens and closes the patch")
+    least_area: int = field(150, unit="px", low=4, high=100000, doc="pixels from which a patch is a contact")
+
+    # rigid fit
+    erosion: int = field(5, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
+    image_points: int = field(1200, low=100, high=20000, doc="infrared pixels followed per finger")
+    depth_points: int = field(1000, low=100, high=20000, doc="depth pixels followed per finger")
+    depth_noise: float = field(0.0005, unit="m", low=1e-5, high=0.01, doc="deviation of one depth pixel in one frame")
+    iterations: int = field(8, low=1, high=50, doc="most Gauss-Newton steps of one frame")
+    lock: float = field(0.75, low=0.1, high=0.999, doc="share of the image explained by the motion below which it is lost")
+    learn_slip: bool = field(True, doc="estimate the share of motion that the membrane does not follow")
+    max_slip: float = field(0.5, low=0.0, high=0.9, doc="largest micro-slip that is corrected")
+
+    # published method
+    curl_gain: float = field(0.5, low=0.05, high=10.0, doc="pitch over the mean curl of the flow; 1/2 for a rigid turn")
+    flow_window: int = field(50, unit="px", low=5, high=101, doc="Farneback's window")
+
+    # time and trust
+    max_skew: float = field(0.012, unit="s", low=0.0, high=1.0, doc="largest difference of the two fingers' stamps")
+    max_gap: float = field(0.5, unit="s", low=0.01, high=60.0, doc="longer gaps between images lose the track")
+    max_std_translation: float = field(0.001, unit="m", low=1e-5, high=0.1, doc="beyond it an axis is not observed")
+    max_std_rotation: float = field(0.035, unit="rad", low=1e-4, high=1.0, doc="beyond it an axis is not observed")
+
+    def __post_init__(self) -> None:
+        if not self.near < self.far:
+            raise ConfigError(f"near = {self.near:g} m must be less than far = {self.far:g} m")
+        if not self.threshold < self.largest:
+            raise ConfigError(f"threshold = {self.threshold:g} m must be less than largest = {self.largest:g} m")
