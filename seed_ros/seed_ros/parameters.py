@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import typing
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -30,19 +31,14 @@ def _leaves(value: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
 
 def _descriptor(spec: Any, read_only: bool) -> ParameterDescriptor:
     meta = spec.metadata
-    words = meta.get("doc", "") + (f" [{meta['unit']}]" if meta.get("unit") else "")
+    low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
+    unit = f" [{meta['unit']}]" if meta.get("unit") else ""
+    bounds = "" if math.isinf(low) and math.isinf(high) else f", {low:g} to {high:g}"
+    words = f"{meta.get('doc', '')}{unit}{bounds}"
     choices = meta.get("choices") or ()
     descriptor = ParameterDescriptor(description=words, read_only=read_only)
     if choices:
         descriptor.additional_constraints = f"one of: {', '.join(choices)}"
-    low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
-    if math.isfinite(low) and math.isfinite(high) and isinstance(spec.default, int | float):
-        if isinstance(spec.default, bool):
-            return descriptor
-        if isinstance(spec.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
-        else:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
     return descriptor
 
 
@@ -121,3 +117,17 @@ def _declare_one(node: Node, name: str, default: Any, descriptor: ParameterDescr
     value = node.declare_parameter(name, default, dynamic).value
     if value is None:
         raise ConfigError(f"parameter '{name}' of {node.get_name()} has no value; default: {default!r}")
+
+
+def refuse_unknown(node: Node) -> None:
+    """Called once everything is declared: a parameter given from outside that nobody declared is a mistake.
+
+    Raises:
+        ConfigError: naming the parameter, and the nearest known ones.
+    """
+    given = getattr(node, "_parameter_overrides", {})
+    for name in given:
+        if not node.has_parameter(name):
+            known = node.get_parameters_by_prefix("")
+            near = difflib.get_close_matches(name, known, n=3) or sorted(known)
+            raise ConfigError(f"{node.get_name()} has no parameter '{name}'; did you mean {', '.join(near)}?")

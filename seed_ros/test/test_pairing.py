@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pairs are made of images of one moment, whatever arrives late, twice, or never."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seed_ros.pairing import Pairing
+
+PERIOD = 1.0 / 45.0
+
+
+def test_images_of_one_moment_are_paired_in_spite_of_jitter_and_order() -> None:
+    rng = np.random.default_rng(1)
+    pairing: Pairing[int] = Pairing(("left", "right"), tolerance=0.008)
+    pairs = []
+    for i in range(200):
+        jitter = rng.uniform(-0.003, 0.003, 2)
+        for name in rng.permutation(["left", "right"]):
+            done = pairing.add(str(name), i * PERIOD + jitter[int(name == "right")], i)
+            if done:
+                pairs.append(done[1])
+    assert [p["left"] for p in pairs] == list(range(200))
+    assert all(p["left"] == p["right"] for p in pairs)
+    assert pairing.unpaired == 0
+
+
+def test_a_lost_image_costs_its_partner_only() -> None:
+    pairing: Pairing[int] = Pairing(("left", "right"), tolerance=0.008)
+    pairs = []
+    for i in range(60):
+        for name in ("left", "right"):
+            if (name, i) in (("left", 10), ("right", 31)):
+                continue
+            if done := pairing.add(name, i * PERIOD, i):
+                pairs.append(done[1])
+    assert [p["left"] for p in pairs] == [i for i in range(60) if i not in (10, 31)]
+    assert all(p["left"] == p["right"] for p in pairs)
+    assert pairing.unpaired == 2
+
+
+def test_a_clock_set_back_starts_again_and_a_late_packet_does_not() -> None:
+    pairing: Pairing[int] = Pairing(("left", "right"), tolerance=0.008)
+    for name in ("left", "right"):
+        pairing.add(name, 100.0, 0)
+    assert pairing.add("left", 99.99, 1) is None
+    assert pairing.add("right", 99.99, 1) is None
+    assert pairing.backwards == 2
+    assert pairing.add("left", 5.0, 2) is None
+    done = pairing.add("right", 5.0, 2)
+    assert done is not None
+    assert done[1] == {"left": 2, "right": 2}
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from("abcd"), st.floats(0.0, 3.0)), max_size=300))
+def test_whatever_comes_a_set_is_within_tolerance_and_queues_stay_short(events: list[tuple[str, float]]) -> None:
+    pairing: Pairing[float] = Pairing(tuple("abcd"), tolerance=0.05)
+    for name, stamp in events:
+        done = pairing.add(name, stamp, stamp)
+        if done:
+            assert set(done[1]) == set("abcd")
+            assert max(done[1].values()) - min(done[1].values()) <= 0.05
+            assert done[0] == min(done[1].values())
+        assert max(len(q) for q in pairing._queues.values()) <= 4
