@@ -19,10 +19,11 @@ PINNED_NUMPY_1 = ("jazzy", "kilted")  # ROS 2 on Ubuntu 24.04
 
 
 class Environment(NamedTuple):
-    """A finished environment: where it is, which ROS 2 it serves."""
+    """A finished environment: where it is, which ROS 2 it serves, with which set of pins."""
 
     path: Path
     ros: Ros
+    pins: str
 
     @property
     def python(self) -> Path:
@@ -33,7 +34,7 @@ class Environment(NamedTuple):
 def ready_environment(root: Path, pins: str) -> Environment:
     """The environment for this checkout's pins, made first if it is not there."""
     ros = find_ros()
-    pins = pins or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
+    pins = pins or os.environ.get("SEED_PINS") or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
     python = _interpreter(ros)
     files = _requirement_files(root, ros, pins)
     identity = [
@@ -43,7 +44,7 @@ def ready_environment(root: Path, pins: str) -> Environment:
         str(ros.prefix).encode(),
     ]
     base = home.seed_home()
-    environment = Environment(base / f"env-{ros.kind}-{pins}-{home.digest(identity)}", ros)
+    environment = Environment(base / f"env-{ros.kind}-{pins}-{home.digest(identity)}", ros, pins)
     stamp = environment.path / "seed-complete"
     if stamp.is_file() and environment.python.exists():
         return environment

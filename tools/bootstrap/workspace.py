@@ -221,7 +221,8 @@ def _merged(variables: dict[str, str], root: Path, environment: Environment) -> 
     if not {"ROS_HOME", "ROS_LOG_DIR"} & result.keys() and not home.can_make("~/.ros"):
         result["ROS_LOG_DIR"] = str(environment.path.parent / "log")  # nodes do not start without a place for logs
     result.pop("PYTHONHOME", None)
-    # A start from within finds the same ROS 2 again.
+    # A start from within finds the same ROS 2 and pins again.
+    result["SEED_PINS"] = environment.pins
     result["SEED_ROS"] = "wheels" if wheels else str(environment.ros.prefix)
     result["SEED_UNDERLAYS"] = ":".join(environment.ros.underlays)
     result["SEED_ROOT"] = str(root)
