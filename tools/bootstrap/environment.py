@@ -35,6 +35,8 @@ def ready_environment(root: Path, pins: str) -> Environment:
     """The environment for this checkout's pins, made first if it is not there."""
     ros = find_ros()
     pins = pins or os.environ.get("SEED_PINS") or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
+    if pins not in ("wheels", "apt"):
+        raise SetupError(f"SEED_PINS={pins}: must be wheels (NumPy 2) or apt (NumPy 1.26)")
     python = _interpreter(ros)
     files = _requirement_files(root, ros, pins)
     identity = [
