@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The partial inverses of the stiffness map (Sec. V-C): torque or angle per axis, force or position per direction.
+
+Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are tx-roll, ty-pitch, tz-yaw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import asin, cos, isfinite, pi, sin, sqrt
+
+import numpy as np
+from scipy.optimize import brentq
+
+from seed_core.errors import SeedError
+from seed_core.spatial import Array
+
+Triple = tuple[float, float, float]
+Selection = tuple[bool, bool, bool]
+PITCH_RANGE = np.deg2rad(60.0)  # [rad]; twice of what the grasp endures before slip
+
+
+class PartialInverseError(SeedError):
+    """Torques and angles that no displacement gives, or that more than one gives."""
+
+
+def partial_angles(
+    k: Triple, torque: Triple, angles: Triple, is_torque: Selection, near_pitch: float | None = None
+) -> Triple:
+    """Roll, pitch, yaw [rad] with torque[i] where is_torque[i], and equal to angles[i] where not.
+
+    Args:
+        k: rotational stiffness [N m/rad].
+        torque: wanted torques about T's axes [N m]; entries of angle-controlled axes are ignored.
+        angles: wanted angles [rad]; entries of torque-controlled axes are ignored.
+        is_torque: selection per axis, in the pairing tx-roll, ty-pitch, tz-yaw.
+        near_pitch: with roll's or yaw's angle given, more than one pitch may give ty; the nearest to this is taken
+            (the measured one). None refuses such a case.
+
+    Raises:
+        PartialInverseError: no solution inside the map's domain, or several and no near_pitch.
+    """
+    kr, kp, ky = k
+    yaw = torque[2] / ky if is_torque[2] else angles[2]
+    tz = ky * yaw
+    if not (isfinite(yaw) and abs(yaw) < pi):
+        raise PartialInverseError(f"tz = {torque[2]:.3g} N m needs a yaw of {np.rad2deg(yaw):.0f} degrees; below 180 only")
+    c2, s2 = cos(yaw), sin(yaw)
+    if is_torque[1]:
+        if is_torque[0]:
+            pitch = _within((c2 * torque[1] - s2 * torque[0]) / kp, torque[1])
+        else:
+            pitch = _pitch_by_root(k, torque[1], angles[0], tz, c2, s2, near_pitch)
+    else:
+        pitch = _within(angles[1], torque[1])
+    if not is_torque[0]:
+        return angles[0], pitch, yaw
+    if is_torque[1]:
+        along = c2 * torque[0] + s2 * torque[1]
+    else:
+        if abs(c2) < 1e-3:
+            raise PartialInverseError(f"tx with the pitch given has no solution at a yaw of {np.rad2deg(yaw):.1f} degrees")
+        along = (torque[0] + s2 * kp * pitch) / c2
+    roll = (cos(pitch) * along - sin(pitch) * tz) / kr
+    if not abs(roll) < pi:
+        raise PartialInverseError(f"tx = {torque[0]:.3g} N m needs a roll of {np.rad2deg(roll):.0f} degrees; below 180 only")
+    return roll, pitch, yaw
+
+
+def _within(pitch: float, torque: float) -> float:
+    if not abs(pitch) < 0.5 * pi:
+        raise PartialInverseError(
+            f"ty = {torque:.3g} N m needs a pitch of {np.rad2deg(pitch):.0f} degrees; the map ends at 90"
+        )
+    return pitch
+
+
+def _pitch_by_root(k: Triple, ty: float, roll: float, tz: float, c2: float, s2: float, near: float | None) -> float:
+    """Root in p of F(p) = s2 (kr r + tz sin p) / cos p + c2 kp p - ty within PITCH_RANGE."""
+    kp, a = k[1], k[0] * roll
+
+    def value(p: float) -> float:
+        return s2 * (a + tz * sin(p)) / cos(p) + c2 * kp * p - ty
+
+    # F' = 0 is a quadratic in sin p, so the range falls into at most three pieces on which F is monotone.
+    edges = [-PITCH_RANGE, *_turning_points(c2 * kp, s2 * a, s2 * tz), PITCH_RANGE]
+    pieces = zip(edges, edges[1:], strict=False)
+    roots = [_bisect(value, low, high) for low, high in pieces if value(low) * value(high) <= 0.0]
+    if not roots:
+        low, high = sorted((value(-PITCH_RANGE) + ty, value(PITCH_RANGE) + ty))
+        raise PartialInverseError(
+            f"ty = {ty:.3g} N m cannot be reached with a pitch within 60 degrees (there it runs from {low:.3g} to "
+            f"{high:.3g} N m): ask for less torque or a stiffer grip"
+        )
+    if near is None and len(roots) > 1:
+        listed = ", ".join(f"{np.rad2deg(p):.1f}" for p in roots)
+        raise PartialInverseError(f"ty = {ty:.3g} N m is reached at pitches of {listed} degrees: give the measured pitch")
+    start = near if near is not None else roots[0]
+    return min(roots, key=lambda p: abs(p - start))
+
+
+def _turning_points(b: float, c: float, d: float) -> list[float]:
+    """Angles p within the range with b cos^2 p + c sin p + d = 0, in rising order."""
+    if b == 0.0:
+        sines = [-d / c] if c != 0.0 else []
+    else:
+        root = c * c + 4.0 * b * (b + d)
+        sines = [] if root < 0.0 else [(c - sqrt(root)) / (2.0 * b), (c + sqrt(root)) / (2.0 * b)]
+    return sorted(p for p in (asin(s) for s in sines if abs(s) < 1.0) if abs(p) < PITCH_RANGE)
+
+
+def _bisect(value: Callable[[float], float], low: float, high: float) -> float:
+    """Root of a monotone function between low and high, where it changes sign."""
+    if value(low) == 0.0:
+        return low
+    return float(brentq(value, low, high, xtol=1e-15, rtol=8.9e-16)) if value(high) != 0.0 else high
+
+
+def translation_matrix(force_projector: Array, K: Array) -> Array:
+    """M (3, 3) with M d = (I - P) d_position + P f / k: the hybrid of force and position, scaled by k = mean of K.
+
+    Args:
+        force_projector: P = I - S (3, 3).
+        K: translational stiffness (3, 3) [N/m], force = K p_TC, in the same axes as P.
+    """
+    scale = float(np.trace(K)) / 3.0
+    return np.eye(3) - force_projector + force_projector @ K / scale
+
+
+def hybrid_translation(force_projector: Array, K: Array, displacement: Array, force: Array) -> Array:
+    """d = p_TC (3,) [m] with K d = force along P and d = displacement along I - P.
+
+    Args:
+        force_projector: P (3, 3), any symmetric projector.
+        K: (3, 3) [N/m] in the same axes.
+        displacement: wanted p_TC (3,) [m]; its part along P is ignored.
+        force: wanted force of the spring on the tool (3,) [N]; its part along I - P is ignored.
+    """
+    P = force_projector
+    scale = float(np.trace(K)) / 3.0
+    right = displacement - P @ displacement + P @ force / scale
+    return np.asarray(np.linalg.solve(translation_matrix(P, K), right))

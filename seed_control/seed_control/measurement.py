@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one image says, once it has met the kinematics of its own moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_control.gravity import weight_about_T
+from seed_core.bushing import Bushing
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import Tool
+from seed_core.spatial import Array, Wrench, inverse_pose
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Poses at the image's stamp; frames as in the notation.
+
+    Attributes:
+        spring: the spring's load on the tool about T's origin, in T.
+        on_environment: the tool's load on the environment about the tip, in W.
+        variance: of a position component of X_CT [m^2].
+        undeflected: (3,) where the tip would be if T's origin were at C's, with the tool's rotation as it is [m].
+    """
+
+    stamp: float
+    X_WC: Array
+    X_WT: Array
+    X_TC: Array
+    X_CT: Array
+    tip: Array
+    undeflected: Array
+    spring: Wrench
+    on_environment: Wrench
+    variance: float
+
+
+class Gauge:
+    """Turns estimates into measurements, for one tool and stiffness."""
+
+    def __init__(self, tool: Tool, bushing: Bushing, gravity: bool, default_deviation: float) -> None:
+        self.tool, self.bushing, self.gravity = tool, bushing, gravity
+        self.p_Ttip = tool.X_Ttip[:3, 3].copy()
+        self._com = np.array(tool.center_of_mass)
+        self._default = default_deviation
+
+    def weight(self, R_WT: Array) -> Wrench:
+        """Weight about T's origin in T; zero for a law without gravity."""
+        if not self.gravity:
+            return Wrench.zero()
+        return weight_about_T(self.tool.mass, self._com, R_WT)
+
+    def measure(self, estimate: RelativePoseEstimate, X_WC: Array) -> Measurement:
+        """The measurement of one estimate, the gripper having been at X_WC (4, 4) at its stamp."""
+        X_CT = estimate.X_CT
+        X_WT, X_TC = X_WC @ X_CT, inverse_pose(X_CT)
+        R_WT = X_WT[:3, :3]
+        lever = R_WT @ self.p_Ttip
+        spring = self.bushing.wrench(X_TC)
+        load = spring.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT)
+        return Measurement(
+            estimate.stamp, X_WC, X_WT, X_TC, X_CT, X_WT[:3, 3] + lever, X_WC[:3, 3] + lever, spring, load,
+            self._variance(estimate),
+        )
+
+    def _variance(self, estimate: RelativePoseEstimate) -> float:
+        stated = float(np.trace(estimate.covariance[3:, 3:])) / 3.0
+        return max(stated, 1e-10) if stated > 0.0 else self._default**2

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the surface is under the tip: a Kalman filter of its height, slope and compliance, along one force direction.
+
+Along the unit vector n, with c the height at which the tip would be if the grasp were not deflected (kinematics), y the
+measured height of the tip, s the tip's position across n, and c0 the value of c at first contact:
+
+    y = zeta + g . (s - s0) + beta (c - c0)            beta = k / (k + k_env): share of gripper motion the tip follows
+
+The model is linear in x = [zeta, g (3), beta], since c is known from kinematics. The wanted deflection d = c - y along n
+then needs
+
+    c = c0 + (zeta + g . (s - s0) - c0 + d) / (1 - beta)
+
+which depends on where the tip will be, not on when: the image's age does not enter. Heights are counted from an anchor
+that moves with the tip, so that a force direction that turns with a surface does no harm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.spatial import Array
+
+MAX_SHARE = 0.85  # of beta: beyond it the environment gives way more than the grasp and 1 / (1 - beta) is mostly noise
+_GATE = 9.0  # squared innovation over its variance (3 sigma)
+_JUMP_IMAGES = 2  # so many in a row on one side mean that the surface has stepped
+
+
+@dataclass(frozen=True)
+class ObserverTuning:
+    """Spectral densities of the random walks and deviations at first contact, SI."""
+
+    height_walk: float  # [m/sqrt(s)]
+    slope_walk: float  # [1/sqrt(s)]
+    height_prior: float  # [m]
+    slope_prior: float
+    share_prior: float
+
+
+class SurfaceObserver:
+    """The filter along one direction. `start` at first contact, `update` per image, `target` whenever asked."""
+
+    def __init__(self, tuning: ObserverTuning) -> None:
+        self.tuning = tuning
+        self.x = np.zeros(5)
+        self.P = np.eye(5)
+        self.anchor = np.zeros(3)  # [m] in W
+        self._c0 = self._last = 0.0
+        self._outside = 0
+
+    @property
+    def slope(self) -> Array:
+        """g (3,): rise along n per metre of travel."""
+        return self.x[1:4].copy()
+
+    @property
+    def share(self) -> float:
+        """beta."""
+        return float(self.x[4])
+
+    def start(self, t: float, n: Array, tip: Array, undeflected: Array, share: float = 0.0) -> None:
+        """First contact at time t [s]: force direction n, measured tip and undeflected tip, each (3,) [m] in W."""
+        tuning = self.tuning
+        self.x[:] = (0.0, 0.0, 0.0, 0.0, share)
+        self.P = np.diag([tuning.height_prior**2, *[tuning.slope_prior**2] * 3, tuning.share_prior**2])
+        self.anchor = tip.copy()
+        self._c0, self._last, self._outside = float(n @ (undeflected - tip)), t, 0
+
+    def update(self, t: float, n: Array, tip: Array, undeflected: Array, variance: float) -> float:
+        """One image at time t, variance [m^2] of the measured height. Returns the innovation [m]."""
+        self._predict(t, n, tip)
+        h = np.array((1.0, 0.0, 0.0, 0.0, float(n @ (undeflected - tip)) - self._c0))
+        Ph = self.P @ h
+        innovation = -float(h @ self.x)  # the anchor is the measured tip: y = 0
+        total = float(h @ Ph) + variance
+        if self._stepped(innovation, total):
+            self.P[0, 0] += innovation * innovation
+            Ph = self.P @ h
+            total = float(h @ Ph) + variance
+        gain = Ph / total
+        self.x += gain * innovation
+        self.x[4] = min(max(self.x[4], 0.0), MAX_SHARE)
+        self.P -= np.outer(gain, Ph)
+        return innovation
+
+    def target(self, n: Array, tip: Array, deflection: float) -> float:
+        """Undeflected height c [m], along n from the anchor, that deflects the grasp by c - y when the tip is at (3,)."""
+        x = self.x
+        step = tip - self.anchor
+        zeta = float(x[0] + x[1:4] @ step) - float(x[1:4] @ n) * float(n @ step)
+        return self._c0 + (zeta - self._c0 + deflection) / (1.0 - float(x[4]))
+
+    def _predict(self, t: float, n: Array, tip: Array) -> None:
+        """Carry the estimate to the new place, and count heights from there."""
+        step, dt = tip - self.anchor, max(t - self._last, 0.0)
+        rise = float(n @ step)
+        F = np.eye(5)
+        F[0, 1:4] = step - rise * n
+        self.x[0] = F[0] @ self.x - rise
+        self._c0 -= rise
+        self.P = F @ self.P @ F.T
+        self.P[0, 0] += self.tuning.height_walk**2 * dt
+        slope = self.tuning.slope_walk**2 * dt
+        for i in (1, 2, 3):
+            self.P[i, i] += slope
+        self.anchor, self._last = tip.copy(), t
+
+    def _stepped(self, innovation: float, variance: float) -> bool:
+        side = 1 if innovation > 0 else -1
+        if innovation * innovation < _GATE * variance:
+            self._outside = 0
+            return False
+        self._outside = self._outside + side if self._outside * side >= 0 else side
+        return abs(self._outside) >= _JUMP_IMAGES

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every parameter of the controller, with unit, bound and meaning; the ROS parameters are declared from this."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from seed_core.config import field
+
+LAWS = ("seed", "plain", "published")
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """Parameters of `Controller`. The defaults are one set for every scenario."""
+
+    law: str = field("seed", choices=LAWS, doc="seed: observer of the surface; plain: synchronised Algorithm 2 with "
+                     "gravity; published: Algorithm 2 of the paper, plain bushing, no gravity")
+    rate: float = field(250.0, unit="Hz", low=50.0, high=1000.0, doc="how often step is called")
+    # motion limits
+    max_speed: float = field(0.25, unit="m/s", low=0.001, high=1.0, doc="of the commanded flange")
+    max_acceleration: float = field(2.0, unit="m/s^2", low=0.05, high=20.0, doc="of the commanded flange")
+    max_jerk: float = field(200.0, unit="m/s^3", low=1.0, high=5000.0, doc="of the commanded flange")
+    max_angular_speed: float = field(0.5, unit="rad/s", low=0.001, high=3.0, doc="of the commanded flange")
+    max_angular_acceleration: float = field(6.0, unit="rad/s^2", low=0.1, high=100.0, doc="of the commanded flange")
+    max_angular_jerk: float = field(600.0, unit="rad/s^3", low=1.0, high=20000.0, doc="of the commanded flange")
+    workspace_low: tuple[float, float, float] = field((-1.3, -1.3, -0.2), unit="m", low=-5.0, high=5.0,
+                                                      doc="lower corner of the box for the flange in W")
+    workspace_high: tuple[float, float, float] = field((1.3, 1.3, 1.6), unit="m", low=-5.0, high=5.0,
+                                                       doc="upper corner of the box for the flange in W")
+    # contact
+    approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="walking towards contact, and pressing")
+    max_free_travel: float = field(0.06, unit="m", low=0.005, high=0.5, doc="of an approach without contact")
+    contact_share: float = field(0.3, low=0.05, high=0.9, doc="of the wanted force that counts as contact")
+    lost_share: float = field(0.05, low=0.0, high=0.5, doc="of the wanted force below which contact is lost")
+    contact_images: int = field(2, low=1, high=20, doc="images in a row that decide on contact")
+    lost_images: int = field(9, low=1, high=100, doc="images in a row that decide on its loss")
+    # limits on what may be asked and measured
+    max_force: float = field(15.0, unit="N", low=0.1, high=200.0, doc="largest force that may be asked for")
+    max_torque: float = field(2.0, unit="N m", low=0.01, high=20.0, doc="largest torque that may be asked for")
+    max_measured_force: float = field(40.0, unit="N", low=1.0, high=500.0, doc="estimated force that makes it hold")
+    max_deflection: float = field(0.03, unit="m", low=0.002, high=0.1, doc="of the grasp, against slip")
+    max_rotation: float = field(30.0, unit="deg", low=2.0, high=60.0, doc="of the grasp, against slip")
+    max_drift: float = field(20.0, unit="deg", low=1.0, high=90.0, doc="of torque-controlled axes from the reference")
+    tipping_margin: float = field(1.1, low=1.0, high=5.0, doc="least ratio of stiffness to force times lever")
+    # inputs
+    estimate_timeout: float = field(0.15, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
+    max_estimate_age: float = field(0.3, unit="s", low=0.02, high=2.0, doc="oldest image that is still used")
+    kinematics_timeout: float = field(0.1, unit="s", low=0.01, high=1.0, doc="longest gap between flange poses")
+    setpoint_max_age: float = field(0.5, unit="s", low=0.02, high=60.0, doc="oldest stamp of a set-point when it comes")
+    # filters and observer
+    servo_lag: float = field(0.015, unit="s", low=0.0, high=0.5, doc="first guess of the arm's lag; then measured")
+    force_filter: float = field(0.08, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's pose (plain law)")
+    rotation_filter: float = field(0.1, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's rotation")
+    position_feedforward: float = field(0.3, unit="s", low=0.05, high=60.0, doc="low-pass of fed-forward deflection")
+    angle_feedforward: float = field(1.0, unit="s", low=0.1, high=60.0, doc="low-pass of fed-forward rotation")
+    position_noise: float = field(0.3, unit="mm", low=0.001, high=10.0, doc="of an estimate that states no covariance")
+    surface_noise: float = field(0.5, unit="mm/sqrt(s)", low=0.0, high=100.0, doc="random walk of the surface's height")
+    slope_noise: float = field(0.005, unit="1/sqrt(s)", low=0.0, high=1.0, doc="random walk of the surface's slope")
+    slope_prior: float = field(0.03, low=0.0, high=1.0, doc="standard deviation of the slope at first contact")
+    compliance_prior: float = field(0.3, low=0.0, high=1.0, doc="standard deviation of the environment's share beta")
+    stiffness_blend: float = field(0.5, unit="s", low=0.0, high=10.0, doc="time over which a new stiffness takes over")
