@@ -85,6 +85,7 @@ def _origin(path: str, name: str, entry: object) -> Array:
         number = entry.get(key)
         if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
             raise SeedError(f"{path}: kinematics.{name}.{key} = {number!r} must be a finite number [m or rad]")
+        numbers.append(float(number))
     X = np.eye(4)
     X[:3, :3] = Rotation.from_euler("xyz", numbers[3:]).as_matrix()
     X[:3, 3] = numbers[:3]

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever the targets do, the command keeps its bounds, arrives, and stops within the braking distance."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from seed_driver.limits import ZERO, Bounds, Follower, Reference
+from seed_driver.rotation import difference, from_rotation_vector
+
+DT = 0.002
+HERE = (0.4, -0.1, 0.3)
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+BOUNDS = Bounds(0.25, 0.5, 1.0, 4.0, 250.0, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+
+
+class Run:
+    """A follower fed with targets at their own times, and what it commanded."""
+
+    def __init__(self, bounds: Bounds = BOUNDS) -> None:
+        self.bounds, self.time = bounds, 0.0
+        self.follower, self.reference = Follower(HERE, UPRIGHT, DT), Reference(HERE, UPRIGHT)
+        self.p, self.q = [HERE], [UPRIGHT]
+
+    def target(self, p, q=UPRIGHT) -> None:
+        self.reference.set_goal(tuple(p), q, self.time, 0.1)
+
+    def steps(self, count: int, hold: bool = False) -> None:
+        for _ in range(count):
+            self.time += DT
+            feed = (ZERO, ZERO) if hold else self.reference.step(DT)
+            self.follower.propose(None if hold else self.reference, feed, self.bounds)
+            self.follower.advance(self.bounds)
+            self.p.append(self.follower.p)
+            self.q.append(self.follower.q)
+
+    def check(self) -> None:
+        """Speed, acceleration and jerk of the command, by finite differences."""
+        p, b = np.array(self.p), self.bounds
+        w = np.array([difference(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / DT
+        v = np.diff(p, axis=0) / DT
+        a, alpha = np.diff(v, axis=0) / DT, np.diff(w, axis=0) / DT
+        margin = 1.0 + 1e-6
+        assert np.linalg.norm(v, axis=1).max() <= b.speed * margin
+        assert np.linalg.norm(a, axis=1).max() <= b.acceleration * margin
+        assert np.linalg.norm(np.diff(a, axis=0) / DT, axis=1).max() <= b.jerk * margin
+        assert np.linalg.norm(w, axis=1).max() <= b.turning * 1.001  # second order of a few mrad
+        assert np.linalg.norm(alpha, axis=1).max() <= b.turning_acceleration * 1.01
+
+
+def test_a_step_of_the_target_is_reached_within_bounds_without_overshoot() -> None:
+    run = Run()
+    run.target((0.44, -0.1, 0.3), from_rotation_vector((0.0, 0.0, 0.15)))
+    run.steps(1500)
+    run.check()
+    assert_allclose(run.p[-1], (0.44, -0.1, 0.3), atol=1e-6)
+    assert_allclose(difference(run.q[-1], UPRIGHT), (0, 0, 0.15), atol=1e-6)
+    assert np.array(run.p)[:, 0].max() < 0.44 + 1e-5
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 60), st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6)), min_size=1, max_size=12
+    )
+)
+def test_bounds_hold_for_any_targets_at_any_rate(targets) -> None:
+    run = Run()
+    for wait, numbers in targets:
+        p = np.array(HERE) + 0.3 * np.array(numbers[:3])
+        run.target(p.tolist(), from_rotation_vector(tuple(numbers[3:])))
+        run.steps(wait)
+    run.steps(150, hold=True)
+    run.check()
+
+
+@pytest.mark.parametrize("every", [1, 2, 5, 25])
+def test_a_stream_at_constant_speed_is_followed_closely_at_any_rate(every: int) -> None:
+    """20, 100, 250 and 500 Hz; the lag is about one interval and the smoothing, not the braking distance."""
+    run, speed = Run(), 0.05
+    for i in range(1000 // every):
+        run.target((HERE[0] + speed * DT * every * i, HERE[1], HERE[2]))
+        run.steps(every)
+    run.check()
+    lag = (run.reference._goal[0][0] - run.p[-1][0]) / speed
+    assert -0.01 < lag < 0.01 + 1.5 * every * DT
+    v = np.diff(np.array(run.p)[-400:, 0]) / DT
+    assert_allclose(v, speed, rtol=0.1)
+
+
+def test_holding_stops_within_the_braking_distance_and_stays() -> None:
+    run = Run()
+    for i in range(500):
+        run.target((HERE[0] + 0.2 * DT * i, HERE[1], HERE[2]))
+        run.steps(1)
+    start = np.array(run.p[-1])
+    run.steps(500, hold=True)
+    run.check()
+    assert run.follower.still
+    distance = np.linalg.norm(np.array(run.p[-1]) - start)
+    assert distance < 0.2**2 / 2 + 0.2 * 0.01  # v^2 / 2a, and the smoothing
+    assert run.p[-1] == run.p[-2]
+
+
+def test_the_command_never_leaves_the_workspace() -> None:
+    run = Run()
+    run.target((HERE[0], HERE[1], -0.5))
+    run.steps(2500)
+    assert min(p[2] for p in run.p) >= BOUNDS.low[2]
+
+
+def test_starting_outside_the_workspace_only_leads_inwards() -> None:
+    bounds = Bounds(0.25, 0.5, 1.0, 4.0, 250.0, (-1.0, -1.0, 0.35), (1.0, 1.0, 1.0))
+    run = Run(bounds)
+    run.target((HERE[0], HERE[1], 0.2))
+    run.steps(200)
+    assert min(p[2] for p in run.p) == HERE[2]
+    run.target((HERE[0], HERE[1], 0.4))
+    run.steps(1500)
+    assert run.p[-1][2] == pytest.approx(0.4, abs=1e-6)
+
+
+def test_slower_limits_take_proportionally_longer() -> None:
+    times = []
+    for speed in (0.02, 0.04):
+        run = Run(Bounds(speed, 0.5, 1.0, 4.0, 250.0, BOUNDS.low, BOUNDS.high))
+        run.target((HERE[0] + 0.04, HERE[1], HERE[2]))
+        run.steps(2000)
+        times.append(DT * next(i for i, p in enumerate(run.p) if p[0] > HERE[0] + 0.039))
+    assert times[0] / times[1] == pytest.approx(2.0, rel=0.1)
+    assert math.isfinite(times[0])

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shared memory hands over whole values only, leaves nothing behind, and survives a writer that dies."""
+
+import os
+import signal
+import time
+
+from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, TargetSlot
+
+
+def test_targets_and_states_come_out_as_they_went_in() -> None:
+    memory = SharedMemory.create()
+    target = TargetSlot(3, 12.5, (0.1, 0.2, 0.3), (0.0, 0.6, 0.0, 0.8))
+    memory.write_target(target)
+    assert memory.read_target(2) == target
+    assert memory.read_target(3) is None
+    sample = NO_SAMPLE._replace(q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), speed_scaling=0.5)
+    head = (9.0, 8.0, 7, Stage.SERVOING, True, True)
+    memory.write_state(head, sample, (1, 2, 3, 0, 0, 0, 1), (4.0, 5, 6, 0.7), (0.1, 0.2, 0.3), "5.12.4.1", "grüße")
+    state = memory.read_state()
+    assert state is not None
+    assert (state.heartbeat, state.stage, state.armed, state.linked) == (9.0, Stage.SERVOING, True, True)
+    assert state.sample == sample
+    assert (state.sent, state.latency, state.period_max, state.version, state.reason) == (6, 0.7, 0.3, "5.12.4.1", "grüße")
+    memory.close()
+
+
+def test_a_reader_never_sees_half_a_target() -> None:
+    memory = SharedMemory.create()
+    child = os.fork()
+    if child == 0:
+        number = 0
+        while True:
+            number += 1
+            x = float(number)
+            memory.write_target(TargetSlot(number, x, (x, x, x), (x, x, x, x)))
+    try:
+        seen, until = set(), time.monotonic() + 0.5
+        while time.monotonic() < until:
+            target = memory.read_target(0)
+            if target is not None:
+                assert {target.number, target.received, *target.p, *target.q} == {float(target.number)}
+                seen.add(target.number)
+        assert len(seen) > 10
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    # the writer was killed anywhere, perhaps in the middle: a new one is heard all the same
+    memory.write_target(TargetSlot(10**9, 1.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)))
+    assert memory.read_target(0) == TargetSlot(10**9, 1.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    memory.close()
+
+
+def test_closing_leaves_no_file_and_no_descriptor() -> None:
+    before = set(os.listdir("/proc/self/fd")), set(os.listdir("/dev/shm"))
+    memory = SharedMemory.create()
+    memory.close()
+    assert (set(os.listdir("/proc/self/fd")), set(os.listdir("/dev/shm"))) == before
