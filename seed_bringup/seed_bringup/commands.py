@@ -20,9 +20,11 @@ class Command(NamedTuple):
     help: str
 
 
+DEVELOPERS = "seed_bringup.checks"  # its commands work on a checkout only
+
 COMMANDS = (
     Command("demo", "seed_bringup.demo", "main", "the simulated squeegee task, live, with a report"),
-    Command("test", "seed_bringup.checks", "test", "every test; further arguments go to pytest"),
+    Command("test", DEVELOPERS, "test", "every test; further arguments go to pytest"),
     Command("evaluate", "seed_sim.evaluate", "main", "a task in closed loop without ROS, scored"),
     Command("validate", "seed_sim.validate", "main", "the estimators and maps against ground truth"),
     Command("identify", "seed_sysid.identify", "main", "the stiffness of a grasp, from data"),
@@ -31,9 +33,9 @@ COMMANDS = (
     Command("launch", "seed_bringup.launch_cli", "main", "run a launch file: launch FILE [name:=value ...]"),
     Command("bag", "seed_bringup.bag_cli", "main", "record, play or describe a bag"),
     Command("ur-sim", "seed_sim.ur_controller", "main", "a simulated UR controller that speaks RTDE"),
-    Command("shell", "seed_bringup.checks", "shell", "a shell with the environment set up"),
-    Command("build", "seed_bringup.checks", "build", "build the workspace again"),
-    Command("lint", "seed_bringup.checks", "lint", "ruff and mypy"),
+    Command("shell", DEVELOPERS, "shell", "a shell with the environment set up"),
+    Command("build", DEVELOPERS, "build", "build the workspace again"),
+    Command("lint", DEVELOPERS, "lint", "ruff and mypy"),
 )
 
 
@@ -45,7 +47,10 @@ def available(root: Path | None = None) -> dict[str, Command]:
 def _exists(module: str, root: Path | None) -> bool:
     package, _, name = module.partition(".")
     if root is not None:
-        return (root / package / package / f"{name}.py").is_file()
+        path = root / package / package / name
+        return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+    if module == DEVELOPERS:
+        return False
     return importlib.util.find_spec(package) is not None and importlib.util.find_spec(module) is not None
 
 
