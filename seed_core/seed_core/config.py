@@ -36,9 +36,13 @@ def field(
     high: float = math.inf,
     choices: tuple[str, ...] = (),
     doc: str = "",
+    quantity: bool = False,
 ) -> Any:
-    """A dataclass field whose value is checked: each number within [low, high] and finite, each string in choices."""
-    metadata = {"unit": unit, "low": low, "high": high, "choices": choices, "doc": doc}
+    """A dataclass field whose value is checked: each number within [low, high] and finite, each string in choices.
+
+    A quantity is written with its unit, '0.05 m/s' or '0 0 -10 N', and with no other than the field's.
+    """
+    metadata = {"unit": unit, "low": low, "high": high, "choices": choices, "doc": doc, "quantity": quantity}
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -167,7 +171,22 @@ def _describe(meta: Mapping[str, Any]) -> str:
     return f" ({'; '.join(words)})" if words else ""
 
 
+def _quantity(node: _Node, name: str, source: str, meta: Mapping[str, Any]) -> _Node:
+    """The numbers of '0 0 -10 N' as plain nodes, once the unit has been found to be the field's."""
+    unit, words = meta["unit"], node.value.split() if isinstance(node.value, str) else []
+    numbers = words[: len(words) - len(unit.split())]
+    try:
+        values = [_Node(float(w), node.line) for w in numbers]
+    except ValueError:
+        values = []
+    if not values or " ".join(words[len(numbers) :]) != unit:
+        _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: for example '0.5 {unit}'")
+    return values[0] if len(values) == 1 else _Node(values, node.line)
+
+
 def _convert(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
+    if meta.get("quantity") and node.value is not None:
+        node, meta = _quantity(node, name, source, meta), {**meta, "quantity": False}
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         if node.value is None and type(None) in args:

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Text as pen strokes, in the single-stroke fonts of Hershey (library Hershey-Fonts)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from seed_core.errors import SeedError
+
+Point = tuple[float, float]
+_TOLERANCE = 0.01  # of the height: points of a stroke that are nearer to each other are one
+
+
+class FontError(SeedError):
+    """A text that cannot be written."""
+
+
+def strokes_of_text(text: str, height: float, origin: Point = (0.0, 0.0), font: str = "futural") -> list[list[Point]]:
+    """Polylines (x, y) [m] of a text.
+
+    Args:
+        text: printable characters of the font (ASCII).
+        height: of capital letters [m].
+        origin: start of the base line [m].
+
+    Raises:
+        FontError: unknown font, a character without strokes, or the library is missing.
+    """
+    try:
+        from HersheyFonts import HersheyFonts
+    except ImportError as error:
+        raise FontError("writing needs the library Hershey-Fonts: pip install Hershey-Fonts==2.1.0") from error
+    writer = HersheyFonts()
+    if font not in writer.default_font_names:
+        raise FontError(f"font '{font}' is unknown; known: {', '.join(writer.default_font_names)}")
+    writer.load_default_font(font)
+    for character in sorted(set(text) - {" "}):
+        if not character.isascii() or not list(writer.strokes_for_text(character)):
+            raise FontError(f"font '{font}' has no strokes for '{character}'")
+    options = writer.render_options
+    base, cap = float(options["base_line"]), float(options["cap_line"])
+    scale = height / (base - cap)
+    strokes = [[_place(x, y, scale, base, origin) for x, y in s] for s in _raw_strokes(writer, text)]
+    if not strokes:
+        raise FontError("there is nothing to write")
+    left = min(x for s in strokes for x, _ in s) - origin[0]
+    return [_thinned([(x - left, y) for x, y in s], _TOLERANCE * height) for s in strokes]
+
+
+def _raw_strokes(writer: Any, text: str) -> list[list[Point]]:
+    """Strokes in the font's own units, y downwards: the library's placement taken back."""
+    o = writer.render_options
+    return [
+        [((x - o["xofs"]) / o["scalex"], (y - o["yofs"]) / o["scaley"]) for x, y in stroke]
+        for stroke in writer.strokes_for_text(text)
+    ]
+
+
+def _place(x: float, y: float, scale: float, base: float, origin: Point) -> Point:
+    return origin[0] + scale * x, origin[1] + scale * (base - y)
+
+
+def _thinned(points: list[Point], least: float) -> list[Point]:
+    out = points[:1]
+    for p in points[1:]:
+        if (p[0] - out[-1][0]) ** 2 + (p[1] - out[-1][1]) ** 2 > least * least:
+            out.append(p)
+    return out if len(out) > 1 else [points[0], (points[0][0] + least, points[0][1])]  # a dot is a short dash

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The task file: what it may contain, with units; errors name file and line. The format is described in docs/tasks.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+
+from seed_core.config import ConfigError, field, load_file
+from seed_core.errors import SeedError
+from seed_core.spatial import Array, pose_from_rpy
+
+Vector = tuple[float, float, float]
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+CONDITIONS = ("arrived", "contact", "settled")
+_NO_VECTOR: Vector = (0.0, 0.0, 0.0)
+
+
+class TaskError(SeedError):
+    """A task that cannot be found or played."""
+
+
+@dataclass(frozen=True)
+class WorkFrame:
+    """Where the task's work lies in the world: origin on the nominal surface, z out of it."""
+
+    position: Vector = field(_NO_VECTOR, unit="m", quantity=True, low=-3, high=3, doc="origin in the world")
+    rpy: Vector = field(_NO_VECTOR, unit="deg", quantity=True, low=-360, high=360, doc="fixed-axis roll, pitch, yaw")
+
+    @property
+    def pose(self) -> Array:
+        """X (4, 4) of the work frame in the world."""
+        return pose_from_rpy(np.deg2rad(self.rpy), self.position)
+
+
+@dataclass(frozen=True)
+class Control:
+    """Which directions carry force and which axes torque; the rest follow the path."""
+
+    force: Vector = field(unit="N", quantity=True, low=-200, high=200, doc="of the tool on the environment, work frame")
+    torque: Vector = field(_NO_VECTOR, unit="N m", quantity=True, low=-20, high=20, doc="about the tip, work frame")
+    force_directions: tuple[str, ...] = field(("z",), doc="axes of the work frame (or of the tool) that carry force")
+    torque_axes: tuple[str, ...] = field((), doc="axes of T that carry torque")
+    contact_resists: tuple[str, ...] = field((), doc="axes of T about which the contact resists rotation")
+    frame: str = field("work", choices=("work", "tool"), doc="axes of force, torque and force_directions")
+    approach_speed: float | None = field(None, unit="m/s", quantity=True, low=1e-3, high=0.1, doc="towards contact")
+
+    def __post_init__(self) -> None:
+        for name in ("force_directions", "torque_axes", "contact_resists"):
+            for axis in getattr(self, name):
+                if axis not in AXES:
+                    raise ConfigError(f"{name} has '{axis}'; known: x, y, z")
+        for i, axis in enumerate("xyz"):
+            if self.force[i] != 0.0 and axis not in self.force_directions:
+                raise ConfigError(
+                    f"force has {self.force[i]:g} N along {axis}, which is not among force_directions: a direction "
+                    "carries force or position"
+                )
+        for axis in self.torque_axes:
+            if axis not in self.contact_resists:
+                raise ConfigError(f"torque_axes has {axis}, but contact_resists does not: nothing would stop the rotation")
+
+    def scaled_to(self, size: float) -> Control:
+        """The same control with a force of another size [N]."""
+        norm = sqrt(sum(v * v for v in self.force))
+        if norm == 0.0:
+            return self
+        x, y, z = (v * size / norm for v in self.force)
+        return replace(self, force=(x, y, z))
+
+    def flags(self, axes: tuple[str, ...]) -> tuple[bool, bool, bool]:
+        """Which of x, y, z are among the axes."""
+        return "x" in axes, "y" in axes, "z" in axes
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One piece: a straight path (or none) under one control, until a condition holds for `dwell`."""
+
+    name: str = field(doc="shown as progress")
+    to: Vector | None = field(None, unit="m", quantity=True, low=-2, high=2, doc="end of the path, work frame")
+    tilt: Vector | None = field(None, unit="deg", quantity=True, low=-90, high=90, doc="rpy of the tip at the end, "
+                                "relative to tip_rpy; stays until changed")
+    speed: float = field(0.05, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="along the path")
+    acceleration: float = field(0.2, unit="m/s^2", quantity=True, low=1e-3, high=5.0, doc="along the path")
+    control: Control | None = field(None, doc="force and torque; none: position only")
+    until: str = field("arrived", choices=CONDITIONS, doc="what ends the phase")
+    dwell: float = field(0.0, unit="s", quantity=True, low=0.0, high=600.0, doc="how long the condition must hold")
+    timeout: float = field(10.0, unit="s", quantity=True, low=0.1, high=3600.0, doc="beyond the path's own time; "
+                           "then the task fails and lifts")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Pen strokes; each becomes the phases over, touch, draw, raise."""
+
+    control: Control = field(doc="force while drawing")
+    strokes: tuple[tuple[tuple[float, float], ...], ...] = field((), unit="m", low=-1, high=1, doc="polylines of x, y")
+    forces: tuple[float, ...] = field((), unit="N", low=0.1, high=100, doc="one per stroke; empty: the control's")
+    text: str = field("", doc="text in a single-stroke font, instead of strokes")
+    font: str = field("futural", doc="name of a Hershey font")
+    height: float = field(0.03, unit="m", quantity=True, low=0.002, high=0.5, doc="of capital letters")
+    origin: tuple[float, float] = field((0.0, 0.0), unit="m", quantity=True, low=-2, high=2, doc="start of the base line")
+    speed: float = field(0.02, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="while drawing")
+    travel_speed: float = field(0.1, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="between strokes")
+    clearance: float = field(0.01, unit="m", quantity=True, low=1e-3, high=0.2, doc="of the tip between strokes")
+
+    def __post_init__(self) -> None:
+        if bool(self.text) == bool(self.strokes):
+            raise ConfigError("a drawing needs either strokes or a text, not both and not neither")
+        if self.forces and len(self.forces) != len(self.strokes):
+            raise ConfigError(f"forces has {len(self.forces)} values for {len(self.strokes)} strokes: one each, or none")
+
+
+@dataclass(frozen=True)
+class Task:
+    """A whole task file."""
+
+    name: str = field(doc="name of the task")
+    description: str = field("", doc="one line")
+    tool: str = field("", doc="name of the tool that the task is made for")
+    frame: WorkFrame = field(WorkFrame(), doc="work frame")
+    tip_rpy: Vector = field((180.0, 0.0, 0.0), unit="deg", quantity=True, low=-360, high=360, doc="tip in the work frame")
+    lift: float = field(0.05, unit="m", quantity=True, low=0.005, high=0.3, doc="along the work frame's z on cancel")
+    phases: tuple[Phase, ...] = field((), doc="what to do, in order")
+    draw: Drawing | None = field(None, doc="strokes or text; played between the first and the last phase")
+
+    def __post_init__(self) -> None:
+        if not self.phases:
+            raise ConfigError("a task needs at least one phase")
+        if self.draw is not None and len(self.phases) < 2:
+            raise ConfigError("a task that draws needs a first phase (to approach) and a last one (to lift)")
+
+
+def shipped_tasks() -> dict[str, Path]:
+    """The tasks that come with the package, by name."""
+    return {f.stem: f for f in sorted(_shipped_folder().glob("*.yaml"))}
+
+
+def load_task(source: str | Path, force: float | None = None, text: str | None = None) -> Task:
+    """A task from a file, or by the name of a shipped one.
+
+    Args:
+        source: path of a YAML file, or one of shipped_tasks().
+        force: [N] replaces the size of every force in the task.
+        text: replaces the text of a task that writes.
+
+    Raises:
+        TaskError: no such task.
+        ConfigError: with file and line.
+    """
+    shipped = shipped_tasks()
+    path = shipped.get(str(source), Path(source))
+    if not path.is_file():
+        raise TaskError(f"no task '{source}': neither a file nor one of {', '.join(shipped)}")
+    task = load_file(path, Task)
+    if force is not None:
+        task = _with_force(task, force)
+    if text is not None:
+        task = _with_text(task, text)
+    return task
+
+
+def _with_force(task: Task, force: float) -> Task:
+    if not 0.0 < force <= 200.0:
+        raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
+    phases = tuple(replace(p, control=p.control.scaled_to(force)) if p.control else p for p in task.phases)
+    draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
+    return replace(task, phases=phases, draw=draw)
+
+
+def _with_text(task: Task, text: str) -> Task:
+    if task.draw is None or not task.draw.text:
+        raise TaskError(f"task '{task.name}' does not write a text")
+    if not text.strip() or len(text) > 80:
+        raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
+    return replace(task, draw=replace(task.draw, text=text))
+
+
+def _shipped_folder() -> Path:
+    """config/tasks of the source tree, or of the installed share folder."""
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent / "config" / "tasks", parent / "share" / "seed_control" / "config" / "tasks"):
+            if folder.is_dir():
+                return folder
+    raise TaskError("the shipped tasks (seed_control/config/tasks) are not installed: build the workspace again")
