@@ -39,9 +39,9 @@ class StiffnessFile:
     hand: str = field(doc="name of the hand")
     tool: str = field(doc="name of the tool that was held")
     date: str = field(doc="when it was measured, ISO 8601 in quotes")
+    grips: tuple[Grip, ...] = field(doc="at least one")
     model: str = field("midpoint", choices=MODELS, doc="stiffness map that was fitted")
     version: int = field(1, low=1, high=1, doc="of this format")
-    grips: tuple[Grip, ...] = field(doc="at least one")
 
     def __post_init__(self) -> None:
         if not self.grips:
