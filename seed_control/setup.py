@@ -33,5 +33,5 @@ setup(
     description="Hybrid force and pose control through a compliant grasp (Algorithm 2 of SEED).",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": []},
+    entry_points={"console_scripts": ["controller = seed_control.node:main"]},
 )

@@ -119,15 +119,17 @@ def _declare_one(node: Node, name: str, default: Any, descriptor: ParameterDescr
         raise ConfigError(f"parameter '{name}' of {node.get_name()} has no value; default: {default!r}")
 
 
-def refuse_unknown(node: Node) -> None:
+def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     """Called once everything is declared: a parameter given from outside that nobody declared is a mistake.
+
+    Names that start with one of `shared` are passed over: files for several nodes hold them.
 
     Raises:
         ConfigError: naming the parameter, and the nearest known ones.
     """
     given = getattr(node, "_parameter_overrides", {})
     for name in given:
-        if not node.has_parameter(name):
+        if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
             known = node.get_parameters_by_prefix("")
             near = difflib.get_close_matches(name, known, n=3) or sorted(known)
             raise ConfigError(f"{node.get_name()} has no parameter '{name}'; did you mean {', '.join(near)}?")

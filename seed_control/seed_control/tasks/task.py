@@ -156,7 +156,11 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
         raise TaskError(f"no task '{source}': neither a file nor one of {', '.join(shipped)}")
-    task = load_file(path, Task)
+    return changed(load_file(path, Task), force, text)
+
+
+def changed(task: Task, force: float | None = None, text: str | None = None) -> Task:
+    """The task with another size of every force [N], or another text to write. Raises TaskError."""
     if force is not None:
         task = _with_force(task, force)
     if text is not None:
