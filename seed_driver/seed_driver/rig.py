@@ -114,6 +114,10 @@ class Rig:
         def path(t: float) -> tuple[Vector, Quaternion]:
             return (x, y + amplitude * (1.0 - math.cos(rate * t)), z), turn
 
+        self.follow(path)
+
+    def follow(self, path: Path) -> None:
+        """Stream a path that starts now."""
         self.path, self._path_start = path, time.monotonic()
 
     def still(self) -> None:

@@ -30,7 +30,14 @@ def test_our_own_pause_is_not_taken_for_the_robots() -> None:
 
 @pytest.mark.parametrize(
     ("bits", "name"),
-    [(0x001, ""), (0x002, ""), (0x004, "protective stop"), (0x0C0, "emergency stop"), (0x010, "safeguard stop"), (0x200, "safety fault")],
+    [
+        (0x001, ""),
+        (0x002, ""),
+        (0x004, "protective stop"),
+        (0x0C0, "emergency stop"),
+        (0x010, "safeguard stop"),
+        (0x200, "safety fault"),
+    ],
 )
 def test_safety_bits_have_names(bits: int, name: str) -> None:
     assert safety_stop(bits) == name

@@ -21,7 +21,13 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     assert state is not None
     assert (state.heartbeat, state.stage, state.armed, state.linked) == (9.0, Stage.SERVOING, True, True)
     assert state.sample == sample
-    assert (state.sent, state.latency, state.period_max, state.version, state.reason) == (6, 0.7, 0.3, "5.12.4.1", "grüße")
+    assert (state.sent, state.latency, state.period_max, state.version, state.reason) == (
+        6,
+        0.7,
+        0.3,
+        "5.12.4.1",
+        "grüße",
+    )
     memory.close()
 
 

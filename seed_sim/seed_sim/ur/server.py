@@ -25,6 +25,7 @@ from seed_sim.ur.rtde import Ownership
 
 RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
 SCRIPT_PORTS = (30001, 30002, 30003)
+PRIORITY = 70  # SCHED_FIFO, where it is allowed
 CATCH_UP = 0.1  # [s] cycles later than this are skipped
 PLANT_TIMEOUT = 0.5  # [s] without a word from the plant the wrench is zero
 
@@ -47,7 +48,9 @@ class Server:
     """All sockets and the controller behind them."""
 
     def __init__(self, host: str, options: Options) -> None:
-        self.host, self.box, self.network = host, Controller(options), Network()
+        self.host = host
+        self.box: Controller = Controller(options)
+        self.network: Network = Network()
         self.owners = Ownership()
         self.channels: list[Channel] = []
         self.listeners: dict[socket.socket, type[Channel]] = {}
@@ -116,6 +119,10 @@ class Server:
     def run(self) -> None:
         """Serve until `running` is False."""
         gc.disable()
+        try:  # a real controller is a machine of its own; here it must not wait for the programs it serves
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except OSError:
+            pass  # ordinary users may not
         deadline = time.monotonic()
         while self.running:
             now = time.monotonic()

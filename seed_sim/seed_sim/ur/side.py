@@ -84,11 +84,13 @@ def _option(server: Server, request: Request) -> None:
         options.program_on_stop = str(value)
     elif name == "remote_control":
         options.remote_control = bool(value)
+    elif name == "speed_scaling":
+        server.box.arm.scaling = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
         raise ValueError(
-            f"option {name!r} = {value!r} cannot be set; use program_on_stop, remote_control, unlock_after"
+            f"option {name!r} = {value!r} cannot be set; use program_on_stop, remote_control, unlock_after, speed_scaling"
         )
 
 

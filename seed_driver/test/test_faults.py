@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every fault: reported, the arm comes to rest, the driver lives, one service call brings it back without a jump."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from seed_driver.faults import FAULTS, JUMP, Fault, suffer
+from seed_driver.rig import Rig
+from seed_driver.supervisor import leftover_processes
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures
+
+
+@pytest.fixture(scope="module")
+def rig():
+    with Rig("--unlock-after", "0.5") as made:
+        yield made
+    assert leftover_processes(os.getpid()) == []
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.name.replace(" ", "-"))
+def test_fault_is_reported_rests_and_recovers(rig: Rig, fault: Fault) -> None:
+    if not rig.state.armed:
+        rig.run(0.5)
+        rig.recover() if rig.state.linked else rig.ready()
+    outcome = suffer(rig, fault, moving=0.3)
+    assert outcome.report <= fault.report_within + PATIENCE
+    assert outcome.recovery <= 2.0 + PATIENCE
+    assert outcome.coast < 0.01  # the sway is slower than 0.04 m/s
+
+
+def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> None:
+    """The robot lags far behind its command when the program dies: a script that found it would go there at once."""
+    with Rig() as rig:
+        rig.ready()
+        rig.robot.ask("option", name="speed_scaling", value=0.02)
+        x, y, z, *q = rig.state.command
+        rig.follow(lambda t: ((x, y + min(0.05, 0.1 * t), z), tuple(q)))
+        rig.run(0.8)
+        rig.robot.ask("pendant_stop")
+        rig.wait(lambda s: not s.armed, 1.0, "report")
+        rig.run(0.3)
+        state = rig.robot.ask("state")
+        left = rig.robot.ask("targets")["targets"][-1][2]
+        assert state["command"] == 24  # the servo command is still there
+        assert abs(left - state["tcp_pose"][1]) > 0.02  # and would take the arm centimetres away
+        rig.robot.ask("option", name="speed_scaling", value=1.0)
+        rig.still()
+        rig.recover()
+        rig.run(0.5)
+        moved = np.subtract(rig.robot.ask("state")["tcp_pose"][:3], state["tcp_pose"][:3])
+        assert np.linalg.norm(moved) < JUMP
+
+
+def test_the_robot_stops_by_itself_when_the_driver_is_gone() -> None:
+    with Rig() as rig:
+        rig.ready()
+        rig.sway(amplitude=0.05)
+        rig.run(0.6)
+        start = time.monotonic()
+        rig.supervisor._process.kill()
+        time.sleep(0.5)
+        motion = rig.motion(start)
+        assert rig.robot.ask("state")["runtime_state"] == 1
+        assert motion[-1, 4] < 1e-3
+        assert np.linalg.norm(motion[-1, 1:4] - motion[0, 1:4]) < 0.02

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The servo process with settings of its own: singularities, a TCP, a clean end."""
+
+import math
+import os
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from seed_driver.rig import Rig
+from seed_driver.rotation import turned
+from seed_driver.supervisor import leftover_processes
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+
+
+def command(rig):
+    x, y, z, *q = rig.state.command
+    return (x, y, z), tuple(q)
+
+
+def test_joints_stay_below_their_limit_at_a_singularity() -> None:
+    """Pushing the wrist axis through the axis of joint 4 would need joints of any speed."""
+    home = [0.0, -1.6, 1.9, -1.9, -0.12, 0.0]
+    with Rig("--home", *(str(math.degrees(t)) for t in home), max_joint_speed=0.6) as rig:
+        rig.ready()
+        rig.robot.ask("reset_stats")
+        (x, y, z), q = command(rig)
+        rig.follow(lambda t: ((x, y, z), turned(q, (0.0, 0.0, min(0.5, 0.4 * t)))))
+        rig.run(2.5)
+        stats = rig.robot.ask("stats")
+        assert 0.5 < stats["top_joint_speed"] <= 0.6 * 1.05
+        assert rig.robot.ask("state")["safety_mode"] == 1
+
+
+def test_a_tcp_moves_the_robots_pose_not_ours() -> None:
+    with Rig(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
+        rig.ready()
+        (x, y, z), q = command(rig)
+        robot = rig.robot.ask("state")
+        assert np.linalg.norm(np.subtract(robot["tcp_pose"][:3], (x, y, z))) == pytest.approx(
+            math.hypot(0.01, 0.15), abs=1e-4
+        )
+        rig.follow(lambda _: ((x, y, z + 0.02), q))
+        rig.run(1.0)
+        moved = np.subtract(rig.robot.ask("state")["tcp_pose"][:3], robot["tcp_pose"][:3])
+        assert_allclose(moved, (0, 0, 0.02), atol=1e-4)
+        assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
+
+
+def test_closing_leaves_the_robot_at_rest_and_no_process() -> None:
+    descriptors, others = len(os.listdir("/proc/self/fd")), leftover_processes(os.getpid())
+    with Rig() as rig:
+        rig.ready()
+        rig.sway()
+        rig.run(0.4)
+        start = time.monotonic()
+        rig.supervisor.close()
+        assert time.monotonic() - start < 2.5
+        assert rig.robot.ask("state")["runtime_state"] == 1
+        time.sleep(0.1)
+        assert rig.motion(start)[-1, 4] < 1e-3
+    assert leftover_processes(os.getpid()) == others
+    assert len(os.listdir("/proc/self/fd")) == descriptors
