@@ -57,10 +57,12 @@ class Controller:
         self.gauge = Gauge(tool, self._bushing(stiffness), self.features.gravity, 1e-3 * p.position_noise)
         self.law = HybridLaw(self.features, p, self.gauge)
         self._history = PoseHistory()
+        # The gripper's frame C is what moves smoothly: limiting flange position and rotation apart would swing C.
         self._limiter = PoseLimiter(
             VectorLimiter(p.max_speed, p.max_acceleration, p.max_jerk, BANDWIDTH),
             VectorLimiter(p.max_angular_speed, p.max_angular_acceleration, p.max_angular_jerk, BANDWIDTH),
         )
+        self._low, self._high = np.array(p.workspace_low), np.array(p.workspace_high)
         self._lag = LagEstimate(p.servo_lag)
         self._pending: RelativePoseEstimate | None = None
         self._estimate: RelativePoseEstimate | None = None
@@ -176,7 +178,7 @@ class Controller:
         if self._enabled and not self._held:
             self._watch(t)
         limits = self._move(t, dt)
-        return ControlOutput(self._limiter.pose, self._describe(t, limits))
+        return ControlOutput(self._limiter.pose @ self._X_CE, self._describe(t, limits))
 
     @property
     def state(self) -> ControllerState:
@@ -188,21 +190,21 @@ class Controller:
         if not self._enabled or self._held or self._setpoint is None or self._measured is None:
             limiter.stop(dt)
             return ()
-        lag = limiter.p - self._history.newest()[:3, 3]
-        self._lag.update(lag, limiter.linear.v, dt)
+        here = self._history.newest()
+        behind = limiter.p - here[:3, 3] - here[:3, :3] @ self._X_EC[:3, 3]
+        self._lag.update(behind, limiter.linear.v, dt)
         if self._relative is not None:
             p_WC, R_WC = self._relative_target(self._relative)
         else:
             lead = self._lag.lag + 2.0 / BANDWIDTH
             p_WC = self.law.target(dt, lead, lead + t - self._measured.stamp + 0.02)
             R_WC = self.law.R_WC
-        R_WE = R_WC @ self._X_CE[:3, :3]
-        p_WE = p_WC + R_WC @ self._X_CE[:3, 3]
         limits = self.law.limits if self._relative is None else ()
-        boxed = np.minimum(np.maximum(p_WE, p.workspace_low), p.workspace_high)
-        if (boxed != p_WE).any():
+        to_flange = R_WC @ self._X_CE[:3, 3]
+        boxed = np.minimum(np.maximum(p_WC + to_flange, self._low), self._high) - to_flange
+        if np.abs(boxed - p_WC).max() > 1e-9:
             limits += ("workspace",)
-        limiter.advance(boxed, R_WE, dt, p.approach_speed if self._relative is not None else p.max_speed)
+        limiter.advance(boxed, R_WC, dt, p.approach_speed if self._relative is not None else p.max_speed)
         if limiter.linear.limited:
             limits += ("max_speed",)
         if limiter.angular.limited:
@@ -297,7 +299,7 @@ class Controller:
 
     def _start_from_here(self) -> None:
         """The command starts at the arm's pose; a command that already rests there stays, so nothing moves."""
-        here = self._history.newest()
+        here = self._history.newest() @ self._X_EC
         at_rest = self._started and float(np.abs(self._limiter.pose - here).max()) < 2e-3
         if not at_rest:
             self._limiter.reset(here)
@@ -320,8 +322,7 @@ class Controller:
             self._check(hybrid)
         self._check_place(hybrid)
         self._setpoint, self._relative = setpoint, None
-        p_WC = self._limiter.p + self._limiter.R @ self._X_EC[:3, 3]
-        self.law.adopt(hybrid, p_WC)
+        self.law.adopt(hybrid, self._limiter.p)
 
     def _as_hybrid(self, s: WrenchSetpoint) -> HybridSetpoint:
         """Algorithm 2 alone: every direction carries force; angles are torque where a contact resists them."""
