@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenario files: what is simulated, what is measured and what the controller believes, in one YAML format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from seed_core.bushing import Stiffness
+from seed_core.config import ConfigError, field, load_file
+from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+
+FOLDER = Path(__file__).parent.parent / "config" / "scenarios"
+Range = tuple[float, float]
+COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
+
+
+@dataclass(frozen=True)
+class GraspSection:
+    """The compliant element of the plant."""
+
+    stiffness: Stiffness = field(DEFAULT_STIFFNESS, doc="of the plant at the grip's nominal width")
+    believed: Stiffness | None = field(None, doc="what the controller believes; default: the true one")
+    damping_ratio: float = field(0.3, low=0.0, high=2.0, doc="on every axis")
+    pad_mass: float = field(0.0, unit="kg", low=0.0, high=1.0, doc="of the gripper pads that move with the tool")
+    pad_radius: float = field(0.02, unit="m", low=0.0, high=0.2, doc="radius of gyration of those pads")
+    nominal_width: float = field(0.02, unit="m", low=0.0, high=0.2, doc="distance of the fingers at which K holds")
+    stiffening: float = field(60.0, unit="1/m", low=0.0, high=1000.0, doc="relative rise of K per closed metre")
+    nominal_pressure: float = field(1030.0, unit="hPa", low=900.0, high=1500.0, doc="in the bubbles at that width")
+    pressure_slope: float = field(1500.0, unit="hPa/m", low=0.0, high=1e5, doc="rise of pressure per closed metre")
+
+
+@dataclass(frozen=True)
+class ServoSection:
+    """The position-controlled arm."""
+
+    arm: str = field("cartesian", choices=("cartesian", "ur5e", "ur10e"), doc="kinematics between command and flange")
+    lag: float = field(0.015, unit="s", low=0.0, high=0.5, doc="first-order lag of the servo")
+    dead_time: float = field(0.0, unit="s", low=0.0, high=0.2, doc="between command and any motion")
+    repeatability: float = field(0.1, unit="mm", low=0.0, high=5.0, doc="unreported error of position, each axis")
+
+
+@dataclass(frozen=True)
+class TableSection:
+    """The surface under the tool; ranges are drawn from the seed."""
+
+    tilt_x: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, doc="about the work frame's x")
+    tilt_y: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, doc="about the work frame's y")
+    height: Range = field((-3.0, 3.0), unit="mm", low=-50, high=50, doc="of the surface at the work frame's origin")
+    friction: float = field(0.4, low=0.0, high=2.0, doc="Coulomb, static and dynamic")
+    contact_stiffness: float = field(8000.0, unit="N/m", low=10.0, high=1e6, doc="of each contact point")
+    total_stiffness: float | None = field(None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead")
+    dissipation: float = field(5.0, unit="s/m", low=0.0, high=100.0, doc="Hunt and Crossley's")
+
+
+@dataclass(frozen=True)
+class MeasurementSection:
+    """How relative poses are measured when no images are rendered, and when they arrive."""
+
+    rate: float = field(45.0, unit="Hz", low=1.0, high=500.0, doc="of the cameras")
+    delay: float | None = field(None, unit="s", low=0.0, high=0.5, doc="from image to estimate; default 50 ms with "
+                                "noise, 30 ms with images, 0 with truth")
+    position_noise: float = field(0.3, unit="mm", low=0.0, high=10.0, doc="white, per axis and frame")
+    rotation_noise: float = field(0.5, unit="deg", low=0.0, high=10.0, doc="white, per axis and frame")
+    kinematics_noise: float = field(0.0, unit="mm", low=0.0, high=10.0, doc="white, of the reported flange position")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that one run depends on besides its seed."""
+
+    name: str = field("nominal", doc="name")
+    description: str = field("", doc="one sentence")
+    hand: Hand = field(Hand(), doc="frames of the hand")
+    tool_kind: str = field("squeegee", choices=("squeegee", "pen", "torque_driver", "peg"), doc="shape of the tool")
+    tool: Tool = field(Tool(), doc="frames and weight of the tool, also what the controller believes")
+    true_mass: float | None = field(None, unit="kg", low=0.0, high=20.0, doc="of the plant's tool; default as believed")
+    grasp: GraspSection = field(GraspSection(), doc="the compliant element")
+    servo: ServoSection = field(ServoSection(), doc="the arm")
+    table: TableSection = field(TableSection(), doc="the surface")
+    measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
+    tactile: dict[str, Any] = field({}, doc="rendered images")
+    slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
+    controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
+
+
+def shipped_scenarios() -> list[str]:
+    """Names of the scenario files that come with the package."""
+    return sorted(f.stem for f in folder().glob("*.yaml"))
+
+
+def folder() -> Path:
+    """Where the shipped scenarios lie: beside the sources, or in the installed share folder."""
+    if FOLDER.is_dir():
+        return FOLDER
+    from ament_index_python.packages import get_package_share_directory
+
+    return Path(get_package_share_directory("seed_sim")) / "config" / "scenarios"
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A shipped scenario by name, or a file. Raises ConfigError."""
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml"):
+        path = folder() / f"{name_or_path}.yaml"
+        if not path.is_file():
+            raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped_scenarios())}; "
+                              "or name a .yaml file")
+    return load_file(path, Scenario)
