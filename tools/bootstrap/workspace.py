@@ -155,7 +155,7 @@ def _captured(workspace: Path, environment: Environment) -> dict[str, str]:
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
         "VIRTUAL_ENV",
     )
-    ours = (environment.path, workspace, environment.ros.prefix, *environment.ros.underlays)
+    ours = (environment.path, workspace, *variables["AMENT_PREFIX_PATH"].split(":"))
     found = {name: variables[name] for name in kept if variables.get(name)}
     return {name: _below(value, ours) if name in LISTS else value for name, value in found.items()}
 
