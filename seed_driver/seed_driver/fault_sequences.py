@@ -28,9 +28,8 @@ from seed_driver.supervisor import leftover_processes
 LIMIT = 60.0  # [s] a sequence may take
 
 
-def play(rig: Rig, rng: random.Random) -> list[str]:
-    """One sequence; the names of its faults. Raises SeedError when something goes wrong."""
-    names = []
+def play(rig: Rig, rng: random.Random, names: list[str]) -> None:
+    """One sequence; appends the names of its faults. Raises SeedError when something goes wrong."""
     for _ in range(rng.randint(1, 4)):
         rig.ready()
         rig.sway(rng.uniform(0.005, 0.02), rng.uniform(1.0, 3.0))
@@ -40,7 +39,6 @@ def play(rig: Rig, rng: random.Random) -> list[str]:
         _strike(rig, chosen, rng)
         rig.still()
         _heal(rig, chosen)
-    return names
 
 
 def _strike(rig: Rig, chosen: list[Fault], rng: random.Random) -> None:
@@ -50,12 +48,13 @@ def _strike(rig: Rig, chosen: list[Fault], rng: random.Random) -> None:
             fault.hurt(rig)
         rig.run(rng.uniform(0.0, 0.3))
     rig.wait(lambda s: not s.armed, 5.0, "report")
-    rig.run(REST_WITHIN)
+    asleep = sum(f.asleep for f in chosen)
+    rig.run(asleep + REST_WITHIN)
     try:
         rows = rig.motion(start)
     except OSError:
         return
-    late = rows[rows[:, 0] > start + 0.3 + REST_WITHIN] if len(rows) else rows
+    late = rows[rows[:, 0] > start + 0.3 + asleep + REST_WITHIN] if len(rows) else rows
     if len(late) and late[:, 4].max() > AT_REST:
         raise SeedError(f"the arm still moves at {late[:, 4].max():.4f} m/s")
 
@@ -81,10 +80,11 @@ def run(count: int, seed: int, talk: bool = False) -> dict[str, Any]:
     files = len(os.listdir("/proc/self/fd"))
     shared = set(os.listdir("/dev/shm"))
     for number in range(count):
-        rng, began, names = random.Random(f"{seed}/{number}"), time.monotonic(), ["-"]
+        rng, began = random.Random(f"{seed}/{number}"), time.monotonic()
+        names: list[str] = []
         try:
             with Rig("--unlock-after", "0.2", "--on-stop", rng.choice(("paused", "stopped", "playing"))) as rig:
-                names = play(rig, rng)
+                play(rig, rng, names)
             if time.monotonic() - began > LIMIT:
                 raise SeedError(f"took {time.monotonic() - began:.0f} s, limit {LIMIT} s")
         except SeedError as error:

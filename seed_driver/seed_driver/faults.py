@@ -26,6 +26,7 @@ class Fault(NamedTuple):
     hurt: Callable[[Rig], object]
     heal: Callable[[Rig], object]
     report_within: float = 0.1  # [s]
+    asleep: float = 0.0  # [s] that the controller itself, arm included, stands still as in a photograph
 
 
 class Outcome(NamedTuple):
@@ -94,8 +95,8 @@ def _ready_again(rig: Rig) -> None:
 
 FAULTS = (
     Fault("controller killed", lambda rig: rig.robot.kill(), lambda rig: rig.robot.start()),
-    Fault("controller frozen 1 s", _do("freeze", seconds=1.0), _wait(1.1), 0.2),
-    Fault("controller frozen 4 s", _do("freeze", seconds=4.0), _wait(4.1), 0.2),
+    Fault("controller frozen 1 s", _do("freeze", seconds=1.0), _wait(0.2), 0.2, 1.0),
+    Fault("controller frozen 4 s", _do("freeze", seconds=4.0), _wait(0.2), 0.2, 4.0),
     Fault("outputs paused 0.3 s", _do("pause_outputs", seconds=0.3), _wait(0.5), 0.2),
     Fault("outputs paused 3 s", _do("pause_outputs", seconds=3.0), _wait(3.1), 0.2),
     Fault("network silent 1 s", _do("silence", seconds=1.0), _wait(1.1), 0.2),
@@ -126,7 +127,7 @@ def suffer(rig: Rig, fault: Fault, moving: float = 0.5) -> Outcome:
     fault.hurt(rig)
     rig.wait(lambda s: not s.armed, 5.0, f"report of '{fault.name}'")
     report = rig.first_report(start)
-    rig.run(REST_WITHIN)
+    rig.run(fault.asleep + REST_WITHIN)
     coast = _coast(rig, fault, start)
     fault.heal(rig)
     rig.still()
@@ -149,7 +150,7 @@ def _coast(rig: Rig, fault: Fault, start: float) -> float:
         return 0.0
     if not len(rows):
         return 0.0
-    late = rows[rows[:, 0] > start + REST_WITHIN]
+    late = rows[rows[:, 0] > start + fault.asleep + REST_WITHIN]
     if len(late) and late[:, 4].max() > AT_REST:
         raise SeedError(f"{fault.name}: the arm still moves at {late[:, 4].max():.4f} m/s")
     return float(np.linalg.norm(rows[-1, 1:4] - rows[0, 1:4]))

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver as its users see it: topics, services, parameters and refusals of the real node."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("rclpy", reason="rclpy is not installed")
+pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+
+from seed_driver.peer_node import Peer, SetBool
+from seed_driver.rotation import rotate, turned
+from seed_sim.ur.client import StandIn
+
+pytestmark = pytest.mark.ros
+
+
+def start_node(*parameters: str) -> subprocess.Popen:
+    arguments = [part for p in parameters for part in ("-p", p)]
+    return subprocess.Popen([sys.executable, "-m", "seed_driver.node", "--ros-args", *arguments])
+
+
+def stop_node(process: subprocess.Popen) -> int:
+    process.send_signal(signal.SIGINT)
+    return process.wait(10.0)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    with StandIn(None, "--unlock-after", "0.3") as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def node(robot):
+    process = start_node(f"robot_ip:={robot.host}")
+    yield process
+    assert stop_node(process) == 0
+
+
+@pytest.fixture(scope="module")
+def peer(node):  # noqa: ARG001
+    with Peer() as made:
+        made.wait(lambda: running(made), 30.0, "driver ready")
+        yield made
+
+
+def running(peer: Peer) -> bool:
+    return "robot_program_running" in peer.latest and peer.latest["robot_program_running"].data
+
+
+@pytest.fixture(autouse=True)
+def ready(peer):
+    """Every test starts with the arm at rest and targets accepted."""
+    peer.spin(0.3)
+    assert peer.call("resend_robot_program").success
+
+
+def place(robot) -> np.ndarray:
+    return np.array(robot.ask("state")["tcp_pose"][:3])
+
+
+def test_the_arm_follows_target_frame_and_reports_its_pose(peer, robot) -> None:
+    (x, y, z), q = peer.pose()
+    peer.stream(lambda t: ((x, y + 0.02 * min(1.0, t), z), turned(q, (0.0, 0.0, 0.1 * min(1.0, t)))), 1.5)
+    assert_allclose(place(robot), (x, y + 0.02, z), atol=2e-4)
+    p, _ = peer.pose()
+    assert_allclose(p, (x, y + 0.02, z), atol=2e-4)
+    age = peer.node.get_clock().now().nanoseconds * 1e-9 - stamp(peer.poses[-1][1])
+    assert 0.0 <= age < 0.5
+    assert peer.latest["hold_reason"].data == ""
+    assert [n.split("_")[0] for n in peer.latest["joint_states"].name] == [
+        "shoulder",
+        "shoulder",
+        "elbow",
+        *["wrist"] * 3,
+    ]
+
+
+def stamp(message) -> float:
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def test_poses_arrive_at_the_rate_that_is_set(peer) -> None:
+    peer.poses.clear()
+    peer.spin(1.0)
+    stamps = [stamp(m) for _, m in peer.poses]
+    assert all(b > a for a, b in pairwise(stamps))
+    assert 100 < len(stamps) <= 260  # 250 Hz, fewer on a loaded machine
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "reason"),
+    [
+        ("jump of 1 m", lambda p, q: ((p[0], p[1] + 1.0, p[2]), q), " m from the command, limit 0.05 m"),
+        (
+            "jump of 90 degrees",
+            lambda p, q: (p, turned(q, (0, 0, math.pi / 2))),
+            " degrees from the command, limit 11.5",
+        ),
+        ("NaN", lambda p, q: ((math.nan, p[1], p[2]), q), "not finite"),
+        ("no rotation", lambda p, _: (p, (0.0, 0.0, 0.0, 0.0)), "length 0.0000"),
+        ("outside", lambda p, q: ((p[0], p[1], 1.7), q), "leaves the workspace"),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_a_bad_target_holds_the_arm_with_the_reason(peer, robot, name, change, reason) -> None:
+    (x, y, z), q = peer.pose()
+    robot.ask("reset_stats")
+    peer.stream(lambda t: ((x, y + 0.02 * (1 - math.cos(2 * t)), z), q), 0.6)
+    peer.send(*change(*peer.pose()))
+    peer.wait(lambda: reason in peer.latest["hold_reason"].data, 1.0, f"{name} refused")
+    at = time.monotonic()
+    peer.stream(lambda _: ((x, y + 0.02, z), q), 0.8)  # good targets do not move it any more
+    motion = np.array(robot.ask("motion", since=at)["motion"])
+    assert motion[-1, 4] < 1e-4
+    assert np.linalg.norm(motion[-1, 1:4] - motion[0, 1:4]) < 0.01
+    assert robot.ask("stats")["top_speed"] < 0.25
+
+
+def test_an_old_target_and_a_foreign_frame_are_refused(peer) -> None:
+    here = peer.pose()
+    peer.hold(0.3)
+    peer.send(*here, age=0.5)
+    peer.wait(
+        lambda: "0.5" in peer.latest["hold_reason"].data and "old" in peer.latest["hold_reason"].data, 1.0, "refusal"
+    )
+    assert peer.call("resend_robot_program").success
+    peer.hold(0.3)
+    peer.send(*here, frame="world")
+    peer.wait(lambda: "frame 'world', must be 'base'" in peer.latest["hold_reason"].data, 1.0, "refusal")
+
+
+def test_stop_holds_until_the_program_is_asked_for_again(peer, robot) -> None:
+    (x, y, z), q = peer.pose()
+
+    def path(t):
+        return (x, y + 0.01 * (1 - math.cos(3 * t)), z), q
+
+    peer.stream(path, 0.5)
+    assert peer.call("stop").success
+    assert peer.latest["hold_reason"].data == "stopped on request"
+    peer.spin(0.3)
+    before = place(robot)
+    peer.hold(0.5)
+    assert_allclose(place(robot), before, atol=1e-5)
+
+
+def test_wrench_is_given_in_the_tool_frame(peer, robot) -> None:
+    robot.ask("wrench", wrench=[1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    peer.spin(0.3)
+    message = peer.latest["wrench"]
+    assert message.header.frame_id == "tool0"
+    force, torque = message.wrench.force, message.wrench.torque
+    assert_allclose((force.x, force.y, force.z, torque.x, torque.y, torque.z), (1, 2, 3, 0.1, 0.2, 0.3), atol=1e-6)
+    assert peer.call("zero_ftsensor").success
+    peer.spin(0.2)
+    assert abs(peer.latest["wrench"].wrench.force.z) < 1e-6
+    robot.ask("wrench", wrench=[0.0] * 6)
+    assert peer.call("zero_ftsensor").success
+
+
+def test_protective_stop_is_reported_unlocked_and_left_by_service_calls(peer, robot) -> None:
+    robot.ask("protective_stop")
+    peer.wait(lambda: not running(peer) and peer.latest["hold_reason"].data == "protective stop", 1.0, "report")
+    assert peer.latest["safety_mode"].data == 3
+    refused = peer.call("resend_robot_program")
+    assert not refused.success
+    assert refused.message == "protective stop"
+    peer.spin(0.4)
+    assert peer.call("unlock_protective_stop").success
+    assert peer.call("resend_robot_program").success
+    peer.wait(lambda: running(peer), 1.0, "program running")
+    assert peer.latest["safety_mode"].data == 1
+
+
+def test_unlocking_too_early_passes_on_what_the_robot_says(peer, robot) -> None:
+    robot.ask("option", name="unlock_after", value=5.0)
+    robot.ask("protective_stop")
+    peer.wait(lambda: not running(peer), 1.0, "program not running")
+    answer = peer.call("unlock_protective_stop")
+    robot.ask("option", name="unlock_after", value=0.0)
+    assert not answer.success
+    assert "5s" in answer.message
+    assert peer.call("unlock_protective_stop").success
+
+
+def test_emergency_stop_needs_power_and_then_the_program(peer, robot) -> None:
+    robot.ask("emergency_stop")
+    peer.wait(lambda: "emergency stop" in peer.latest["hold_reason"].data, 1.0, "emergency stop named")
+    robot.ask("release_emergency_stop")
+    peer.wait(lambda: "powered off" in peer.latest["hold_reason"].data, 1.0, "power named")
+    assert peer.call("power_on").success
+    peer.spin(0.1)
+    assert peer.call("resend_robot_program").success
+
+
+def test_freedrive(peer, robot) -> None:
+    assert peer.call("set_freedrive", SetBool, data=True).success
+    assert robot.ask("state")["freedrive"] is True
+    assert peer.call("set_freedrive", SetBool, data=False).success
+    assert robot.ask("state")["freedrive"] is False
+
+
+def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> None:
+    assert peer.set_parameter("payload_mass", 0.7) == (True, "")
+    peer.spin(0.3)
+    assert robot.ask("state")["payload"] == pytest.approx(0.7)
+    refused = peer.set_parameter("servo_gain", 5000.0)
+    assert refused[0] is False
+    assert "servo_gain = 5000 must be within 100 and 2000" in refused[1]
+    assert "fixed while the driver is active" in peer.set_parameter("robot_ip", "127.0.0.1")[1]
+
+
+def test_the_servo_process_may_die_and_the_node_lives(peer, node) -> None:
+    from seed_driver.supervisor import leftover_processes
+
+    (child,) = leftover_processes(node.pid)
+    os.kill(child, signal.SIGSEGV)
+    peer.wait(lambda: not running(peer), 1.0, "death reported")
+    assert "SIGSEGV" in peer.latest["hold_reason"].data or "starting" in peer.latest["hold_reason"].data
+    assert node.poll() is None
+    peer.wait(lambda: peer.latest["hold_reason"].data == "waiting for the robot program", 10.0, "link back")
+    assert peer.call("resend_robot_program").success
+
+
+def test_wrench_rotation_is_the_inverse_of_the_flange(peer) -> None:
+    """The conversion itself, on the pose that the robot has."""
+    _, q = peer.pose()
+    down = rotate(q, (0.0, 0.0, 1.0))
+    assert down[2] < -0.99
