@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -64,7 +65,8 @@ class Outputs:
             return
         self._sample_time = state.sample_time
         self._count += 1
-        stamp = (self.node.get_clock().now() - Duration(seconds=max(0.0, now - state.sample_time))).to_msg()
+        age = time.monotonic() - state.sample_time  # read together with the ROS clock, or stamps jitter
+        stamp = (self.node.get_clock().now() - Duration(seconds=max(0.0, age))).to_msg()
         self._publish_pose(state.sample, stamp)
         if self._count % 2 == 0:
             self._publish_motion(state.sample, stamp)
@@ -79,19 +81,19 @@ class Outputs:
     def _publish_words(self, s: State) -> bool:
         running = s.linked and s.stage == Stage.SERVOING
         mode = s.sample.modes.robot_mode if s.linked else 0  # 0: disconnected
-        words = (mode, s.sample.modes.safety_mode if s.linked else 0, running, _say(s))
+        words = (_say(s), mode, s.sample.modes.safety_mode if s.linked else 0, running)
         if words == self._words:
             return False
         before, self._words = self._words or (None,) * 4, words
         for publisher, message, old, new in zip(
-            (self.robot_mode, self.safety_mode, self.program, self.reason), (Int8, UInt8, Bool, String), before, words,
+            (self.reason, self.robot_mode, self.safety_mode, self.program), (String, Int8, UInt8, Bool), before, words,
             strict=True,
         ):  # fmt: skip
             if old != new:
                 publisher.publish(message(data=new))
-        if before[3] != words[3]:
-            if words[3]:
-                self.node.get_logger().warning(words[3])
+        if before[0] != words[0]:
+            if words[0]:
+                self.node.get_logger().warning(words[0])
             else:
                 self.node.get_logger().info("ready: following target_frame")
         return True
