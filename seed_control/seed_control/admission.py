@@ -10,7 +10,7 @@ import numpy as np
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint, SetpointError
 from seed_core.bushing import Stiffness
-from seed_core.spatial import Array, Wrench, rpy_from_rotation
+from seed_core.spatial import Array, Wrench
 
 _TORQUE_TOLERANCE = 1e-6  # [N m]
 _OBSERVED_SHARE = 0.2  # how much of a force direction may lie along an unobserved axis
@@ -106,13 +106,8 @@ def check_observed(
 
 def check_workspace(position: Array, parameters: ControllerParameters) -> None:
     """SP16: a flange position outside of the workspace box."""
-    low, high = np.array(parameters.workspace_low), np.array(parameters.workspace_high)
-    if np.any(position < low) or np.any(position > high):
+    low, high = parameters.workspace_low, parameters.workspace_high
+    if not all(a <= x <= b for a, x, b in zip(low, position.tolist(), high, strict=True)):
         raise SetpointError(
             "SP16", f"puts the flange at {np.round(position, 3)} m, outside of the workspace {low} to {high} m"
         )
-
-
-def angles_of(R_TC: Array) -> Array:
-    """rpy (3,) [rad] of R_TC, for messages and limits."""
-    return rpy_from_rotation(R_TC)

@@ -48,7 +48,12 @@ class HybridLaw:
 
     def __init__(self, features: Features, parameters: ControllerParameters, gauge: Gauge) -> None:
         self.features, self.parameters, self.gauge = features, parameters, gauge
-        self.R_tipT = gauge.tool.X_Ttip[:3, :3].T.copy()
+        self.X_Ttip = gauge.tool.X_Ttip
+        self.R_tipT = self.X_Ttip[:3, :3].T.copy()
+        self.X_W_tip: Array | None = None
+        self.estimated_task: Wrench | None = None
+        self.filtered_task: Wrench | None = None
+        self.settled = False
         self.contact = False
         self.limits: tuple[str, ...] = ()
         self.measured: Measurement | None = None
@@ -61,7 +66,7 @@ class HybridLaw:
         self.deflections = np.zeros(0)  # (m,) wanted along the normals [m]
         self.observers: list[SurfaceObserver] = []
         self._seen: list[int] = [0, 0]  # images in a row above and below the thresholds of contact
-        self._walls = np.zeros((0, 3))
+        self._lever = np.zeros(3)
         self._undeflected = np.zeros(3)  # commanded place of the undeflected tip
         self._position_part = np.eye(3)
         self._wanted = np.zeros(0)  # (m,) force along the normals [N]
@@ -88,6 +93,7 @@ class HybridLaw:
         self.R_W_task = self.R_WT @ self.R_tipT.T if s.task_frame == "tool" else s.R_W_task
 
     def _new_directions(self, p_WC: Array) -> None:
+        """Other force directions than before: contact is to be found anew."""
         m = round(float(np.trace(self.setpoint.force_projector))) if self.setpoint else 0
         p = self.parameters
         tuning = ObserverTuning(
@@ -98,19 +104,34 @@ class HybridLaw:
         self.contact = False
         self._seen = [0, 0]
 
+    def release(self) -> None:
+        """Follow nothing until the next `adopt`."""
+        self.setpoint, self.contact, self.settled = None, False, False
+        self.observers, self.normals, self.limits = [], np.zeros((0, 3)), ()
+        self.R_W_task = np.eye(3)
+
     # --- per image ---------------------------------------------------------------------------------------------
     def image(self, m: Measurement) -> None:
         """Take in a new image's measurement and renew what follows from it."""
         self._filter(m)
         self.measured = m
-        if self.setpoint is None:
-            return
-        self._task_axes()
-        self._solve()
-        self._judge_contact(m)
-        for n, observer in zip(self.normals, self.observers, strict=True):
-            if self.contact:
-                observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
+        if self.setpoint is not None:
+            self._task_axes()
+            self._solve()
+            self._judge_contact(m)
+            for n, observer in zip(self.normals, self.observers, strict=True):
+                if self.contact:
+                    observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
+        self._tell(m)
+
+    def _tell(self, m: Measurement) -> None:
+        """What the state shows of this image."""
+        assert self.filtered is not None
+        self.X_W_tip = m.X_WT @ self.X_Ttip
+        self.estimated_task = m.on_environment.rotated(self.R_W_task.T)
+        self.filtered_task = self.filtered.rotated(self.R_W_task.T)
+        error = np.abs(self.normals @ self.filtered.force - self._wanted)
+        self.settled = self.contact and bool((error < np.maximum(0.1 * np.abs(self._wanted), 0.3)).all())
 
     def _filter(self, m: Measurement) -> None:
         q = rpy_from_rotation(m.X_TC[:3, :3])
@@ -140,9 +161,11 @@ class HybridLaw:
         s = self.setpoint
         assert s is not None
         self.limits = ()
+        self._lever = self.R_WT @ self.gauge.p_Ttip
         P = self.R_W_task @ s.force_projector @ self.R_W_task.T
         self._position_part = np.eye(3) - P
         self.normals = _directions(P, len(self.observers))
+        self._wanted = self.normals @ (self.R_W_task @ s.wrench.force)
         self._solve_rotation(s, P)
         self._solve_translation(s, P)
 
@@ -199,17 +222,8 @@ class HybridLaw:
             self.limits += ("max_deflection",)
             d = d * (bound / size)
         self.deflections = self.normals @ d
-        self._wanted = self.normals @ (self.R_W_task @ s.wrench.force)
         self.X_TC_wanted = np.eye(4)
         self.X_TC_wanted[:3, :3], self.X_TC_wanted[:3, 3] = R_TC, R_WT.T @ d
-
-    @property
-    def settled(self) -> bool:
-        """In contact, each wanted force within a tenth (at least 0.3 N) of the low-passed estimate."""
-        if not self.contact or self.filtered is None:
-            return False
-        error = np.abs(self.normals @ self.filtered.force - self._wanted)
-        return bool(np.all(error < np.maximum(0.1 * np.abs(self._wanted), 0.3)))
 
     # --- contact -----------------------------------------------------------------------------------------------
     def _judge_contact(self, m: Measurement) -> None:
@@ -254,7 +268,7 @@ class HybridLaw:
             offset = -(s.X_W_tip[:3, :3] @ self.R_tipT @ self.gauge.p_Ttip)
         if not self.observers:
             return np.asarray(tip_wanted + offset)
-        lever = self.R_WT @ self.gauge.p_Ttip
+        lever = self._lever
         undeflected = self._position_part @ (tip_wanted + offset + lever)
         for i, n in enumerate(self.normals):
             base = self._base(i)

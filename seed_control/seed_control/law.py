@@ -53,6 +53,7 @@ class Controller:
         self.features = LAWS[p.law]
         self._X_EC = hand.X_EC
         self._X_CE = inverse_pose(self._X_EC)
+        self._X_tipE = inverse_pose(tool.X_Ttip) @ self._X_CE
         self._blend: tuple[Stiffness, Stiffness, float] | None = None
         self.gauge = Gauge(tool, self._bushing(stiffness), self.features.gravity, 1e-3 * p.position_noise)
         self.law = HybridLaw(self.features, p, self.gauge)
@@ -147,12 +148,14 @@ class Controller:
         self._start_from_here()
         self._enabled, self._held, self._note, self._bad_in_a_row = True, "", "", 0
         self._free_from = None
-        self._setpoint = self._relative = self.law.setpoint = None
+        self._setpoint = self._relative = None
+        self.law.release()
 
     def disable(self, t: float, reason: str) -> None:
         """Decelerate to rest and ignore set-points until enabled again."""
         self._enabled, self._held, self._note = False, "", reason or "disabled"
-        self._setpoint = self._relative = self.law.setpoint = None
+        self._setpoint = self._relative = None
+        self.law.release()
 
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""
@@ -315,14 +318,18 @@ class Controller:
             X = setpoint.X_TC
             admission.check_deflection(X[:3, 3], rpy_from_rotation(X[:3, :3]), self.parameters)
             self._relative, self._setpoint = setpoint, setpoint
-            self.law.setpoint = None
+            self.law.release()
             return
         hybrid = self._as_hybrid(setpoint) if isinstance(setpoint, WrenchSetpoint) else setpoint
-        if self._changed(hybrid):
+        anew = self._changed(hybrid)
+        if anew:
             self._check(hybrid)
         self._check_place(hybrid)
         self._setpoint, self._relative = setpoint, None
-        self.law.adopt(hybrid, self._limiter.p)
+        if anew:
+            self.law.adopt(hybrid, self._limiter.p)
+        else:
+            self.law.setpoint = hybrid
 
     def _as_hybrid(self, s: WrenchSetpoint) -> HybridSetpoint:
         """Algorithm 2 alone: every direction carries force; angles are torque where a contact resists them."""
@@ -340,9 +347,14 @@ class Controller:
     def _changed(self, s: HybridSetpoint) -> bool:
         """Whether more than the place has changed since the last set-point, so that it must be judged anew."""
         old = self.law.setpoint
-        return old is None or not (
+        if old is None:
+            return True
+        if old.wrench is s.wrench and old.force_projector is s.force_projector and old.R_W_task is s.R_W_task:
+            return not np.array_equal(old.X_W_tip[:3, :3], s.X_W_tip[:3, :3])  # one moved from the other
+        return not (
             old.task_frame == s.task_frame
             and old.torque_axes == s.torque_axes
+            and old.approach_speed == s.approach_speed
             and np.array_equal(old.wrench.force, s.wrench.force)
             and np.array_equal(old.wrench.torque, s.wrench.torque)
             and np.array_equal(old.force_projector, s.force_projector)
@@ -373,8 +385,8 @@ class Controller:
         admission.check_observed(directions, s.torque_axes, self._estimate.observed, m.X_WC[:3, :3])
 
     def _check_place(self, s: HybridSetpoint) -> None:
-        X_WC = s.X_W_tip @ inverse_pose(self.tool.X_Ttip)
-        admission.check_workspace((X_WC @ self._X_CE)[:3, 3], self.parameters)
+        X_WE = s.X_W_tip @ self._X_tipE  # of an undeflected grasp
+        admission.check_workspace(X_WE[:3, 3], self.parameters)
 
     # --- odds and ends -----------------------------------------------------------------------------------------
     def _bushing(self, stiffness: Stiffness) -> Bushing:
@@ -405,27 +417,20 @@ class Controller:
         return "contact" if self.law.contact else "approach"
 
     def _describe(self, t: float, limits: tuple[str, ...]) -> ControllerState:
-        m, law, s = self._measured, self.law, self.law.setpoint
-        R = law.R_W_task if s is not None else np.eye(3)
-        desired = s.wrench if s is not None else None
-        mode = self._mode()
+        m, law, s, mode = self._measured, self.law, self.law.setpoint, self._mode()
         self._state = ControllerState(
-            stamp=t, mode=mode, enabled=self._enabled,
-            setpoint_kind=KINDS[type(self._setpoint)] if self._setpoint is not None else "",
-            desired=desired,
-            estimated=m.on_environment.rotated(R.T) if m is not None else None,
-            filtered=law.filtered.rotated(R.T) if law.filtered is not None else None,
-            desired_X_TC=law.X_TC_wanted if s is not None else self._relative.X_TC if self._relative else None,
-            measured_X_CT=m.X_CT if m is not None else None,
-            X_W_tip=self._tip_pose(m),
-            R_W_task=R, limits_hit=limits, reason=self._held or self._note, in_contact=law.contact,
-            settled=mode == "contact" and law.settled, image_age=t - m.stamp if m is not None else inf,
-            counters=self.counters,
+            t, mode, self._enabled,
+            KINDS[type(self._setpoint)] if self._setpoint is not None else "",
+            s.wrench if s is not None else None,
+            law.estimated_task, law.filtered_task,
+            law.X_TC_wanted if s is not None else self._relative.X_TC if self._relative else None,
+            m.X_CT if m is not None else None,
+            law.X_W_tip, law.R_W_task, limits, self._held or self._note, law.contact,
+            mode == "contact" and law.settled,
+            t - m.stamp if m is not None else inf,
+            self.counters,
         )
         return self._state
-
-    def _tip_pose(self, m: Measurement | None) -> Array | None:
-        return None if m is None else m.X_WT @ self.tool.X_Ttip
 
 
 def with_law(parameters: ControllerParameters, law: str) -> ControllerParameters:

@@ -7,7 +7,7 @@ from math import sqrt
 
 import numpy as np
 
-from seed_core.spatial import Array, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, make_pose, so3_log
 
 Triple = tuple[float, float, float]
 
@@ -80,10 +80,10 @@ class PoseLimiter:
 
     def advance(self, p: Array, R: Array, dt: float, speed: float) -> None:
         """One step of dt [s] towards position p (3,) and rotation R (3, 3); speed [m/s] bounds it now."""
-        e = p - self.p
-        self._move(self.linear.advance(float(e[0]), float(e[1]), float(e[2]), dt, speed))
-        r = so3_log(R @ self.R.T)
-        self._turn(self.angular.advance(float(r[0]), float(r[1]), float(r[2]), dt, self.angular.speed))
+        ex, ey, ez = (p - self.p).tolist()
+        self._move(self.linear.advance(ex, ey, ez, dt, speed))
+        x, y, z = _rotation_vector(R @ self.R.T)
+        self._turn(self.angular.advance(x, y, z, dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
@@ -99,10 +99,20 @@ class PoseLimiter:
         self.p = self.p + step
 
     def _turn(self, step: Triple) -> None:
-        if step != (0.0, 0.0, 0.0):
-            self.R = so3_exp(np.array(step)) @ self.R
-            self._renew()
+        x, y, z = step
+        if x == y == z == 0.0:
+            return
+        R = self.R + np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))) @ self.R
+        # A step is below 0.01 rad: one Newton step towards an orthonormal matrix leaves 1e-8, the next ones rounding.
+        for _ in range(2):
+            R = 1.5 * R - 0.5 * R @ (R.T @ R)
+        self.R = R
 
-    def _renew(self) -> None:
-        """First-order return to an orthonormal matrix: rounding adds up over hours of steps."""
-        self.R = 1.5 * self.R - 0.5 * self.R @ (self.R.T @ self.R)
+
+def _rotation_vector(R: Array) -> Triple:
+    """so3_log, with the sine for the angle where it is small: what steers a filter needs no more."""
+    (_, r01, r02), (r10, _, r12), (r20, r21, r22) = rows = R.tolist()
+    if rows[0][0] + rows[1][1] + r22 > 2.95:
+        return 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
+    x, y, z = so3_log(R).tolist()
+    return x, y, z

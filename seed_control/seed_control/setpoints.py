@@ -103,6 +103,15 @@ class HybridSetpoint:
         put(self, "velocity", _checked_vector(self.velocity, "velocity", "m/s"))
         self._check_selection()
 
+    def moved(self, X_W_tip: Array, velocity: Array) -> HybridSetpoint:
+        """The same set-point at another place: cheap, for paths; everything but the two arguments is shared."""
+        out = object.__new__(HybridSetpoint)
+        out.__dict__.update(self.__dict__)
+        put = object.__setattr__
+        put(out, "X_W_tip", _checked_pose(X_W_tip, "X_W_tip"))
+        put(out, "velocity", _checked_vector(velocity, "velocity", "m/s"))
+        return out
+
     def _check_selection(self) -> None:
         stray = self.wrench.force - self.force_projector @ self.wrench.force
         if np.abs(stray).max() > _FORCE_TOLERANCE:

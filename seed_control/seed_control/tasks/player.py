@@ -198,6 +198,7 @@ class _Run:
         control = step.phase.control
         self.force_projector = _projector(control, self._R_start)
         self._wrench = Wrench(np.array(control.torque), np.array(control.force)) if control else Wrench.zero()
+        self._first = self._first_setpoint(control)
 
     def advance(self, dt: float, state: ControllerState) -> str:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
@@ -218,13 +219,15 @@ class _Run:
 
     def setpoint(self) -> HybridSetpoint:
         """The set-point of this moment."""
-        R_W = self._X_W[:3, :3]
         share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
-        R = self._R_start @ so3_exp(share * self._turn)
+        R = self.R_end if share >= 1.0 else self._R_start @ so3_exp(share * self._turn)
         X_W_tip = self._X_W @ make_pose(R, self.position)
-        control = self.step.phase.control
+        return self._first.moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
+
+    def _first_setpoint(self, control: Control | None) -> HybridSetpoint:
+        X_W_tip = self._X_W @ make_pose(self._R_start, self.position)
         if control is None:
-            return HybridSetpoint(X_W_tip, velocity=R_W @ self.velocity)
+            return HybridSetpoint(X_W_tip)
         return HybridSetpoint(
             X_W_tip=X_W_tip,
             wrench=self._wrench,
@@ -232,8 +235,7 @@ class _Run:
             torque_axes=control.flags(control.torque_axes),
             contact_resists=control.flags(control.contact_resists),
             task_frame="tool" if control.frame == "tool" else "surface",
-            R_W_task=R_W,
-            velocity=R_W @ self.velocity,
+            R_W_task=self._X_W[:3, :3],
             approach_speed=control.approach_speed,
         )
 
