@@ -34,13 +34,13 @@ class Hand:
     """Frames fixed on the gripper: C in the flange E, and both optical frames in C.
 
     The defaults are a parallel gripper with two bubbles whose cameras look along +y_C (right finger) and -y_C
-    (left finger), 95 mm from the grasp's centre. Image columns run along x_C on one side and -x_C on the other.
+    (left finger), 105 mm from the grasp's centre. Columns of both images run along x_C; rows along z_C (left), -z_C (right).
     """
 
     name: str = field("soft_bubble", doc="name of this hand")
     E_C: Frame = field(Frame((0.0, 0.0, 0.15)), doc="compliance frame C in the flange E (tool0)")
-    C_L: Frame = field(Frame((0.0, 0.095, 0.0), (90.0, 0.0, 0.0)), doc="left optical frame in C; looks along -y_C")
-    C_R: Frame = field(Frame((0.0, -0.095, 0.0), (-90.0, 0.0, 0.0)), doc="right optical frame in C; looks along +y_C")
+    C_L: Frame = field(Frame((0.0, 0.105, 0.0), (90.0, 0.0, 0.0)), doc="left optical frame in C; looks along -y_C")
+    C_R: Frame = field(Frame((0.0, -0.105, 0.0), (-90.0, 0.0, 0.0)), doc="right optical frame in C; looks along +y_C")
 
     @property
     def X_EC(self) -> Array:

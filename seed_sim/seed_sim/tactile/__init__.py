@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rendered images of the cameras inside two bubbles that hold a tool. docs/tactile_simulation.md says what is modelled."""
+
+from seed_sim.tactile.parameters import TactileParameters, ToolShape
+from seed_sim.tactile.renderer import TactileRenderer
+
+__all__ = ["TactileParameters", "TactileRenderer", "ToolShape"]

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the membrane gives way to the tool: imprint, skirt, bulge, and which material sits where.
+
+Around an indenter the imprint decays exponentially (a recorded press decays by e in 8.5 mm on every side). The skirt's
+outline follows the tool with a lag; the air's volume is kept, so the rest of the dome bulges out.
+Material in contact at the grasp sticks to the tool; between it and the fixed rim displacement is harmonic, as in
+a stretched sheet.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
+
+from seed_sim.tactile.geometry import Image, Rays, dome_depth, tool_depth
+from seed_sim.tactile.parameters import TactileParameters
+
+_CELL = 0.001  # [m] of the grid on which the share of displacement is stored
+_TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
+_REACH = (1, 2, 4, 8, 8)  # [coarse pixels] of the dilations that make the skirt
+
+
+class Shape(NamedTuple):
+    """Deformed membrane on the coarse grid.
+
+    Attributes:
+        depth, imprint: (h, w) [m].
+        material: (h, w, 2) x and z in C of the material seen, as it lay before contact [m].
+    """
+
+    depth: Image
+    imprint: Image
+    material: NDArray[np.float32]
+
+
+class Membrane:
+    """One bubble with one tool; stateless but for the grasp at X_CT = identity."""
+
+    def __init__(self, rays: Rays, p: TactileParameters) -> None:
+        self.rays, self.p = rays, p
+        self.dome = dome_depth(rays, p, p.height)
+        step = 0.001
+        self._growth = (dome_depth(rays, p, p.height + step) - self.dome) / np.float32(step)
+        points = rays.at(self.dome)
+        across = np.linalg.norm(points[1:, 1:] - points[:-1, :-1], axis=-1)
+        self._pixel = float(np.median(across)) / math.sqrt(2.0)  # [m] from one coarse pixel to the next
+        lateral = points[..., ::2]
+        self._area = np.abs(np.gradient(lateral[..., 0], axis=1) * np.gradient(lateral[..., 1], axis=0))
+        h, w = self.dome.shape
+        u, v = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
+        self._grid = np.stack((u, v), axis=-1)
+        self._share = np.zeros((2, 2), np.float32)
+        self.rest = Shape(self.dome, np.zeros_like(self.dome), np.ascontiguousarray(lateral))
+        self._share = self._displacement_share()
+
+    def press(self, X_CT: Array, X_stuck: Array) -> Shape:
+        """With the tool at X_CT, and material that has followed it to X_stuck only (both (4, 4), identity at the grasp)."""
+        tool, skirt, raw, contact = self._imprint(X_CT)
+        free = np.float32(1.0) - cv2.GaussianBlur(contact, (0, 0), 1.0)
+        free[contact > 0.5] = 0.0  # what touches well inside the patch neither lags nor lifts
+        level = np.maximum(raw, np.float32(0.0))
+        imprint = np.maximum(level, level + free * (self._lagging(skirt, X_CT) - level))
+        depth = np.minimum(self.dome + self._amount(imprint) * self._growth - imprint, tool)
+        return Shape(depth, imprint, self._material(depth, X_stuck))
+
+    def _imprint(self, X_CT: Array) -> tuple[Image, Image, Image, Image]:
+        """Tool's depth, skirt, how far the tool passes the dome, and where it touches (0, 1); each (h, w)."""
+        tool = tool_depth(self.rays, self.p.tool, X_CT)
+        raw = self.dome - tool
+        skirt = np.maximum(raw, np.float32(0.0))
+        for reach in _REACH:
+            fall = math.exp(-reach * self._pixel / self.p.decay)
+            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+            skirt = np.maximum(skirt, cv2.dilate(skirt, kernel) * np.float32(fall))
+        contact = (raw > skirt - _TOUCH) & (raw > 2.0 * _TOUCH)
+        skirt = np.maximum(cv2.GaussianBlur(skirt, (0, 0), 1.2), raw)
+        return tool, skirt, raw, contact.astype(np.float32)
+
+    def _amount(self, imprint: Image) -> np.float32:
+        """Growth of the dome's height [m] that makes up for the volume of the imprint (2/3 pi a b per metre)."""
+        volume = float((imprint * self._area).sum())
+        return np.float32(self.p.bulge * volume / (2.0 / 3.0 * math.pi * self.p.rim_x * self.p.rim_z))
+
+    def _lagging(self, skirt: Image, X_CT: Array) -> Image:
+        """The skirt where softness leaves it: behind the tool, or dragged along by a round tool that spins."""
+        points = self.rays.at(self.dome - skirt)
+        shape_motion = _motion(points, _without_spin(X_CT) if self.p.tool.round else X_CT)
+        material_motion = _motion(points, X_CT)
+        shift = shape_motion - np.float32(1.0 - self.p.lag) * material_motion
+        grid = self._grid.copy()
+        right, down = self._axes_in_image()
+        grid += np.stack((shift @ right, shift @ down), axis=-1) / np.float32(self._pixel)
+        return cv2.remap(skirt, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+    def _axes_in_image(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Directions in C along columns and rows of the image."""
+        h, w = self.dome.shape
+        d = self.rays.directions
+        right, down = d[h // 2, -1] - d[h // 2, 0], d[-1, w // 2] - d[0, w // 2]
+        return right / np.linalg.norm(right), down / np.linalg.norm(down)
+
+    def _material(self, depth: Image, X_stuck: Array) -> NDArray[np.float32]:
+        """Which material (h, w, 2) is seen: m with m + share(m) motion = point, by fixed-point steps."""
+        points = self.rays.at(depth)
+        motion = _motion(points, X_stuck)[..., ::2]
+        lateral = points[..., ::2]
+        m = lateral - motion
+        for _ in range(4):
+            m = lateral - self._share_at(m)[..., None] * motion
+        return np.ascontiguousarray(m)
+
+    def _share_at(self, m: NDArray[np.float32]) -> Image:
+        h, w = self._share.shape
+        x = m[..., 0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
+        z = m[..., 1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
+        return cv2.remap(self._share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+
+    def _displacement_share(self) -> Image:
+        """Share of the tool's motion that material at (z, x) follows: 1 where it touches at the grasp, 0 at the rim."""
+        _, _, raw, contact = self._imprint(np.eye(4))
+        touched = self.rays.at(self.dome - raw)[contact > 0.5][:, ::2]
+        h, w = int(2 * self.p.rim_z / _CELL) + 3, int(2 * self.p.rim_x / _CELL) + 3
+        x, z = np.meshgrid(np.arange(w) - 0.5 * (w - 1), np.arange(h) - 0.5 * (h - 1))
+        inside = (x * _CELL / self.p.rim_x) ** 2 + (z * _CELL / self.p.rim_z) ** 2 < 1.0
+        stuck = np.zeros((h, w), np.uint8)
+        column = np.clip(np.round(touched[:, 0] / _CELL + 0.5 * (w - 1)).astype(int), 0, w - 1)
+        row = np.clip(np.round(touched[:, 1] / _CELL + 0.5 * (h - 1)).astype(int), 0, h - 1)
+        stuck[row, column] = 1
+        stuck = cv2.morphologyEx(stuck, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        return _harmonic(stuck > 0, inside)
+
+
+def _harmonic(ones: NDArray[np.bool_], inside: NDArray[np.bool_]) -> Image:
+    """Solution of Laplace's equation (h, w): 1 on `ones`, 0 outside `inside`; relaxed from coarse to fine."""
+    field = ones.astype(np.float32)
+    kernel = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), np.float32) / 4.0
+    for scale, steps in ((8, 200), (4, 200), (2, 200), (1, 300)):
+        size = (max(3, ones.shape[1] // scale), max(3, ones.shape[0] // scale))
+        one = cv2.resize(ones.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        zero = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA) < 0.5
+        field = cv2.resize(field, size, interpolation=cv2.INTER_LINEAR)
+        for _ in range(steps):
+            field = cv2.filter2D(field, -1, kernel)
+            field[one], field[zero] = 1.0, 0.0
+    return np.asarray(field, np.float32)
+
+
+def _motion(points: NDArray[np.float32], X_CT: Array) -> NDArray[np.float32]:
+    """How far tool-fixed points, now at (..., 3) in C, have moved since the grasp (T = C)."""
+    X_TC = inverse_pose(X_CT)
+    return points - (points @ X_TC[:3, :3].T.astype(np.float32) + X_TC[:3, 3].astype(np.float32))
+
+
+def _without_spin(X_CT: Array) -> Array:
+    """X_CT without its turn about z_T, which does not move the surface of a round tool."""
+    R = X_CT[:3, :3]
+    twist = math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+    return make_pose(R @ so3_exp((0.0, 0.0, -twist)), X_CT[:3, 3])
+
+
+def followed(X_CT: Array, slip: float) -> Array:
+    """Pose that the material reaches when it follows the motion since the grasp by 1 - slip."""
+    if slip == 0.0:
+        return X_CT
+    return make_pose(so3_exp((1.0 - slip) * so3_log(X_CT[:3, :3])), (1.0 - slip) * X_CT[:3, 3])
