@@ -86,7 +86,7 @@ class Rig:
                 raise SeedError(f"{what}: not within {timeout} s; the driver says {self.state.reason!r}")
         return time.monotonic() - start
 
-    def ready(self, timeout: float = 15.0) -> None:
+    def ready(self, timeout: float = 60.0) -> None:
         """Wait until the driver follows targets."""
         self.wait(lambda s: s.armed, timeout, "driver ready")
 

@@ -21,7 +21,7 @@ from seed_driver.config import DriverConfig, to_json
 from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
 
 SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
-    Stage.STARTING: (5.0, 10.0),
+    Stage.STARTING: (15.0, 40.0),
     Stage.SEARCHING: (3.0, 6.0),
     Stage.BUSY: (1.5, 7.0),
     Stage.MONITORING: (0.09, 0.5),

@@ -50,7 +50,7 @@ def node(robot):
 @pytest.fixture(scope="module")
 def peer(node):  # noqa: ARG001
     with Peer() as made:
-        made.wait(lambda: running(made), 30.0, "driver ready")
+        made.wait(lambda: running(made), 60.0, "driver ready")
         yield made
 
 

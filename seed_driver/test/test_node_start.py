@@ -28,7 +28,7 @@ class Node:
             command = [sys.executable, "-m", "seed_driver.node", "--ros-args", *arguments]
             self.process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
 
-    def says(self, text: str, within: float = 20.0) -> bool:
+    def says(self, text: str, within: float = 60.0) -> bool:
         until = time.monotonic() + within
         while time.monotonic() < until and text not in self.file.read_text():
             time.sleep(0.05)

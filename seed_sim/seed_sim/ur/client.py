@@ -43,7 +43,7 @@ class StandIn:
         """Start (again) and wait until it serves."""
         command = [sys.executable, "-m", "seed_sim.ur_controller", "--host", self.host, *self.arguments]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 60.0
         while time.monotonic() < deadline and self.process.poll() is None:
             try:
                 self.ask("state")
