@@ -80,6 +80,14 @@ class Camera:
         same = self.shape == other.shape and (self.model == other.model or not (self.D.any() or other.D.any()))
         return same and bool(np.allclose(self.K, other.K, atol=1e-3) and np.allclose(self.D, other.D, atol=1e-6))
 
+    def decimated(self, n: int) -> Camera:
+        """The camera of an image of which every n-th pixel and line is kept, from the first on."""
+        if n == 1:
+            return self
+        K = self.K.copy()
+        K[:2] /= n
+        return Camera(-(-self.width // n), -(-self.height // n), K, self.D, self.model)
+
     def rays(self) -> Array:
         """(H, W, 3) undistorted rays with z = 1: a point at depth d in pixel (v, u) is d * rays()[v, u]."""
         return self._rays

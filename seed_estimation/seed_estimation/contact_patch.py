@@ -84,11 +84,13 @@ class PatchFinder:
                 f"{p.far:g} m; at least {0.5 * p.least_valid:.0%} is needed: check camera, range and `steady`"
             )
         self.depth: Image = np.where(self.membrane > 0, mean, np.nan).astype(np.float32)
-        self._filled = np.nan_to_num(self.depth, nan=0.0)
         self._ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (p.opening, p.opening))
-        self._rays = camera.rays32
         v, u = np.nonzero(self.membrane)
         self._roi = (slice(int(v.min()), int(v.max()) + 1), slice(int(u.min()), int(u.max()) + 1))
+        self._inside = self.membrane[self._roi] * np.uint8(255)
+        self._filled = np.nan_to_num(self.depth[self._roi], nan=0.0)
+        rays = camera.rays32[self._roi]
+        self._rays = np.ascontiguousarray(rays[..., 0]), np.ascontiguousarray(rays[..., 1])
 
     def _membrane(self, mean: Image, deviation: Image) -> Mask:
         p = self.parameters
@@ -105,19 +107,16 @@ class PatchFinder:
 
     def indentation(self, depth: Image) -> Image:
         """Towards the camera, (h, w) over the membrane's box [m]; 0 off the membrane and where depth is broken."""
-        roi = self._roi
-        difference = self._filled[roi] - depth[roi]
-        with np.errstate(invalid="ignore"):
-            good = (np.abs(difference) < self.parameters.largest) & (self.membrane[roi] > 0)
-        return np.where(good, difference, np.float32(0.0)).astype(np.float32)
+        difference = self._filled - depth[self._roi]
+        good = cv2.inRange(difference, -self.parameters.largest, self.parameters.largest)  # 0 for NaN
+        return np.asarray(cv2.bitwise_and(difference, difference, mask=cv2.bitwise_and(good, self._inside)), np.float32)
 
     def find(self, depth: Image) -> tuple[Mask, ContactPatch]:
         """Mask (H, W) of the patch, 0 or 1, and the patch; depth (H, W) float32 [m]."""
-        p, roi = self.parameters, self._roi
+        p = self.parameters
         raw = self.indentation(depth)
         smooth = cv2.blur(raw, (p.smooth, p.smooth))
-        binary = (smooth > p.threshold).view(np.uint8)
-        binary = cv2.morphologyEx(binary, cv2.MORPH_OPEN, self._ellipse)
+        binary = cv2.morphologyEx(cv2.inRange(smooth, p.threshold, 1.0), cv2.MORPH_OPEN, self._ellipse)
         mask = np.zeros(self.camera.shape, np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(binary, connectivity=4)
         if count < 2:
@@ -125,26 +124,26 @@ class PatchFinder:
         best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
         if stats[best, cv2.CC_STAT_AREA] < p.least_area:
             return mask, ContactPatch(self.finger)
-        piece = labels == best
-        mask[roi] = piece
-        return mask, self._describe(piece, raw, smooth, depth)
+        piece = (labels == best).view(np.uint8)
+        mask[self._roi] = piece
+        return mask, self._describe(piece, raw, smooth, depth[self._roi])
 
-    def _describe(self, piece: NDArray[np.bool_], raw: Image, smooth: Image, depth: Image) -> ContactPatch:
-        roi = self._roi
-        z = depth[roi][piece]
-        good = (raw[piece] != 0.0) & np.isfinite(z)  # broken pixels inside the patch have no place of their own
-        if not good.any():
+    def _describe(self, piece: Mask, raw: Image, smooth: Image, depth: Image) -> ContactPatch:
+        known = cv2.compare(raw, 0.0, cv2.CMP_NE)  # broken pixels inside the patch have no place of their own
+        seen = cv2.bitwise_and(piece, known)
+        if not cv2.countNonZero(seen):
             return ContactPatch(self.finger)
-        z = z[good]
-        centroid = (self._rays[roi][piece][good] * z[:, None]).mean(axis=0, dtype=float)
-        inside = smooth[piece]
+        z = cv2.bitwise_and(depth, depth, mask=known)
+        x, y, z_mean = (cv2.mean(image, seen)[0] for image in (self._rays[0] * z, self._rays[1] * z, z))
+        centroid = np.array((x, y, z_mean))
+        pixels = cv2.countNonZero(piece)
         return ContactPatch(
             finger=self.finger,
             in_contact=True,
             centroid=centroid,
             centroid_C=self.X_CX[:3, :3] @ centroid + self.X_CX[:3, 3],
-            pixels=int(inside.size),
-            area=float(np.mean(z * z)) * inside.size / float(self.camera.K[0, 0] * self.camera.K[1, 1]),
-            mean_indentation=float(inside.mean()),
-            max_indentation=float(inside.max()),
+            pixels=pixels,
+            area=z_mean * z_mean * pixels / float(self.camera.K[0, 0] * self.camera.K[1, 1]),
+            mean_indentation=cv2.mean(smooth, piece)[0],
+            max_indentation=float(cv2.minMaxLoc(smooth, piece)[1]),
         )

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The image streams of the fingers: subscriptions, pairing by stamp, calibration, conversion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+from seed_core.config import field
+from seed_core.errors import SeedError
+from seed_estimation.camera import Camera
+from seed_estimation.images import TactileImages
+from seed_ros.cameras import intrinsics
+from seed_ros.conversions import MessageError, seconds
+from seed_ros.counters import Complaints
+from seed_ros.images import depth_from_message, gray_from_message
+from seed_ros.pairing import Pairing
+from seed_ros.qos import SENSOR
+
+Ready = Callable[[float, dict[str, TactileImages]], None]
+Problem = Callable[[float, str], None]
+FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
+
+
+@dataclass(frozen=True)
+class InputSettings:
+    """How images are taken in."""
+
+    fingers: str = field("both", choices=tuple(FINGERS), doc="which bubbles have a camera")
+    rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
+    pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
+    finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
+    silence: float = field(0.2, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
+
+
+class ImageInputs:
+    """Calls `ready` with the images of one moment, or `problem` with the reason why there are none."""
+
+    def __init__(self, node: Node, settings: InputSettings, complaints: Complaints, ready: Ready, problem: Problem) -> None:
+        self.settings = settings
+        self.fingers = FINGERS[settings.fingers]
+        self.cameras: dict[str, Camera] = {}
+        self.frame_ids: dict[str, str] = {}
+        self.camera_problem = ""
+        self.on_calibration: Callable[[], None] = lambda: None
+        self._complaints = complaints
+        self._ready, self._problem = ready, problem
+        self._images = {f: Pairing[Image](("depth", "ir"), settings.pair_tolerance) for f in self.fingers}
+        self._both = Pairing[dict[str, Image]](self.fingers, settings.finger_tolerance)
+        self._heard: dict[str, float] = {}
+        for finger in self.fingers:
+            for kind, topic in (("depth", "depth/image_rect_raw"), ("ir", "ir/image_rect_raw")):
+                node.create_subscription(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+            info = f"bubble_{finger}/depth/camera_info"
+            node.create_subscription(CameraInfo, info, partial(self._on_info, finger), SENSOR)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every finger's camera is known."""
+        return all(f in self.cameras for f in self.fingers)
+
+    def counts(self) -> dict[str, int]:
+        """Paired sets, and images that found no partner or came out of order."""
+        pairings: list[Pairing[Any]] = [self._both, *self._images.values()]
+        return {
+            "pairs": self._both.complete,
+            "images_unpaired": sum(p.unpaired for p in pairings),
+            "images_out_of_order": sum(p.backwards for p in pairings),
+        }
+
+    def _on_info(self, finger: str, message: CameraInfo) -> None:
+        try:
+            camera = Camera.from_info(*intrinsics(message, self.settings.rectified))
+        except SeedError as error:
+            self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
+            self._complaints.add("camera_info_refused", self.camera_problem)
+            return
+        known = self.cameras.get(finger)
+        if known is None or not known.matches(camera):
+            self.cameras[finger] = camera
+            self.frame_ids[finger] = message.header.frame_id
+            self.camera_problem = ""
+            self.on_calibration()
+
+    def _on_image(self, finger: str, kind: str, message: Image) -> None:
+        stamp = seconds(message.header.stamp)
+        done = self._images[finger].add(kind, stamp, message)
+        if done is None:
+            return
+        self._heard[finger] = done[0]
+        silent = [f for f in self.fingers if done[0] - self._heard.get(f, done[0]) > self.settings.silence]
+        if silent:
+            self._complaints.add("finger_silent", f"no images of bubble_{silent[0]} for {self.settings.silence:g} s")
+            self._convert(done[0], {finger: done[1]})
+            return
+        together = self._both.add(finger, done[0], done[1])
+        if together is not None:
+            self._convert(together[0], together[1])
+
+    def _convert(self, stamp: float, messages: dict[str, dict[str, Image]]) -> None:
+        try:
+            images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
+        except SeedError as error:
+            self._complaints.add("images_refused", str(error))
+            self._problem(stamp, str(error))
+            return
+        missing = [f for f in self.fingers if f not in self.cameras]
+        if missing:
+            where = f"bubble_{missing[0]}/depth/camera_info"
+            reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
+            self._complaints.add("images_without_camera_info", reason)
+            self._problem(stamp, reason)
+            return
+        self._ready(stamp, images)
+
+    def _pair(self, finger: str, pair: dict[str, Image], stamp: float) -> TactileImages:
+        for kind, message in pair.items():
+            self._check_size(finger, kind, message)
+        depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
+        return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
+
+    def _check_size(self, finger: str, kind: str, message: Image) -> None:
+        camera = self.cameras.get(finger)
+        if camera is not None and (message.width, message.height) != (camera.width, camera.height):
+            raise MessageError(
+                f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
+                f"{camera.width} x {camera.height}"
+            )

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following the tool from frame to frame: prediction, locked or lost, finding it again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from seed_core.spatial import inverse_pose, orthonormalised, so3_exp, so3_log
+from seed_estimation.camera import Array
+from seed_estimation.finger_model import FingerModel
+from seed_estimation.frame import Box, Frame, project32
+from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.rigid_fit import Fit, fit
+from seed_estimation.slip import MicroSlip
+
+# Information that holds an axis which nothing sees where the prediction puts it: deviations of 0.5 rad and 20 mm
+PRIOR = np.diag([1 / 0.5**2] * 3 + [1 / 0.02**2] * 3)
+COARSE_STEPS = 6
+SURE = 0.05  # a track that was lost must explain this much more of the image to count as found
+SURE_FRAMES = 2  # and do so this many frames in a row
+STARTS = 6  # places tried per frame while lost: one camera period is not enough for all of them
+REACH = 0.35, 0.012  # [rad], [m] no tool jumps further than this between two frames
+
+
+class Tracker:
+    """Pose of the tool since the grasp, by `rigid_fit`, with a constant-velocity prediction."""
+
+    def __init__(self, models: Sequence[FingerModel], parameters: EstimatorParameters, stamp: float) -> None:
+        self.models, self.parameters = tuple(models), parameters
+        self.X_CT = np.eye(4)
+        self.rate = np.zeros(6)  # [rotation vector, translation] per second, in C
+        self.stamp = stamp
+        self.lost = False
+        self.gross_slip = False
+        self.slip = MicroSlip(parameters.max_slip)
+        self._good = 0  # frames in a row since it was found again
+        self._starts: Iterator[Array] = iter(())
+
+    def lose(self) -> None:
+        """Too much time has passed: the track must be found again."""
+        self.lost, self._good, self._starts = True, 0, iter(())
+
+    def predicted(self, stamp: float) -> Array:
+        """X_CT (4, 4) expected at a time [s]."""
+        dt = min(max(stamp - self.stamp, 0.0), 0.1)
+        if self.lost:
+            return self.X_CT
+        X = self.X_CT.copy()
+        X[:3, :3] = so3_exp(self.rate[:3] * dt) @ X[:3, :3]
+        X[:3, 3] += self.rate[3:] * dt
+        return orthonormalised(X)
+
+    def boxes(self, X_CT: Array) -> dict[str, Box]:
+        """Where each finger's points are expected: first, last u, first, last v [px]."""
+        out = {}
+        for m in self.models:
+            X = m.X_XC @ X_CT
+            pixels = project32(m.camera, (X[:3, :3] @ m.p[:, ::7] + X[:3, 3:]).astype(np.float32))
+            u, v = np.clip(np.nan_to_num(pixels), -1e5, 1e5)
+            out[m.finger] = (int(u.min()), int(u.max()), int(v.min()), int(v.max()))
+        return out
+
+    def step(self, frames: Mapping[str, Frame], stamp: float) -> Fit:
+        """The best fit to the frames; `lost` says whether it may be believed."""
+        p = self.parameters
+        start = self.predicted(stamp)
+        steps = (COARSE_STEPS, p.iterations) if self.lost else (0, p.iterations)
+        best = self._fit(frames, start, steps)
+        if self._quality(best) < p.lock:
+            for other in (start, self.X_CT) if not self.lost else self._next_starts():
+                best = max(best, self._fit(frames, other, (COARSE_STEPS, p.iterations)), key=self._quality)
+                if self._quality(best) > p.lock + SURE:
+                    break
+        self._accept(best, stamp)
+        return best
+
+    def _fit(self, frames: Mapping[str, Frame], start: Array, steps: tuple[int, int]) -> Fit:
+        return fit(self.models, frames, start, self.slip.value, PRIOR, steps)
+
+    def _quality(self, result: Fit) -> float:
+        """Share of the images explained by the motion; a motion that no tool makes explains nothing."""
+        step = inverse_pose(self.X_CT) @ result.X_CT
+        if not np.isfinite(step).all():
+            return 0.0
+        angle, way = float(np.linalg.norm(so3_log(step[:3, :3]))), float(np.linalg.norm(step[:3, 3]))
+        if angle > REACH[0] or way > REACH[1]:
+            return 0.0
+        return max(result.locked.values())
+
+    def _accept(self, result: Fit, stamp: float) -> None:
+        p, dt = self.parameters, stamp - self.stamp
+        quality = self._quality(result)
+        if self.lost:
+            self._good = self._good + 1 if quality > p.lock + SURE else 0
+            if self._good < SURE_FRAMES:
+                if self._good:
+                    self.X_CT, self.stamp = result.X_CT, stamp
+                return
+        elif quality < p.lock:
+            self.lose()
+            return
+        follow = not self.lost and 0.0 < dt <= 0.2
+        self.rate = self._rate(result.X_CT, dt) if follow else np.zeros(6)
+        self.X_CT, self.stamp, self.lost = result.X_CT, stamp, False
+        if p.learn_slip and follow:
+            self.slip.update(result.slip_step, result.slip_information, dt)
+
+    def _rate(self, X_CT: Array, dt: float) -> Array:
+        turn = so3_log(X_CT[:3, :3] @ self.X_CT[:3, :3].T)
+        return np.concatenate([turn, X_CT[:3, 3] - self.X_CT[:3, 3]]) / dt
+
+    def _next_starts(self) -> list[Array]:
+        """The next few places to look at, around where the tool was last seen."""
+        out = []
+        for _ in range(STARTS):
+            start = next(self._starts, None)
+            if start is None:
+                self._starts = iter(around(self.X_CT))
+                start = next(self._starts)
+            out.append(start)
+        return out
+
+
+def around(X_CT: Array) -> list[Array]:
+    """Poses near X_CT (4, 4), nearest first, about as far apart as the coarse level reaches: 3 px, 5 degrees."""
+    out = []
+    for dx in (0.0, -0.0015, 0.0015, -0.003, 0.003):
+        for dz in (0.0, -0.0015, 0.0015, -0.003, 0.003):
+            for pitch in (0.0, -0.08, 0.08, -0.16, 0.16):
+                X = X_CT.copy()
+                X[:3, :3] = so3_exp((0.0, pitch, 0.0)) @ X[:3, :3]
+                X[:3, 3] += (dx, 0.0, dz)
+                out.append((abs(dx) / 0.0015 + abs(dz) / 0.0015 + abs(pitch) / 0.08, X))
+    return [X for _, X in sorted(out, key=lambda item: item[0])]
