@@ -7,8 +7,11 @@ import importlib
 import os
 import random
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
+
+import pytest
 
 LAST_DOMAIN = 101  # above it, DDS ports meet the ephemeral ones of Linux
 
@@ -40,3 +43,26 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 for _folder in sorted(Path(__file__).parent.glob("seed_*/setup.py")):
     with contextlib.suppress(ImportError):
         importlib.import_module(_folder.parent.name)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of nodes run against the clock, whether or not they say so."""
+    for item in items:
+        if "node" in item.path.stem.split("_"):
+            item.add_marker(pytest.mark.realtime)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """With several workers, a realtime test has the machine to itself: others share a lock that it holds alone."""
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
+    if run is None:
+        return (yield)
+    alone = item.get_closest_marker("realtime") is not None
+    path = Path(tempfile.gettempdir()) / f"seed-test-run-{run}"
+    # Whoever waits for the machine stands in the gate, so that the others cannot overtake it for ever.
+    with path.with_suffix(".gate").open("w") as gate, path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(gate, fcntl.LOCK_EX)
+        fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        fcntl.flock(gate, fcntl.LOCK_UN)
+        return (yield)

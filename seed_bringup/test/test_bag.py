@@ -22,11 +22,12 @@ from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.interfaces import QosDurability, QosReliability  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
+from std_msgs.msg import Float32, String  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
+
 from seed_bringup.bags.recording import Recording  # noqa: E402
 from seed_bringup.bags.types import BagError, InstalledTypes, definition_file  # noqa: E402
 from seed_bringup.bags.writing import BagWriter  # noqa: E402
-from std_msgs.msg import Float32, String  # noqa: E402
-from tf2_msgs.msg import TFMessage  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TOPICS = ["/cell/wrench", "/cell/force", "/cell/mode", "/tf"]

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from seed_bringup.launching.description import Description, declared_arguments, describe
 from seed_bringup.launching.elements import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute

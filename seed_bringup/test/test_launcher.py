@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from seed_bringup.launcher import Launch
 
 PROGRAMS = {

@@ -12,6 +12,7 @@ from seed_sim.ur.client import StandIn, private_host
 from seed_driver.config import DriverConfig
 
 NAMED_WITHIN = 3.0  # [s]
+pytestmark = pytest.mark.realtime
 
 
 def reason(supervisor: Supervisor, text: str, within: float = NAMED_WITHIN) -> str:

@@ -12,6 +12,7 @@ from seed_driver.supervisor import leftover_processes
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures
+pytestmark = pytest.mark.realtime
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" / "seed_bringup")]
 
 import commands  # noqa: E402
+
 from progress import SetupError, say  # noqa: E402
 
 
