@@ -10,6 +10,7 @@ from typing import Any
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_sim.tactile.parameters import TactileParameters
 
 FOLDER = Path(__file__).parent.parent / "config" / "scenarios"
 Range = tuple[float, float]
@@ -80,7 +81,7 @@ class Scenario:
     servo: ServoSection = field(ServoSection(), doc="the arm")
     table: TableSection = field(TableSection(), doc="the surface")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
-    tactile: dict[str, Any] = field({}, doc="rendered images")
+    tactile: TactileParameters = field(TactileParameters(), doc="rendered images")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
 
