@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a set-point can be followed with this hand, tool, stiffness and estimator; refusals SP10 to SP17 say why not."""
+"""Whether a set-point can be followed with this hand, tool, grasp and estimator; refusals SP10 to SP17."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def check_tipping(
 def check_observed(
     directions: Array, torque_axes: tuple[bool, bool, bool], observed: tuple[bool, ...], R_WC: Array
 ) -> None:
-    """SP15: force or torque along an axis that the estimator does not observe (Sec. VIII-B). directions: (m, 3) in W."""
+    """SP15: force or torque on an axis that the estimator does not observe (Sec. VIII-B). directions: (m, 3) in W."""
     for n in directions:
         n_C = R_WC.T @ n
         for i in range(3):

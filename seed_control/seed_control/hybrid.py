@@ -7,6 +7,7 @@ Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from math import asin, cos, isfinite, pi, sin, sqrt
 
 import numpy as np
@@ -44,7 +45,9 @@ def partial_angles(
     yaw = torque[2] / ky if is_torque[2] else angles[2]
     tz = ky * yaw
     if not (isfinite(yaw) and abs(yaw) < pi):
-        raise PartialInverseError(f"tz = {torque[2]:.3g} N m needs a yaw of {np.rad2deg(yaw):.0f} degrees; below 180 only")
+        raise PartialInverseError(
+            f"tz = {torque[2]:.3g} N m needs a yaw of {np.rad2deg(yaw):.0f} degrees; below 180 only"
+        )
     c2, s2 = cos(yaw), sin(yaw)
     if is_torque[1]:
         if is_torque[0]:
@@ -59,11 +62,15 @@ def partial_angles(
         along = c2 * torque[0] + s2 * torque[1]
     else:
         if abs(c2) < 1e-3:
-            raise PartialInverseError(f"tx with the pitch given has no solution at a yaw of {np.rad2deg(yaw):.1f} degrees")
+            raise PartialInverseError(
+                f"tx with the pitch given has no solution at a yaw of {np.rad2deg(yaw):.1f} degrees"
+            )
         along = (torque[0] + s2 * kp * pitch) / c2
     roll = (cos(pitch) * along - sin(pitch) * tz) / kr
     if not abs(roll) < pi:
-        raise PartialInverseError(f"tx = {torque[0]:.3g} N m needs a roll of {np.rad2deg(roll):.0f} degrees; below 180 only")
+        raise PartialInverseError(
+            f"tx = {torque[0]:.3g} N m needs a roll of {np.rad2deg(roll):.0f} degrees; below 180 only"
+        )
     return roll, pitch, yaw
 
 
@@ -84,7 +91,7 @@ def _pitch_by_root(k: Triple, ty: float, roll: float, tz: float, c2: float, s2: 
 
     # F' = 0 is a quadratic in sin p, so the range falls into at most three pieces on which F is monotone.
     edges = [-PITCH_RANGE, *_turning_points(c2 * kp, s2 * a, s2 * tz), PITCH_RANGE]
-    pieces = zip(edges, edges[1:], strict=False)
+    pieces = pairwise(edges)
     roots = [_bisect(value, low, high) for low, high in pieces if value(low) * value(high) <= 0.0]
     if not roots:
         low, high = sorted((value(-PITCH_RANGE) + ty, value(PITCH_RANGE) + ty))
@@ -94,7 +101,9 @@ def _pitch_by_root(k: Triple, ty: float, roll: float, tz: float, c2: float, s2: 
         )
     if near is None and len(roots) > 1:
         listed = ", ".join(f"{np.rad2deg(p):.1f}" for p in roots)
-        raise PartialInverseError(f"ty = {ty:.3g} N m is reached at pitches of {listed} degrees: give the measured pitch")
+        raise PartialInverseError(
+            f"ty = {ty:.3g} N m is reached at pitches of {listed} degrees: give the measured pitch"
+        )
     start = near if near is not None else roots[0]
     return min(roots, key=lambda p: abs(p - start))
 

@@ -96,9 +96,7 @@ class HybridLaw:
         """Other force directions than before: contact is to be found anew."""
         m = round(float(np.trace(self.setpoint.force_projector))) if self.setpoint else 0
         p = self.parameters
-        tuning = ObserverTuning(
-            1e-3 * p.surface_noise, p.slope_noise, 2e-3, p.slope_prior, p.compliance_prior
-        )
+        tuning = ObserverTuning(1e-3 * p.surface_noise, p.slope_noise, 2e-3, p.slope_prior, p.compliance_prior)
         self.observers = [SurfaceObserver(tuning) for _ in range(m)]
         self._undeflected = p_WC + self.R_WT @ self.gauge.p_Ttip
         self.contact = False
@@ -260,11 +258,10 @@ class HybridLaw:
             loop_time: [s] from an image to the arm's answer, which bounds the approach.
         """
         s = self.setpoint
-        assert s is not None and self.measured is not None
+        assert s is not None
         tip_wanted = s.X_W_tip[:3, 3] + lead * s.velocity
-        if self.features.feedforward:
-            offset = self.offset
-        else:
+        offset = self.offset
+        if not self.features.feedforward:
             offset = -(s.X_W_tip[:3, :3] @ self.R_tipT @ self.gauge.p_Ttip)
         if not self.observers:
             return np.asarray(tip_wanted + offset)

@@ -142,7 +142,9 @@ class Controller:
             raise ControlRefusedError("cannot enable: no flange pose (current_pose) within the last 0.1 s")
         self._digest(t)
         if not self._fresh(t):
-            raise ControlRefusedError(f"cannot enable: {self._staleness(t) or 'no valid estimate of the relative pose'}")
+            raise ControlRefusedError(
+                f"cannot enable: {self._staleness(t) or 'no valid estimate of the relative pose'}"
+            )
         if self._enabled and not self._held:
             return
         self._start_from_here()
@@ -151,7 +153,7 @@ class Controller:
         self._setpoint = self._relative = None
         self.law.release()
 
-    def disable(self, t: float, reason: str) -> None:
+    def disable(self, t: float, reason: str) -> None:  # noqa: ARG002 - the same shape as enable
         """Decelerate to rest and ignore set-points until enabled again."""
         self._enabled, self._held, self._note = False, "", reason or "disabled"
         self._setpoint = self._relative = None
@@ -246,11 +248,13 @@ class Controller:
         deflection = float(np.sqrt(m.X_TC[:3, 3] @ m.X_TC[:3, 3]))
         angle = float(np.rad2deg(np.abs(rpy_from_rotation(m.X_TC[:3, :3])).max()))
         over = (
-            f"estimated force {force:.1f} N is beyond {p.max_measured_force:g} N" if force > p.max_measured_force
+            f"estimated force {force:.1f} N is beyond {p.max_measured_force:g} N"
+            if force > p.max_measured_force
             else f"deflection {1e3 * deflection:.1f} mm is beyond {1.2e3 * p.max_deflection:.1f} mm: the tool may slip"
             if deflection > 1.2 * p.max_deflection
             else f"rotation {angle:.0f} degrees in the grasp is beyond {1.2 * p.max_rotation:.0f}: the tool may slip"
-            if angle > 1.2 * p.max_rotation else ""
+            if angle > 1.2 * p.max_rotation
+            else ""
         )
         self._too_far = self._too_far + 1 if over else 0
         if self._too_far >= 3 and self._enabled:
@@ -278,9 +282,7 @@ class Controller:
         if why:
             self._hold(why)
             return
-        if self._setpoint is None or self._relative is not None:
-            self._free_from = None
-        elif self.law.contact or not self.law.observers:
+        if self._setpoint is None or self._relative is not None or self.law.contact or not self.law.observers:
             self._free_from = None
         elif self._free_from is None:
             self._free_from = self._limiter.p.copy()
@@ -311,8 +313,9 @@ class Controller:
     # --- set-points --------------------------------------------------------------------------------------------
     def _adopt(self, setpoint: Setpoint, t: float) -> None:
         if not self._enabled or self._held:
-            raise SetpointError("SP17", f"the controller is {'holding: ' + self._held if self._held else 'disabled'}; "
-                                "enable it first")
+            raise SetpointError(
+                "SP17", f"the controller is {'holding: ' + self._held if self._held else 'disabled'}; enable it first"
+            )
         admission.check_stamp(setpoint.stamp, t, self.parameters.setpoint_max_age)
         if isinstance(setpoint, RelativePoseSetpoint):
             X = setpoint.X_TC
@@ -337,11 +340,18 @@ class Controller:
         assert m is not None
         X_W_tip = m.X_WT @ self.tool.X_Ttip
         if any(s.contact_resists) != all(s.contact_resists):
-            raise SetpointError("SP09", "a wrench set-point needs contact_resists about all three axes or none; use a "
-                                "hybrid set-point for some of them")
+            raise SetpointError(
+                "SP09",
+                "a wrench set-point needs contact_resists about all three axes or none; use a "
+                "hybrid set-point for some of them",
+            )
         return HybridSetpoint(
-            X_W_tip=X_W_tip, wrench=s.wrench, force_projector=np.eye(3), torque_axes=s.contact_resists,
-            task_frame=s.frame, contact_resists=s.contact_resists,
+            X_W_tip=X_W_tip,
+            wrench=s.wrench,
+            force_projector=np.eye(3),
+            torque_axes=s.contact_resists,
+            task_frame=s.frame,
+            contact_resists=s.contact_resists,
         )
 
     def _changed(self, s: HybridSetpoint) -> bool:
@@ -364,7 +374,8 @@ class Controller:
 
     def _check(self, s: HybridSetpoint) -> None:
         p, m = self.parameters, self._measured
-        assert m is not None and self._estimate is not None
+        assert m is not None
+        assert self._estimate is not None
         admission.check_load(s.wrench, p)
         R_WT = s.X_W_tip[:3, :3] @ self.law.R_tipT
         R_W_task = s.X_W_tip[:3, :3] if s.task_frame == "tool" else s.R_W_task
@@ -396,8 +407,10 @@ class Controller:
         assert self._blend is not None
         old, new, start = self._blend
         share = min(max((t - start) / self.parameters.stiffness_blend, 0.0), 1.0)
-        mix = [(1 - share) * a + share * b for a, b in zip(old.rotation + old.translation,
-                                                           new.rotation + new.translation, strict=True)]
+        mix = [
+            (1 - share) * a + share * b
+            for a, b in zip(old.rotation + old.translation, new.rotation + new.translation, strict=True)
+        ]
         self.gauge.bushing = self._bushing(Stiffness((mix[0], mix[1], mix[2]), (mix[3], mix[4], mix[5])))
         if share >= 1.0:
             self._blend = None
@@ -419,13 +432,20 @@ class Controller:
     def _describe(self, t: float, limits: tuple[str, ...]) -> ControllerState:
         m, law, s, mode = self._measured, self.law, self.law.setpoint, self._mode()
         self._state = ControllerState(
-            t, mode, self._enabled,
+            t,
+            mode,
+            self._enabled,
             KINDS[type(self._setpoint)] if self._setpoint is not None else "",
             s.wrench if s is not None else None,
-            law.estimated_task, law.filtered_task,
+            law.estimated_task,
+            law.filtered_task,
             law.X_TC_wanted if s is not None else self._relative.X_TC if self._relative else None,
             m.X_CT if m is not None else None,
-            law.X_W_tip, law.R_W_task, limits, self._held or self._note, law.contact,
+            law.X_W_tip,
+            law.R_W_task,
+            limits,
+            self._held or self._note,
+            law.contact,
             mode == "contact" and law.settled,
             t - m.stamp if m is not None else inf,
             self.counters,

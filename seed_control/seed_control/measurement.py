@@ -61,7 +61,15 @@ class Gauge:
         spring = self.bushing.wrench(X_TC)
         load = spring.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT)
         return Measurement(
-            estimate.stamp, X_WC, X_WT, X_TC, X_CT, X_WT[:3, 3] + lever, X_WC[:3, 3] + lever, spring, load,
+            estimate.stamp,
+            X_WC,
+            X_WT,
+            X_TC,
+            X_CT,
+            X_WT[:3, 3] + lever,
+            X_WC[:3, 3] + lever,
+            spring,
+            load,
             self._variance(estimate),
         )
 

@@ -6,8 +6,8 @@ measured height of the tip, s the tip's position across n, and c0 the value of c
 
     y = zeta + g . (s - s0) + beta (c - c0)            beta = k / (k + k_env): share of gripper motion the tip follows
 
-The model is linear in x = [zeta, g (3), beta], since c is known from kinematics. The wanted deflection d = c - y along n
-then needs
+The model is linear in x = [zeta, g (3), beta], since c is known from kinematics. The wanted deflection d = c - y along
+n then needs
 
     c = c0 + (zeta + g . (s - s0) - c0 + d) / (1 - beta)
 
@@ -86,7 +86,7 @@ class SurfaceObserver:
         return innovation
 
     def target(self, n: Array, tip: Array, deflection: float) -> float:
-        """Undeflected height c [m], along n from the anchor, that deflects the grasp by c - y when the tip is at (3,)."""
+        """Height c [m], along n from the anchor, at which c - y is the deflection wanted, with the tip at (3,)."""
         x = self.x
         step = tip - self.anchor
         zeta = float(x[0] + x[1:4] @ step) - float(x[1:4] @ n) * float(n @ step)

@@ -14,8 +14,12 @@ LAWS = ("seed", "plain", "published")
 class ControllerParameters:
     """Parameters of `Controller`. The defaults are one set for every scenario."""
 
-    law: str = field("seed", choices=LAWS, doc="seed: observer of the surface; plain: synchronised Algorithm 2 with "
-                     "gravity; published: Algorithm 2 of the paper, plain bushing, no gravity")
+    law: str = field(
+        "seed",
+        choices=LAWS,
+        doc="seed: observer of the surface; plain: synchronised Algorithm 2 with "
+        "gravity; published: Algorithm 2 of the paper, plain bushing, no gravity",
+    )
     rate: float = field(250.0, unit="Hz", low=50.0, high=1000.0, doc="how often step is called")
     # motion limits
     max_speed: float = field(0.25, unit="m/s", low=0.001, high=1.0, doc="of the commanded flange")
@@ -24,10 +28,12 @@ class ControllerParameters:
     max_angular_speed: float = field(0.5, unit="rad/s", low=0.001, high=3.0, doc="of the commanded flange")
     max_angular_acceleration: float = field(6.0, unit="rad/s^2", low=0.1, high=100.0, doc="of the commanded flange")
     max_angular_jerk: float = field(600.0, unit="rad/s^3", low=1.0, high=20000.0, doc="of the commanded flange")
-    workspace_low: tuple[float, float, float] = field((-1.3, -1.3, -0.2), unit="m", low=-5.0, high=5.0,
-                                                      doc="lower corner of the box for the flange in W")
-    workspace_high: tuple[float, float, float] = field((1.3, 1.3, 1.6), unit="m", low=-5.0, high=5.0,
-                                                       doc="upper corner of the box for the flange in W")
+    workspace_low: tuple[float, float, float] = field(
+        (-1.3, -1.3, -0.2), unit="m", low=-5.0, high=5.0, doc="lower corner of the box for the flange in W"
+    )
+    workspace_high: tuple[float, float, float] = field(
+        (1.3, 1.3, 1.6), unit="m", low=-5.0, high=5.0, doc="upper corner of the box for the flange in W"
+    )
     # contact
     approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="walking towards contact, and pressing")
     max_free_travel: float = field(0.06, unit="m", low=0.005, high=0.5, doc="of an approach without contact")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The generalised stiffness map of the grasp (Suh et al., Sec. IV-C): displacement X_TC to the spring's wrench and back.
+"""The generalised stiffness map of the grasp (Suh et al., Sec. IV-C): displacement X_TC to wrench and back.
 
 With q = (r, p, y) = rpy(R_TC), the spring's load on the tool, about T's origin and written in T, is
 
@@ -146,4 +146,5 @@ class Bushing:
         if self.model == "plain":
             return np.diag(self.K)
         R_TB = so3_exp(0.5 * so3_log(R_TC))
-        return np.asarray(R_TB @ np.diag(self.K) @ R_TB.T)
+        K_T: Array = R_TB @ np.diag(self.K) @ R_TB.T
+        return K_T

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 
@@ -13,7 +14,10 @@ from seed_core.bushing import MODELS, Stiffness
 from seed_core.config import ConfigError, field, load_file, to_mapping
 
 Vector = tuple[float, float, float]
-HEADER = "# SPDX-License-Identifier: Apache-2.0\n# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
+HEADER = (
+    "# SPDX-License-Identifier: Apache-2.0\n"
+    "# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class StiffnessFile:
         if not self.grips:
             raise ConfigError("grips is empty: at least one grip is needed")
         pressures = [g.pressure_hpa for g in self.grips]
-        for a, b in zip(pressures, pressures[1:], strict=False):
+        for a, b in pairwise(pressures):
             if not b > a:
                 raise ConfigError(f"grips must stand in rising order of pressure_hpa; {b:g} hPa follows {a:g} hPa")
 
@@ -82,7 +86,9 @@ def _between(grips: list[Grip], at: list[float], value: float, name: str, unit: 
         return grips[0].stiffness
     share = min((value - at[i - 1]) / (at[i] - at[i - 1]), 1.0) if at[i] > at[i - 1] else 1.0
     r, t = (
-        tuple((1.0 - share) * a + share * b for a, b in zip(getattr(grips[i - 1], n), getattr(grips[i], n), strict=True))
+        tuple(
+            (1.0 - share) * a + share * b for a, b in zip(getattr(grips[i - 1], n), getattr(grips[i], n), strict=True)
+        )
         for n in ("rotation", "translation")
     )
     return Stiffness((r[0], r[1], r[2]), (t[0], t[1], t[2]))

@@ -27,7 +27,7 @@ def strokes_of_text(text: str, height: float, origin: Point = (0.0, 0.0), font: 
         FontError: unknown font, a character without strokes, or the library is missing.
     """
     try:
-        from HersheyFonts import HersheyFonts
+        from HersheyFonts import HersheyFonts  # type: ignore[import-untyped]
     except ImportError as error:
         raise FontError("writing needs the library Hershey-Fonts: pip install Hershey-Fonts==2.1.0") from error
     writer = HersheyFonts()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a task: set-points by time and by what the controller reports. Cancelled or failed, it leaves the tool lifted."""
+"""Plays a task: set-points by time and by the controller's state. Cancelled or failed, it leaves the tool lifted."""
 
 from __future__ import annotations
 
@@ -95,21 +95,28 @@ class TaskPlayer:
         ended = self._run.advance(0.0 if self._paused and not self._ending else dt, state)
         if ended == "timeout" and not self._ending:
             phase = self._run.step.phase
-            self._end_early(f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'", state)
+            self._end_early(f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
         elif ended:
             self._next(state)
         return self._report()
 
     def _stopped(self, state: ControllerState) -> TaskStatus:
-        """The controller does not move: before the start wait for it, afterwards the task has failed where it stands."""
+        """The controller does not move: before the start wait for it, afterwards the task has failed."""
         if self._run is None and not self._ending:
             return self._status
         why = state.reason or "the controller stopped"
-        self._status = TaskStatus(None, self.phase, self._progress(), True, not self._cancelled, self._cancelled,
-                                  f"{self._ending + '; ' if self._ending else ''}arm holds: {why}")
+        self._status = TaskStatus(
+            None,
+            self.phase,
+            self._progress(),
+            True,
+            not self._cancelled,
+            self._cancelled,
+            f"{self._ending + '; ' if self._ending else ''}arm holds: {why}",
+        )
         return self._status
 
-    def _end_early(self, reason: str, state: ControllerState | None = None) -> None:
+    def _end_early(self, reason: str) -> None:
         if self._status.done or self._ending:
             return
         self._ending = reason
@@ -121,8 +128,15 @@ class TaskPlayer:
         lifting = self._index >= len(self._steps)
         if lifting or (not self._ending and self._index + 1 == len(self._steps)):
             ok = not self._ending
-            self._status = TaskStatus(None, "done" if ok else self.phase, 1.0 if ok else self._progress(), True,
-                                      not ok and not self._cancelled, self._cancelled, self._ending or "finished")
+            self._status = TaskStatus(
+                None,
+                "done" if ok else self.phase,
+                1.0 if ok else self._progress(),
+                True,
+                not ok and not self._cancelled,
+                self._cancelled,
+                self._ending or "finished",
+            )
             return
         if self._ending:
             self._index = len(self._steps)
@@ -143,7 +157,7 @@ class TaskPlayer:
     def _begin(self, step: Step, state: ControllerState) -> _Run:
         phase = step.phase
         start = self._start(state)
-        path = Path([start, *step.points], phase.speed, phase.acceleration)
+        path = Path(np.array([start, *step.points]), phase.speed, phase.acceleration)
         R0 = self._run.R_end if self._run else self._local(state)[:3, :3]
         R1 = R0 if self._run else self._R_tip
         if phase.tilt is not None:
@@ -176,8 +190,13 @@ class TaskPlayer:
             assert self._run is not None
             word = "paused" if self._paused and not self._ending else self._ending
             self._status = TaskStatus(
-                self._run.setpoint(), self._run.step.phase.name, self._progress(), False,
-                bool(self._ending) and not self._cancelled, self._cancelled, word,
+                self._run.setpoint(),
+                self._run.step.phase.name,
+                self._progress(),
+                False,
+                bool(self._ending) and not self._cancelled,
+                self._cancelled,
+                word,
             )
         return self._status
 

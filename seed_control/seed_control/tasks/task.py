@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The task file: what it may contain, with units; errors name file and line. The format is described in docs/tasks.md."""
+"""The task file: what it may contain, with units; errors name file and line. docs/tasks.md describes the format."""
 
 from __future__ import annotations
 
@@ -61,7 +61,9 @@ class Control:
                 )
         for axis in self.torque_axes:
             if axis not in self.contact_resists:
-                raise ConfigError(f"torque_axes has {axis}, but contact_resists does not: nothing would stop the rotation")
+                raise ConfigError(
+                    f"torque_axes has {axis}, but contact_resists does not: nothing would stop the rotation"
+                )
 
     def scaled_to(self, size: float) -> Control:
         """The same control with a force of another size [N]."""
@@ -82,15 +84,27 @@ class Phase:
 
     name: str = field(doc="shown as progress")
     to: Vector | None = field(None, unit="m", quantity=True, low=-2, high=2, doc="end of the path, work frame")
-    tilt: Vector | None = field(None, unit="deg", quantity=True, low=-90, high=90, doc="rpy of the tip at the end, "
-                                "relative to tip_rpy; stays until changed")
+    tilt: Vector | None = field(
+        None,
+        unit="deg",
+        quantity=True,
+        low=-90,
+        high=90,
+        doc="rpy of the tip at the end, relative to tip_rpy; stays until changed",
+    )
     speed: float = field(0.05, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="along the path")
     acceleration: float = field(0.2, unit="m/s^2", quantity=True, low=1e-3, high=5.0, doc="along the path")
     control: Control | None = field(None, doc="force and torque; none: position only")
     until: str = field("arrived", choices=CONDITIONS, doc="what ends the phase")
     dwell: float = field(0.0, unit="s", quantity=True, low=0.0, high=600.0, doc="how long the condition must hold")
-    timeout: float = field(10.0, unit="s", quantity=True, low=0.1, high=3600.0, doc="beyond the path's own time; "
-                           "then the task fails and lifts")
+    timeout: float = field(
+        10.0,
+        unit="s",
+        quantity=True,
+        low=0.1,
+        high=3600.0,
+        doc="beyond the path's own time; then the task fails and lifts",
+    )
 
 
 @dataclass(frozen=True)
@@ -103,7 +117,9 @@ class Drawing:
     text: str = field("", doc="text in a single-stroke font, instead of strokes")
     font: str = field("futural", doc="name of a Hershey font")
     height: float = field(0.03, unit="m", quantity=True, low=0.002, high=0.5, doc="of capital letters")
-    origin: tuple[float, float] = field((0.0, 0.0), unit="m", quantity=True, low=-2, high=2, doc="start of the base line")
+    origin: tuple[float, float] = field(
+        (0.0, 0.0), unit="m", quantity=True, low=-2, high=2, doc="start of the base line"
+    )
     speed: float = field(0.02, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="while drawing")
     travel_speed: float = field(0.1, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="between strokes")
     clearance: float = field(0.01, unit="m", quantity=True, low=1e-3, high=0.2, doc="of the tip between strokes")
@@ -112,7 +128,9 @@ class Drawing:
         if bool(self.text) == bool(self.strokes):
             raise ConfigError("a drawing needs either strokes or a text, not both and not neither")
         if self.forces and len(self.forces) != len(self.strokes):
-            raise ConfigError(f"forces has {len(self.forces)} values for {len(self.strokes)} strokes: one each, or none")
+            raise ConfigError(
+                f"forces has {len(self.forces)} values for {len(self.strokes)} strokes: one each, or none"
+            )
 
 
 @dataclass(frozen=True)
@@ -123,7 +141,9 @@ class Task:
     description: str = field("", doc="one line")
     tool: str = field("", doc="name of the tool that the task is made for")
     frame: WorkFrame = field(WorkFrame(), doc="work frame")
-    tip_rpy: Vector = field((180.0, 0.0, 0.0), unit="deg", quantity=True, low=-360, high=360, doc="tip in the work frame")
+    tip_rpy: Vector = field(
+        (180.0, 0.0, 0.0), unit="deg", quantity=True, low=-360, high=360, doc="tip in the work frame"
+    )
     lift: float = field(0.05, unit="m", quantity=True, low=0.005, high=0.3, doc="along the work frame's z on cancel")
     phases: tuple[Phase, ...] = field((), doc="what to do, in order")
     draw: Drawing | None = field(None, doc="strokes or text; played between the first and the last phase")
