@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
 from seed_core.errors import SeedError
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 

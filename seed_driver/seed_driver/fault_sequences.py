@@ -19,8 +19,8 @@ import time
 from typing import Any
 
 import numpy as np
-from seed_core.errors import SeedError
 
+from seed_core.errors import SeedError
 from seed_driver.faults import AT_REST, FAULTS, JUMP, REST_WITHIN, Fault
 from seed_driver.rig import Rig
 from seed_driver.supervisor import leftover_processes

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from seed_core.errors import SeedError
 
+from seed_core.errors import SeedError
 from seed_driver.rig import Rig
 
 AT_REST = 2e-3  # [m/s]

@@ -7,7 +7,6 @@ from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
 from seed_core.ur_kinematics import KinematicsError, URKinematics
-
 from seed_driver.config import DriverConfig
 from seed_driver.rotation import Quaternion, Vector, difference, pose_matrix
 

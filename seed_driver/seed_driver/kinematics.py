@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from seed_core.ur_kinematics import URKinematics
-
 from seed_driver.config import DriverConfig
 
 

@@ -18,9 +18,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from rclpy.time import Time
-from seed_core.errors import SeedError
 from std_srvs.srv import SetBool, Trigger
 
+from seed_core.errors import SeedError
 from seed_driver import probe
 from seed_driver.config import FIXED, DriverConfig, from_json, to_json
 from seed_driver.gate import Target, refusal

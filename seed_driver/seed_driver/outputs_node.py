@@ -11,11 +11,11 @@ from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, Wrenc
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from seed_core.ur_models import JOINT_NAMES
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from tf2_msgs.msg import TFMessage
 
+from seed_core.ur_models import JOINT_NAMES
 from seed_driver.config import DriverConfig
 from seed_driver.rotation import rotate
 from seed_driver.shared import Sample, Stage, State

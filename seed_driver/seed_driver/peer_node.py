@@ -14,11 +14,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from seed_core.errors import SeedError
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
+from seed_core.errors import SeedError
 from seed_driver.rotation import Quaternion, Vector
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from seed_core.errors import SeedError
-from seed_sim.ur.client import StandIn
 
+from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig
 from seed_driver.rotation import Quaternion, Vector
 from seed_driver.shared import State
 from seed_driver.supervisor import Reply, Supervisor
+from seed_sim.ur.client import StandIn
 
 Path = Callable[[float], tuple[Vector, Quaternion]]
 STEP = 0.004  # [s] between targets: a 250 Hz controller

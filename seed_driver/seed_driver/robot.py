@@ -9,7 +9,6 @@ from math import dist
 from typing import Any
 
 from seed_core.ur_pose import checked_pose
-
 from seed_driver import link, probe
 from seed_driver.config import DriverConfig
 from seed_driver.probe import LinkError

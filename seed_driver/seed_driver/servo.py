@@ -22,7 +22,6 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.ur_kinematics import KinematicsError
-
 from seed_driver import link
 from seed_driver.config import TOOL, DriverConfig, from_json
 from seed_driver.kinematics import arm_kinematics

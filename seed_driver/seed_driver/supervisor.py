@@ -16,7 +16,6 @@ import time
 from typing import Any, NamedTuple
 
 from seed_core.errors import SeedError
-
 from seed_driver.config import DriverConfig, to_json
 from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
 

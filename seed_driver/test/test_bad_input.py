@@ -5,11 +5,11 @@ import time
 from pathlib import Path
 
 import pytest
+
+from seed_driver.config import DriverConfig
 from seed_driver.rig import Rig
 from seed_driver.supervisor import Supervisor
 from seed_sim.ur.client import StandIn, private_host
-
-from seed_driver.config import DriverConfig
 
 NAMED_WITHIN = 3.0  # [s]
 pytestmark = pytest.mark.realtime

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+
 from seed_driver.faults import FAULTS, JUMP, Fault, suffer
 from seed_driver.rig import Rig
 from seed_driver.supervisor import leftover_processes

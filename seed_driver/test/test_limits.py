@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+
 from seed_driver.limits import ZERO, Bounds, Follower, Reference
 from seed_driver.rotation import difference, from_rotation_vector
 

@@ -2,6 +2,7 @@
 """The link is judged by the controller's clock and its state words, not by what a library returns."""
 
 import pytest
+
 from seed_driver.link import LinkWatch, safety_stop, unable
 
 

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from seed_core.ur_pose import pose_from_matrix
 from seed_driver.rig import Rig
 from seed_driver.rotation import pose_matrix, turned

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from seed_driver.rig import Rig
 from seed_driver.rotation import turned
 from seed_driver.supervisor import leftover_processes
