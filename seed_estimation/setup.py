@@ -33,5 +33,5 @@ setup(
     description="Pose of the grasped tool and contact patches from two tactile cameras.",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": []},
+    entry_points={"console_scripts": ["estimator = seed_estimation.node:main"]},
 )

@@ -33,5 +33,11 @@ setup(
     description="Simulated arm, grasp, tool, table and tactile cameras; evaluation in closed loop without ROS.",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["ur_controller = seed_sim.ur_controller:main"]},
+    entry_points={
+        "console_scripts": [
+            "bubbles = seed_sim.bubbles_node:main",
+            "sim = seed_sim.node:main",
+            "ur_controller = seed_sim.ur_controller:main",
+        ]
+    },
 )

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from seed_msgs.msg import ContactPatch as PatchMsg
@@ -82,8 +83,9 @@ class EstimatorNode(Node):
         self._tf = TransformBroadcaster(self)
         self.inputs = ImageInputs(self, inputs, self.complaints, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
-        self.create_service(Trigger, "~/capture_reference", self._capture_reference)
-        self.create_service(Trigger, "~/initialize_grasp", self._initialize_grasp)
+        waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
+        self.create_service(Trigger, "~/capture_reference", self._capture_reference, callback_group=waiting)
+        self.create_service(Trigger, "~/initialize_grasp", self._initialize_grasp, callback_group=waiting)
         self.create_timer(0.1, self._watch)
         self._diagnostics = diagnostics.Diagnostics(self, "estimator", self._report)
         self._publish_hand()

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""report.html: one file that opens without a network."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+COLUMNS = (
+    ("force error rms", "N", ("force_z", "rmse"), 2),
+    ("force mean", "N", ("force_z", "mean"), 2),
+    ("largest force error", "N", ("force_z", "max_abs_error"), 2),
+    ("torque rms", "N m", ("torque_x", "rmse"), 3),
+    ("lean rms", "deg", ("lean_deg", "rms"), 1),
+    ("path error rms", "mm", ("path_rmse_mm",), 1),
+)
+NAMES = {
+    "seed": ("SEED", "this run: tactile images in the loop"),
+    "open_loop": ("open loop", "the taught path, barely touching the table where it should be"),
+    "welded": ("welded", "tool bolted to the gripper, ideal force sensor"),
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG with its caption."""
+
+    png: bytes
+    caption: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the page shows; texts are plain and escaped here, figures are SVG."""
+
+    title: str
+    subtitle: str
+    held: bool
+    scores: Mapping[str, Mapping[str, Any]]
+    force_figure: str
+    pose_figure: str
+    pictures: Sequence[Picture]
+    details: Mapping[str, str]
+    replay: str = ""  # name of the file beside this one
+
+    def html(self) -> str:
+        """The page."""
+        template = Template(files("seed_bringup").joinpath("templates/report.html").read_text(encoding="utf-8"))
+        own = next(iter(self.scores.values()))
+        return template.substitute(
+            title=escape(self.title),
+            heading=escape(self.title),
+            subtitle=escape(self.subtitle),
+            verdict="force held" if self.held else "force not held",
+            verdict_class="" if self.held else "no",
+            cards=_cards(own),
+            force_figure=self.force_figure,
+            pose_figure=self.pose_figure,
+            table=table(self.scores),
+            pictures="".join(_picture(p) for p in self.pictures) or "<p>None were taken.</p>",
+            details=self._details(),
+        )
+
+    def _details(self) -> str:
+        rows = [f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in self.details.items()]
+        if self.replay:
+            rows.append(f'<dt>3-D replay</dt><dd><a href="{escape(self.replay)}">{escape(self.replay)}</a></dd>')
+        return "".join(rows)
+
+
+def value(score: Mapping[str, Any], path: Sequence[str]) -> float | None:
+    """A number of a score by its keys; None where it has none."""
+    here: Any = score
+    for key in path:
+        here = here.get(key) if isinstance(here, Mapping) else None
+    return None if here is None else float(here)
+
+
+def _number(score: Mapping[str, Any], path: Sequence[str], digits: int) -> str:
+    number = value(score, path)
+    return "–" if number is None or number != number else f"{number:.{digits}f}"
+
+
+def _cards(score: Mapping[str, Any]) -> str:
+    cards = [COLUMNS[i] for i in (0, 3, 4, 5)]
+    return "".join(
+        f'<div class="card"><b>{_number(score, path, digits)} {unit}</b><span>{name}</span></div>'
+        for name, unit, path, digits in cards
+    )
+
+
+def table(scores: Mapping[str, Mapping[str, Any]]) -> str:
+    """The scores as an HTML table, the first row being the run's own."""
+    head = "".join(f"<th>{name} [{unit}]</th>" for name, unit, _, _ in COLUMNS)
+    rows = []
+    for i, (key, score) in enumerate(scores.items()):
+        name, words = NAMES.get(key, (key, ""))
+        cells = "".join(f"<td>{_number(score, path, digits)}</td>" for _, _, path, digits in COLUMNS)
+        own = ' class="own"' if i == 0 else ""
+        rows.append(f"<tr{own}><td>{escape(name)}<small>{escape(words)}</small></td>{cells}</tr>")
+    return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def text_table(scores: Mapping[str, Mapping[str, Any]]) -> str:
+    """The scores as lines for a terminal."""
+    lines = [f"{'':<11}" + "".join(f"{f'{name} [{unit}]':>26}" for name, unit, _, _ in COLUMNS if name in SHORT)]
+    for key, score in scores.items():
+        cells = [f"{_number(score, path, digits):>26}" for name, _, path, digits in COLUMNS if name in SHORT]
+        lines.append(f"{NAMES.get(key, (key, ''))[0]:<11}" + "".join(cells))
+    return "\n".join(lines)
+
+
+SHORT = ("force error rms", "torque rms", "lean rms")
+
+
+def _picture(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode()
+    return (
+        f'<figure><img alt="{escape(picture.caption)}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{escape(picture.caption)}</figcaption></figure>"
+    )

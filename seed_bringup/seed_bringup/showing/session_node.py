@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person would do with ros2 service and ros2 action: prepare the cell, play a task, look at the fingers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from seed_msgs.action import FollowSetpoints
+from seed_msgs.msg import ControllerState
+from std_srvs.srv import SetBool, Trigger
+
+from seed_core.errors import SeedError
+from seed_ros.conversions import seconds
+
+Watch = Callable[[], None]  # raises when the run must end
+Tell = Callable[[str], None]
+
+
+class SessionError(SeedError):
+    """The cell did not do what was asked; the message says which part and why."""
+
+
+@dataclass
+class Played:
+    """What came of a task: the result message, and when each phase began (ROS time [s])."""
+
+    result: Any = None
+    phases: list[tuple[str, float]] = field(default_factory=list)
+    ended: float = 0.0
+    contact: float | None = None  # [s] of first contact
+
+
+class Session:
+    """One client of the cell; `watch` is called often and may raise to end everything."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("seed_demo", start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self.state: ControllerState | None = None
+        self.played = Played()
+        self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _on_state(self, message: ControllerState) -> None:
+        self.state = message
+        if message.in_contact and self.played.contact is None and self.played.phases:
+            self.played.contact = seconds(message.header.stamp)
+
+    def spin(self, duration: float) -> None:
+        """Let time pass."""
+        self.until(lambda: False, duration, "")
+
+    def until(self, condition: Callable[[], bool], patience: float, what: str) -> None:
+        """Spin until a condition holds; SessionError after `patience` [s] unless `what` is empty."""
+        deadline = time.monotonic() + patience
+        while not condition():
+            self._watch()
+            self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() > deadline:
+                if what:
+                    raise SessionError(f"{what} within {patience:g} s")
+                return
+
+    def call(self, kind: Any, name: str, request: Any, patience: float = 20.0) -> Any:
+        """A service's response; SessionError when it does not come or says no."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, patience, f"no service {name}")
+        future = client.call_async(request)
+        self.until(future.done, patience, f"no answer of {name}")
+        response = future.result()
+        self.node.destroy_client(client)
+        if not response.success:
+            raise SessionError(f"{name}: {response.message}")
+        return response
+
+    def trigger(self, name: str, patience: float = 20.0) -> str:
+        """Call a std_srvs/Trigger and return its message."""
+        return str(self.call(Trigger, name, Trigger.Request(), patience).message)
+
+    def enable(self, patience: float = 15.0) -> None:
+        """Enable the controller as soon as its inputs are there."""
+        deadline = time.monotonic() + patience
+        while True:
+            try:
+                self.call(SetBool, "controller/enable", SetBool.Request(data=True))
+            except SessionError:
+                if time.monotonic() > deadline:
+                    raise
+                self.spin(0.2)
+            else:
+                return
+
+    def play(self, task: str, overrides: str, tell: Callable[[Any], None], patience: float) -> Played:
+        """Play a task to its end; `tell` gets each feedback."""
+        client = ActionClient(self.node, FollowSetpoints, "controller/follow_setpoints")
+        self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
+
+        def on_feedback(message: Any) -> None:
+            phase = message.feedback.phase
+            if not self.played.phases or self.played.phases[-1][0] != phase:
+                self.played.phases.append((phase, self.now()))
+            tell(message.feedback)
+
+        goal = FollowSetpoints.Goal(task=task, overrides=overrides)
+        sent = client.send_goal_async(goal, feedback_callback=on_feedback)
+        self.until(sent.done, 10.0, "follow_setpoints did not answer")
+        result = sent.result().get_result_async()
+        self.until(result.done, patience, f"the task '{task}' did not end")
+        self.played.result, self.played.ended = result.result().result, self.now()
+        return self.played
+
+    def now(self) -> float:
+        """ROS time [s]."""
+        return self.node.get_clock().now().nanoseconds * 1e-9

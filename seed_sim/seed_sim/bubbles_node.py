@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cameras inside the simulated bubbles, in a process of their own: the truth in, images out."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from seed_msgs.msg import RelativePose
+from sensor_msgs.msg import CameraInfo, Image
+
+from seed_core.config import field, from_mapping
+from seed_core.spatial import Array
+from seed_estimation.images import TactileImages
+from seed_ros import diagnostics
+from seed_ros.cameras import Intrinsics, camera_info
+from seed_ros.conversions import pose_to_matrix, seconds
+from seed_ros.frames import FrameNames
+from seed_ros.images import image_message
+from seed_ros.main import run
+from seed_ros.parameters import declare, refuse_unknown
+from seed_ros.qos import SENSOR
+from seed_sim.scenario import Scenario, load_scenario
+from seed_sim.tactile import TactileParameters, TactileRenderer
+
+DELIVERY_PERIOD = 0.002  # [s]
+
+
+@dataclass(frozen=True)
+class BubbleSettings:
+    """Parameters of the simulated cameras."""
+
+    scenario: str = field("nominal", doc="name or file of the scenario")
+    seed: int = field(0, low=0, high=2**31 - 1, doc="of dots and noise")
+    fingers: str = field("both", choices=("both", "left", "right"), doc="which bubbles have a camera")
+    latency: float = field(0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it")
+
+
+class BubblesNode(Node):
+    """See docs/interfaces.md."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("bubbles", **arguments)
+        cv2.setNumThreads(1)
+        self.settings = declare(self, BubbleSettings())
+        self.frames = declare(self, FrameNames(), "frames")
+        refuse_unknown(self)
+        scenario = load_scenario(self.settings.scenario)
+        tactile = replace(tactile_parameters(scenario), fingers=self.settings.fingers)
+        self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
+        self._truth: tuple[float, Array | None] | None = None
+        self._shot = -np.inf
+        self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
+        self._frames_sent = self._late = 0
+        self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
+        self.create_subscription(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / scenario.measurement.rate, self._shoot, clock=steady)
+        self.create_timer(DELIVERY_PERIOD, self._deliver, clock=steady)
+        self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
+
+    def _finger_publishers(self, finger: str) -> tuple[Any, Any, Any]:
+        prefix = f"bubble_{finger}"
+        return (
+            self.create_publisher(Image, f"{prefix}/depth/image_rect_raw", SENSOR),
+            self.create_publisher(Image, f"{prefix}/ir/image_rect_raw", SENSOR),
+            self.create_publisher(CameraInfo, f"{prefix}/depth/camera_info", SENSOR),
+        )
+
+    def _on_truth(self, message: RelativePose) -> None:
+        X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
+        self._truth = seconds(message.header.stamp), X_CT
+
+    def _shoot(self) -> None:
+        """Expose: the images carry the stamp of the truth they show."""
+        if self._truth is None or self._truth[0] == self._shot:
+            return
+        self._shot, X_CT = self._truth
+        images = self.renderer.no_contact(self._shot) if X_CT is None else self.renderer.render(X_CT, self._shot)
+        self._ready.append((self._shot, images))
+        self._deliver()
+
+    def _deliver(self) -> None:
+        now = self.get_clock().now().nanoseconds * 1e-9
+        while self._ready and now - self._ready[0][0] >= self.settings.latency:
+            stamp, images = self._ready.popleft()
+            self._late += now - stamp > self.settings.latency + 0.01
+            self._send(stamp, images)
+
+    def _send(self, stamp: float, images: dict[str, TactileImages]) -> None:
+        self._frames_sent += 1
+        for finger, pair in images.items():
+            depth, ir, info = self._streams[finger]
+            frame = self.frames.camera(finger)
+            c = self.renderer.cameras[finger]
+            info.publish(camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), stamp, frame))
+            depth.publish(image_message(pair.depth.astype(np.float32), "32FC1", stamp, frame))
+            counts = np.clip(np.rint(pair.ir), 0, 65535).astype(np.uint16)
+            ir.publish(image_message(counts, "mono16", stamp, frame))
+
+    def _report(self) -> diagnostics.Report:
+        values = {"frames": self._frames_sent, "late": self._late}
+        if self._truth is None:
+            return diagnostics.STALE, "no ground truth from the simulation yet", values
+        return diagnostics.OK, "exposing", values
+
+
+def tactile_parameters(scenario: Scenario) -> TactileParameters:
+    """The renderer's parameters of a scenario. Raises ConfigError."""
+    given = scenario.tactile
+    if isinstance(given, TactileParameters):
+        return given
+    return from_mapping({"slip": scenario.slip_share, **given}, TactileParameters, f"scenario {scenario.name}: tactile")
+
+
+def main() -> None:
+    """Run the node until it is interrupted."""
+    sys.exit(run(BubblesNode))
+
+
+if __name__ == "__main__":
+    main()

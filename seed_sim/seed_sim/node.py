@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated cell as a ROS node: takes target_frame, publishes what an arm, a gripper and sensors would, and the truth."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from seed_msgs.srv import SetGripperWidth
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from seed_control.tasks import load_task
+from seed_core.config import field
+from seed_core.errors import SeedError
+from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_ros import diagnostics
+from seed_ros.conversions import check_frame, pose_to_matrix, seconds
+from seed_ros.counters import Complaints
+from seed_ros.frames import FrameNames
+from seed_ros.main import run
+from seed_ros.parameters import declare, refuse_unknown
+from seed_ros.qos import COMMAND
+from seed_sim.outputs_node import Outputs
+from seed_sim.plant import DT, Plant, PlantError, save_replay
+from seed_sim.scenario import load_scenario
+
+BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
+SLOW = 0.98  # real-time factor from which it warns
+
+
+@dataclass(frozen=True)
+class SimSettings:
+    """Parameters of the simulated cell."""
+
+    scenario: str = field("nominal", doc="name or file of the scenario")
+    seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
+    task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
+    height: float = field(0.05, unit="m", low=0.0, high=0.5, doc="of the tip above the work frame at the start")
+    rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
+    target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="oldest target_frame that is followed")
+    max_step: float = field(0.05, unit="m", low=1e-4, high=1.0, doc="a target further from the flange is a jump")
+    relative_pose: bool = field(False, doc="publish relative_pose from the truth, in place of cameras and estimator")
+    replay: str = field("", doc="file for ~/save_replay; empty: nothing is recorded for a replay")
+
+
+class SimNode(Node):
+    """See docs/interfaces.md. A holder carries the tool until the arm moves after a grasp."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("sim", **arguments)
+        self.settings = declare(self, SimSettings())
+        self.frames = declare(self, FrameNames(), "frames")
+        refuse_unknown(self)
+        self.complaints = Complaints(self)
+        self.scenario = load_scenario(self.settings.scenario)
+        self._meshcat = _meshcat() if self.settings.replay else None
+        self._X_W_work, self._X_WE_start = self._places()
+        self.plant = Plant(
+            self.scenario, self.settings.seed, self._X_W_work, self._X_WE_start, meshcat=self._meshcat
+        )
+        self.grasped = False
+        self.in_holder = True
+        self._held_at = self._X_WE_start
+        self._heard = -np.inf  # when the last usable target came, in steady time
+        self.real_time_factor = 1.0
+        self._outputs = Outputs(self, self.plant, self.frames, self.settings.relative_pose)
+        self.create_subscription(PoseStamped, "target_frame", self._on_target, COMMAND)
+        self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
+        self.create_service(Trigger, "~/grasp", self._grasp)
+        self.create_service(Trigger, "~/release", self._release)
+        self.create_service(Trigger, "~/reset", self._reset)
+        self.create_service(Trigger, "~/save_replay", self._save_replay)
+        self.create_service(SetGripperWidth, "~/set_gripper_width", self._set_width)
+        self._diagnostics = diagnostics.Diagnostics(self, f"scenario {self.scenario.name}", self._report)
+        if self._meshcat is not None:
+            self._meshcat.StartRecording(frames_per_second=30.0, set_visualizations_while_recording=False)
+        self._start_clock()
+        self.create_timer(1.0 / self.settings.rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0, self._rate_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _places(self) -> tuple[Array, Array]:
+        """The work frame, and a flange pose that has the tip above its origin."""
+        task = load_task(self.settings.task)
+        X_W_work = task.frame.pose
+        above = make_pose(rotation_from_rpy(np.deg2rad(task.tip_rpy)), (0.0, 0.0, self.settings.height))
+        X_WT = X_W_work @ above @ inverse_pose(self.scenario.tool.X_Ttip)
+        return X_W_work, X_WT @ inverse_pose(self.scenario.hand.X_EC)
+
+    # time
+    def _start_clock(self) -> None:
+        """Tie the plant's time to the wall's, both steady and ROS's, from now on."""
+        self._steady_offset = time.monotonic() - self.plant.time
+        self._ros_offset = self.get_clock().now().nanoseconds * 1e-9 - self.plant.time
+        self._lost = 0.0
+        self._rated = (time.monotonic(), self.plant.time)
+
+    @property
+    def stamp(self) -> float:
+        """ROS time of the plant's present state [s]."""
+        return self._ros_offset + self.plant.time
+
+    def _tick(self) -> None:
+        behind = time.monotonic() - self._steady_offset - self.plant.time
+        if behind > BEHIND:
+            lost = behind - BEHIND
+            self._steady_offset += lost
+            self._ros_offset += lost
+            self._lost += lost
+        self._advance(self.plant.time + min(behind, BEHIND))
+        self._outputs.publish(self.stamp, self.grasped)
+
+    def _advance(self, t: float) -> None:
+        if not self.in_holder:
+            self.plant.advance(t)
+            return
+        while self.plant.time < t - DT:
+            self.plant.advance(self.plant.time + DT)
+            self.plant.grasp()
+        moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
+        self.in_holder = not (self.grasped and moved > 5e-4)
+
+    def _rate_it(self) -> None:
+        now, then = (time.monotonic(), self.plant.time), self._rated
+        self._rated = now
+        if now[0] > then[0] and now[1] >= then[1]:
+            self.real_time_factor = (now[1] - then[1]) / (now[0] - then[0])
+            self._outputs.publish_slow(self.stamp, self.real_time_factor)
+            if self.real_time_factor < SLOW:
+                self.complaints.add("slow", f"real-time factor {self.real_time_factor:.3f} is below {SLOW}")
+
+    # in
+    def _on_target(self, message: PoseStamped) -> None:
+        try:
+            X_WE = self._checked(message)
+        except SeedError as error:
+            self.complaints.add("targets_refused", f"{error}; the arm holds")
+            return
+        self._heard = time.monotonic()
+        self.plant.command(X_WE)
+
+    def _checked(self, message: PoseStamped) -> Array:
+        check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
+        X_WE = pose_to_matrix(message.pose, "target_frame")
+        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
+        if abs(age) > self.settings.target_timeout:
+            raise SeedError(f"target_frame stamp is {age:.3f} s old, limit {self.settings.target_timeout:g} s")
+        jump = float(np.linalg.norm(X_WE[:3, 3] - self.plant.X_WE[:3, 3]))
+        if jump > self.settings.max_step:
+            raise SeedError(f"target_frame is {jump:.3f} m from the flange, limit {self.settings.max_step:g} m")
+        return X_WE
+
+    # gripper
+    def _grasp(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.grasped:
+            response.success, response.message = False, "the tool is in the grasp already: call ~/release first"
+            return response
+        self.plant.grasp()
+        self.grasped, self.in_holder, self._held_at = True, True, self.plant.X_WE.copy()
+        response.success = True
+        response.message = f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
+        return response
+
+    def _release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.plant.grasp()
+        self.grasped, self.in_holder = False, True
+        response.success, response.message = True, "released; the tool stands in its holder"
+        return response
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.plant.reset(self._X_WE_start)
+        self.grasped, self.in_holder, self._held_at = False, True, self._X_WE_start
+        self._outputs.restart()
+        self._start_clock()
+        response.success, response.message = True, "arm at its start, tool in its holder, gripper open"
+        return response
+
+    def _set_width(
+        self, request: SetGripperWidth.Request, response: SetGripperWidth.Response
+    ) -> SetGripperWidth.Response:
+        response.success, response.message = self._close_to(request.width)
+        response.width, response.pressure = float(self.plant.width), float(self.plant.pressure)
+        return response
+
+    def _on_width(self, message: Float64) -> None:
+        done, words = self._close_to(message.data)
+        if not done:
+            self.complaints.add("widths_refused", words)
+
+    def _close_to(self, width: float) -> tuple[bool, str]:
+        if not np.isfinite(width) or width < 0.0:
+            return False, f"gripper width = {width} m must be finite and not negative"
+        try:
+            self.plant.set_gripper_width(width)
+        except PlantError as error:
+            return False, str(error)
+        return True, f"fingers {1e3 * width:.1f} mm apart"
+
+    def _save_replay(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._meshcat is None:
+            response.success, response.message = False, "nothing was recorded: start with the parameter replay:=FILE"
+            return response
+        self._meshcat.StopRecording()
+        self._meshcat.PublishRecording()
+        file = Path(self.settings.replay)
+        save_replay(self._meshcat, file)
+        response.success, response.message = True, str(file)
+        return response
+
+    def _report(self) -> diagnostics.Report:
+        values = {
+            "scenario": self.scenario.name,
+            "real_time_factor": round(self.real_time_factor, 4),
+            "lost_seconds": round(self._lost, 3),
+            "grasped": self.grasped,
+            **self.complaints.values(),
+        }
+        if self.real_time_factor < SLOW:
+            return diagnostics.WARN, f"slower than real time: {self.real_time_factor:.3f}", values
+        if time.monotonic() - self._heard > self.settings.target_timeout:
+            return diagnostics.OK, self.complaints.last or "no target_frame: the arm holds", values
+        return diagnostics.OK, "following target_frame", values
+
+
+def _meshcat() -> Any:
+    from pydrake.geometry import Meshcat, MeshcatParams
+
+    return Meshcat(MeshcatParams(host="localhost"))
+
+
+def main() -> None:
+    """Run the node until it is interrupted."""
+    sys.exit(run(SimNode))
+
+
+if __name__ == "__main__":
+    main()
