@@ -33,5 +33,5 @@ setup(
     description="Driver for Universal Robots arms: servoing at 500 Hz with limits and link supervision.",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["driver = seed_driver.node:main"]},
+    entry_points={"console_scripts": ["driver = seed_driver.node:main", "target_guard = seed_driver.guard_node:main"]},
 )

@@ -28,6 +28,10 @@ STEP = 0.01  # [m] the largest motion asked for is twice this
 SETTLE = 1.5  # [s]
 
 
+OWN_PAUSE = 0.05  # [s] a pause of this program longer than this makes a broken clause doubtful
+ATTEMPTS = 4  # at a doubtful clause
+
+
 class Verdict(NamedTuple):
     """One clause of the contract."""
 
@@ -48,9 +52,12 @@ class Limits(NamedTuple):
     enable: str = "resend_robot_program"  # service that makes it follow again; empty: none needed
 
 
+Clause = Callable[[Peer, Limits], Verdict]
+
+
 def check(peer: Peer, limits: Limits) -> list[Verdict]:
     """Every clause in turn; the arm ends where it began, within millimetres."""
-    clauses: list[Callable[[Peer, Limits], Verdict]] = [
+    clauses: list[Clause] = [
         poses_come_often_and_fresh,
         poses_are_in_the_base_frame,
         targets_are_reached,
@@ -65,12 +72,21 @@ def check(peer: Peer, limits: Limits) -> list[Verdict]:
     out = []
     for clause in clauses:
         name = clause.__name__.replace("_", " ")
-        try:
-            enable(peer, limits)
-            out.append(clause(peer, limits))
-        except SeedError as error:
-            out.append(Verdict(name, False, str(error)))
+        for _ in range(ATTEMPTS):
+            peer.pause = 0.0
+            verdict = _try(clause, name, peer, limits)
+            if verdict.kept or peer.pause < OWN_PAUSE:
+                break  # else this computer paused, and the arm is not to blame
+        out.append(verdict)
     return out
+
+
+def _try(clause: Clause, name: str, peer: Peer, limits: Limits) -> Verdict:
+    try:
+        enable(peer, limits)
+        return clause(peer, limits)
+    except SeedError as error:
+        return Verdict(name, False, str(error))
 
 
 def enable(peer: Peer, limits: Limits) -> None:
@@ -190,7 +206,7 @@ def silence_stops_the_arm(peer: Peer, limits: Limits) -> Verdict:
     return _verdict(silence_stops_the_arm, *_rests(track, start, limits))
 
 
-def after_silence_nothing_moves_unasked(peer: Peer, limits: Limits) -> Verdict:
+def after_silence_nothing_moves_unasked(peer: Peer, limits: Limits) -> Verdict:  # noqa: ARG001
     """Targets that come back find a latched hold."""
     (x, y, z), q = peer.pose()
     _move_then(peer, lambda: peer.spin(1.0))

@@ -29,7 +29,10 @@ def refusal(
     arm: URKinematics,
     c: DriverConfig,
 ) -> str | None:
-    """Why `target` is refused, given the present command and joint angles; None when it is good."""
+    """Why `target` is refused, given the present command and joint angles; None when it is good.
+
+    Without an arm the reach is not looked at.
+    """
     numbers = (*target.p, *target.q)
     if not all(isfinite(n) for n in numbers):
         return f"target_frame is not finite: position {target.p}, quaternion {target.q}"
@@ -66,7 +69,9 @@ def _jump(target: Target, command: tuple[Vector, Quaternion], c: DriverConfig) -
     return None
 
 
-def _unreachable(target: Target, joints: list[float], arm: URKinematics) -> str | None:
+def _unreachable(target: Target, joints: list[float], arm: URKinematics | None) -> str | None:
+    if arm is None:
+        return None
     try:
         arm.follow(pose_matrix(target.p, target.q), joints)
     except KinematicsError as error:

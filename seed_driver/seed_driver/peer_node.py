@@ -37,6 +37,7 @@ class Peer:
         self.driver, self.base, self.period = driver, base, 1.0 / rate
         self.poses: deque[tuple[float, PoseStamped]] = deque(maxlen=20_000)  # time of arrival, message
         self.latest: dict[str, Any] = {}
+        self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
         listen = self.node.create_subscription
         listen(PoseStamped, "current_pose", self._on_pose, 10)
         for kind, name in ((TwistStamped, "current_twist"), (WrenchStamped, "wrench"), (JointState, "joint_states")):
@@ -68,8 +69,10 @@ class Peer:
 
     def spin(self, seconds: float) -> None:
         """Listen."""
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        last = time.monotonic()
+        until = last + seconds
+        while (now := time.monotonic()) < until:
+            self.pause, last = max(self.pause, now - last), now
             self.executor.spin_once(timeout_sec=0.01)
 
     def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> float:
@@ -100,8 +103,9 @@ class Peer:
 
     def stream(self, path: Path, seconds: float) -> None:
         """Send a path at the peer's rate."""
-        start = deadline = time.monotonic()
+        start = deadline = last = time.monotonic()
         while (now := time.monotonic()) - start < seconds:
+            self.pause, last = max(self.pause, now - last), now
             self.send(*path(now - start))
             deadline += self.period
             while (left := deadline - time.monotonic()) > 0:

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 
 import pytest
 
@@ -41,13 +42,13 @@ def test_our_driver_keeps_every_clause() -> None:
 class Reckless(Node):
     """An arm that goes wherever it is told, at once."""
 
-    def __init__(self, context: rclpy.Context) -> None:
+    def __init__(self, context: rclpy.Context, listens_to: str) -> None:
         super().__init__("reckless", context=context)
         self.at = PoseStamped()
         self.at.header.frame_id = "base"
         self.at.pose.orientation.w = 1.0
         self.poses = self.create_publisher(PoseStamped, "current_pose", 10)
-        self.create_subscription(PoseStamped, "target_frame", self.obey, 1)
+        self.create_subscription(PoseStamped, listens_to, self.obey, 1)
         self.create_timer(0.005, self.tell)
 
     def obey(self, message: PoseStamped) -> None:
@@ -59,10 +60,11 @@ class Reckless(Node):
         self.poses.publish(self.at)
 
 
-def test_an_arm_that_obeys_everything_is_found_out() -> None:
+@contextmanager
+def reckless_arm(listens_to: str):
     context = rclpy.Context()
     rclpy.init(context=context)
-    arm = Reckless(context)
+    arm = Reckless(context, listens_to)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(arm)
     ended = threading.Event()
@@ -74,13 +76,29 @@ def test_an_arm_that_obeys_everything_is_found_out() -> None:
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     try:
-        verdicts = {v.clause: v.kept for v in contract_node.run("reckless", PATIENT._replace(enable=""))}
+        yield
     finally:
         ended.set()
         thread.join(5.0)
         rclpy.shutdown(context=context)
+
+
+def test_an_arm_that_obeys_everything_is_found_out() -> None:
+    with reckless_arm("target_frame"):
+        verdicts = {v.clause: v.kept for v in contract_node.run("reckless", PATIENT._replace(enable=""))}
     assert verdicts["targets are reached"]
     assert not verdicts["jumps are refused"]
     assert not verdicts["old targets are refused"]
     assert not verdicts["foreign frames are refused"]
     assert not verdicts["after silence nothing moves unasked"]
+
+
+def test_the_guard_makes_it_keep_the_contract() -> None:
+    guard = subprocess.Popen([sys.executable, "-m", "seed_driver.guard_node"])
+    try:
+        with reckless_arm("guarded_frame"):
+            verdicts = contract_node.run("guard", PATIENT)
+    finally:
+        guard.terminate()
+        guard.wait(10.0)
+    assert [v for v in verdicts if not v.kept] == []
