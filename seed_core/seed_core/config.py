@@ -37,12 +37,15 @@ def field(
     choices: tuple[str, ...] = (),
     doc: str = "",
     quantity: bool = False,
+    span: bool = False,
 ) -> Any:
     """A dataclass field whose value is checked: each number within [low, high] and finite, each string in choices.
 
     A quantity is written with its unit, '0.05 m/s' or '0 0 -10 N', and with no other than the field's.
+    A span is a pair [low, high] that may be written as one number.
     """
-    metadata = {"unit": unit, "low": low, "high": high, "choices": choices, "doc": doc, "quantity": quantity}
+    metadata = {"unit": unit, "low": low, "high": high, "choices": choices, "doc": doc, "quantity": quantity,
+                "span": span}
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -205,6 +208,8 @@ def _convert(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, 
 
 
 def _convert_sequence(node: _Node, origin: Any, args: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
+    if meta.get("span") and isinstance(node.value, float | int) and not isinstance(node.value, bool):
+        node = _Node([_Node(node.value, node.line)] * 2, node.line)
     if not isinstance(node.value, list):
         _fail(node, source, f"{name} must be a list{_describe(meta)}, not {node.value!r}")
     kinds = [args[0]] * len(node.value) if origin is list or args[-1] is Ellipsis else list(args)

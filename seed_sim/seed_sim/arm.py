@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from math import exp, sqrt
+from math import exp, pi, sin
 
 import numpy as np
 
@@ -12,8 +12,26 @@ from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 from seed_sim.scenario import ServoSection
 
-_DRIFT_TIME = 1.0  # [s] over which the repeatability error wanders
+_ELBOW_UP = (pi, -1.7, 1.9, -1.8, -0.5 * pi, 0.0)  # a UR in front of its table
 _MAX_JOINT_SPEED = 3.14  # [rad/s]
+_WANDERS = (0.05, 0.5)  # [Hz] range of the frequencies at which the repeatability error wanders
+_SINES = 4
+
+
+class Repeatability:
+    """A slow, smooth error (3,) [m] that never leaves +-bound on any axis: a few sines of random rate and phase."""
+
+    def __init__(self, bound: float, rng: np.random.Generator) -> None:
+        self._amplitude = bound / _SINES
+        rates = 2.0 * pi * rng.uniform(*_WANDERS, (3, _SINES))
+        phases = rng.uniform(0.0, 2.0 * pi, (3, _SINES))
+        self._sines = [list(zip(r, p, strict=True)) for r, p in zip(rates.tolist(), phases.tolist(), strict=True)]
+
+    def at(self, t: float) -> Array:
+        """The error at time t [s]."""
+        if self._amplitude == 0.0:
+            return np.zeros(3)
+        return np.array([self._amplitude * sum([sin(w * t + phase) for w, phase in axis]) for axis in self._sines])
 
 
 class Arm:
@@ -21,20 +39,21 @@ class Arm:
 
     def __init__(self, servo: ServoSection, X_WE: Array, rng: np.random.Generator) -> None:
         self.servo = servo
-        self._rng = rng
         self._queue: deque[tuple[float, Array]] = deque()
         self._kinematics = None if servo.arm == "cartesian" else URKinematics.for_model(servo.arm)
-        self._sigma = 1e-3 * servo.repeatability
+        self._repeatability = Repeatability(1e-3 * servo.repeatability, rng)
+        self._step = (0.0, 1.0)  # length of the last step and the share of the way that it makes
         self.reset(X_WE)
 
     def reset(self, X_WE: Array) -> None:
-        """Rest at X_WE (4, 4)."""
+        """Rest at X_WE (4, 4). Raises KinematicsError when it is out of reach."""
         self.reported = X_WE.copy()
-        self._target = X_WE.copy()
+        self._target = self.reported
         self._queue.clear()
-        self._error = self._sigma * self._rng.standard_normal(3)
-        self.q = self._inverse(X_WE) if self._kinematics else np.zeros(0)
+        self._error = self._repeatability.at(0.0)
+        self.q = self._kinematics.inverse(X_WE, _ELBOW_UP) if self._kinematics else np.zeros(0)
         self._q_target = self.q.copy()
+        self.unreachable = 0  # commands that were not followed
 
     def command(self, t: float, X_WE: Array) -> None:
         """Target X_WE (4, 4), sent at time t [s]."""
@@ -43,22 +62,35 @@ class Arm:
     def advance(self, t: float, dt: float) -> None:
         """Go to time t [s], a step of dt [s]."""
         while self._queue and self._queue[0][0] <= t:
-            self._target = self._queue.popleft()[1]
-            if self._kinematics:
-                self._q_target = self._inverse(self._target)
-        share = 1.0 - exp(-dt / self.servo.lag) if self.servo.lag > 0.0 else 1.0
+            self._take(self._queue.popleft()[1])
+        if self._step[0] != dt:
+            self._step = (dt, 1.0 - exp(-dt / self.servo.lag) if self.servo.lag > 0.0 else 1.0)
         if self._kinematics:
-            step = share * (self._q_target - self.q)
-            bound = _MAX_JOINT_SPEED * dt
-            self.q = self.q + np.clip(step, -bound, bound)
-            self.reported = self._kinematics.forward(self.q)
+            self._follow_joints(self._step[1], dt)
         else:
-            R = self.reported[:3, :3]
-            turn = so3_exp(share * so3_log(R.T @ self._target[:3, :3]))
-            p = self.reported[:3, 3]
-            self.reported = make_pose(R @ turn, p + share * (self._target[:3, 3] - p))
-        keep = exp(-dt / _DRIFT_TIME)
-        self._error = keep * self._error + self._sigma * sqrt(1.0 - keep * keep) * self._rng.standard_normal(3)
+            self._follow_pose(self._step[1])
+        self._error = self._repeatability.at(t)
+
+    def _take(self, X_WE: Array) -> None:
+        self._target = X_WE
+        if self._kinematics:
+            try:
+                self._q_target = np.array(self._kinematics.follow(X_WE, self._q_target.tolist()))
+            except KinematicsError:
+                self.unreachable += 1
+
+    def _follow_pose(self, share: float) -> None:
+        R, R_target, p = self.reported[:3, :3], self._target[:3, :3], self.reported[:3, 3]
+        if not np.array_equal(R, R_target):
+            turn = so3_log(R.T @ R_target)
+            R = R_target if float(turn @ turn) < 1e-20 else R @ so3_exp(share * turn)
+        self.reported = make_pose(R, p + share * (self._target[:3, 3] - p))
+
+    def _follow_joints(self, share: float, dt: float) -> None:
+        assert self._kinematics is not None
+        bound = _MAX_JOINT_SPEED * dt
+        self.q = self.q + np.clip(share * (self._q_target - self.q), -bound, bound)
+        self.reported = self._kinematics.forward(self.q)
 
     @property
     def actual(self) -> Array:
@@ -66,14 +98,3 @@ class Arm:
         X = self.reported.copy()
         X[:3, 3] += self._error
         return X
-
-    def _inverse(self, X_WE: Array) -> Array:
-        assert self._kinematics is not None
-        near = getattr(self, "_q_target", None)
-        near = near if near is not None and len(near) else np.array((0.0, -1.6, 1.8, -1.8, -1.57, 0.0))
-        try:
-            return np.asarray(self._kinematics.inverse(X_WE, near=near), dtype=float)
-        except KinematicsError:
-            if getattr(self, "_q_target", None) is None or not len(self._q_target):
-                raise
-            return np.asarray(self._q_target)  # an unreachable target is not followed

@@ -1,57 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated cell: Drake's bushing between gripper and tool, and a tilted table under the tool.
+"""The simulated cell in time: an arm that moves the gripper, Drake's bushing, a tool and a tilted table.
 
-Bodies: a gripper whose motion is prescribed by the arm (so heavy that loads do not move it), and the free tool.
-LinearBushingRollPitchYaw acts between them with frame A = T and frame C = C, the convention of `seed_core.bushing`.
+LinearBushingRollPitchYaw acts with frame A = T and frame C = C, the convention of `seed_core.bushing`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import sqrt
+from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
-from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rotation_from_rpy, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.arm import Arm
+from seed_sim.cell import Cell, Surface
 from seed_sim.scenario import Scenario
-from seed_sim.tools import ToolShape, shape_of
-
-try:
-    from pydrake import geometry as dg
-    from pydrake.math import RigidTransform, RotationMatrix
-    from pydrake.multibody import math as dm
-    from pydrake.multibody import plant as dp
-    from pydrake.multibody import tree as dt
-    from pydrake.systems.analysis import Simulator
-    from pydrake.systems.framework import DiagramBuilder
-except ImportError as _error:  # pragma: no cover
-    raise SeedError("the simulated cell needs Drake: pip install drake==1.51.1") from _error
+from seed_sim.tools import damping_of, fastest_rate, inertia_of, shape_of
 
 DT = 1e-3  # [s] of a plant step
-GRAVITY = 9.81  # [m/s^2], downwards
-_GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
-_POINT_RADIUS = 1e-3  # [m]
+_MOST_SUBSTEPS = 10
+_FRAME = 1.0 / 30.0  # [s] between pictures of a replay
 
 
 class PlantError(SeedError):
     """A plant that cannot be simulated."""
-
-
-@dataclass(frozen=True)
-class Surface:
-    """The table that a seed has drawn: its frame in the world, z out of the surface."""
-
-    X_WS: Array
-    friction: float
-    point_stiffness: float
-
-    @property
-    def normal(self) -> Array:
-        return np.asarray(self.X_WS[:3, 2])
 
 
 def draw_surface(scenario: Scenario, X_W_work: Array, rng: np.random.Generator, points: int) -> Surface:
@@ -83,12 +58,19 @@ class Plant:
         self.hand, self.tool = scenario.hand, scenario.tool
         self.shape = shape_of(scenario.tool_kind, scenario.tool)
         rng = np.random.default_rng([seed, 1])
-        self.surface = draw_surface(scenario, X_W_work, rng, len(self.shape.points))
+        touching = 4 if scenario.tool_kind == "peg" else len(self.shape.points)
+        self.surface = draw_surface(scenario, X_W_work, rng, touching)
         self.arm = Arm(scenario.servo, X_WE, rng)
         self._grip = 1.0  # stiffness of the grip relative to its nominal width
         self.width = scenario.grasp.nominal_width
-        self._X_EC = self.hand.X_EC
-        self._build(meshcat)
+        self._X_EC, self._p_Ttip = self.hand.X_EC, self.tool.X_Ttip[:3, 3]
+        self._inertia = None if welded else self._tool_inertia()
+        self._substeps = self._check_numerics()
+        self._meshcat = meshcat
+        self._build()
+        self._X_WC: Array = X_WE @ self._X_EC
+        self._X_WT: Array | None = None
+        self._state: Array = np.zeros(0)
         self.reset(X_WE)
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -120,40 +102,52 @@ class Plant:
         if not outside:
             self.arm.advance(self.time + DT, DT)
         after = self.arm.actual @ self._X_EC
-        self._place_gripper(before, (after[:3, 3] - before[:3, 3]) / DT, so3_log(after[:3, :3] @ before[:3, :3].T) / DT)
+        self._place_gripper(before, after)
+        context, drake = self._cell.context, self._cell.plant
+        for _ in range(self._substeps):
+            context.SetDiscreteState(self._state)
+            self._state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
         self._steps += 1
-        self._simulator.AdvanceTo(self._steps * DT)
         self._X_WC = after
-        if not np.isfinite(self._plant.GetPositions(self._context)).all():
+        self._X_WT = None
+        if not np.isfinite(self._state).all():
             raise PlantError(f"the simulation of scenario '{self.scenario.name}' diverged at {self.time:.3f} s")
+        if self._meshcat is not None and self.time >= self._drawn + _FRAME:
+            self._publish()
 
-    def _place_gripper(self, X_WC: Array, v: Array, w: Array) -> None:
-        """Position and velocity of the gripper at the beginning of a step."""
-        q = RotationMatrix(X_WC[:3, :3]).ToQuaternion()
-        state = self._plant.GetPositions(self._context, self._gripper_model)
-        state[:] = (q.w(), q.x(), q.y(), q.z(), *X_WC[:3, 3])
-        self._plant.SetPositions(self._context, self._gripper_model, state)
-        self._plant.SetVelocities(self._context, self._gripper_model, np.concatenate([w, v]))
+    def _place_gripper(self, X_WC: Array, after: Array) -> None:
+        """Position and velocity of the gripper at the beginning of a step that ends at `after`."""
+        state, nq = self._state, self._positions
+        state[0:4], state[4:7] = _quaternion_wxyz(X_WC[:3, :3]), X_WC[:3, 3]
+        state[nq : nq + 3] = _small_rotation(after[:3, :3], X_WC[:3, :3]) / DT
+        state[nq + 3 : nq + 6] = (after[:3, 3] - X_WC[:3, 3]) / DT
 
     def reset(self, X_WE: Array | None = None) -> None:
-        """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest."""
+        """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest, time 0."""
         if X_WE is not None:
             self.arm.reset(X_WE)
-        self._steps = 0
+        self._steps, self._drawn = 0, -np.inf
         self._X_WC = self.arm.actual @ self._X_EC
-        self._simulator.get_mutable_context().SetTime(0.0)
-        self._place_gripper(self._X_WC, np.zeros(3), np.zeros(3))
+        self._state = self._cell.plant.GetPositionsAndVelocities(self._cell.context)
+        self._state[self._positions :] = 0.0
+        self._place_gripper(self._X_WC, self._X_WC)
         self.grasp()
-        self._simulator.Initialize()
+        if self._meshcat is not None:
+            self._publish()
 
     def grasp(self) -> None:
         """Take the tool anew: T coincides with C and rests relative to it."""
-        if self.welded:
-            return
-        q = RotationMatrix(self._X_WC[:3, :3]).ToQuaternion()
-        values = np.array((q.w(), q.x(), q.y(), q.z(), *self._X_WC[:3, 3]))
-        self._plant.SetPositions(self._context, self._tool_model, values)
-        self._plant.SetVelocities(self._context, self._tool_model, np.zeros(6))
+        self._X_WT = None
+        if not self.welded:
+            self._state[7:11], self._state[11:14] = _quaternion_wxyz(self._X_WC[:3, :3]), self._X_WC[:3, 3]
+            self._state[self._positions + 6 : self._positions + 12] = 0.0
+        self._cell.context.SetDiscreteState(self._state)
+
+    def _publish(self) -> None:
+        self._drawn = self.time
+        self._cell.root.SetTime(self.time)
+        self._cell.context.SetDiscreteState(self._state)
+        self._cell.diagram.ForcedPublish(self._cell.root)
 
     # --- what can be read --------------------------------------------------------------------------------------
     @property
@@ -171,7 +165,9 @@ class Plant:
         """True pose of the tool (4, 4)."""
         if self.welded:
             return self._X_WC
-        return np.asarray(self._plant.EvalBodyPoseInWorld(self._context, self._tool_body).GetAsMatrix4())
+        if self._X_WT is None:
+            self._X_WT = make_pose(_rotation_of(self._state[7:11]), self._state[11:14])
+        return self._X_WT
 
     @property
     def X_CT(self) -> Array:
@@ -180,34 +176,37 @@ class Plant:
 
     @property
     def contact_wrench(self) -> Wrench:
-        """What the tool does to the environment about its tip, written in the world [N m, N]."""
-        results = self._plant.get_contact_results_output_port().Eval(self._context)
-        X_WT = self.X_WT
-        tip = X_WT[:3, :3] @ self.tool.X_Ttip[:3, 3] + X_WT[:3, 3]
-        force, torque = np.zeros(3), np.zeros(3)
-        for i in range(results.num_point_pair_contacts()):
-            info = results.point_pair_contact_info(i)
-            on_b = np.asarray(info.contact_force())
-            f = on_b if info.bodyB_index() == self._world_index else -on_b
-            force += f
-            torque += np.cross(np.asarray(info.contact_point()) - tip, f)
-        return Wrench(torque, force)
+        """What the tool does to the environment about its tip, written in the world [N m, N], over the last step."""
+        on_tool = self._cell.contact_forces.Eval(self._cell.context)  # about T's origin (C's when welded), in the world
+        lever = self.X_WT[:3, :3] @ self._p_Ttip
+        force = -on_tool[3:]
+        return Wrench(-on_tool[:3] - cross(lever, force), force)
 
     @property
     def bushing_wrench(self) -> Wrench:
         """The spring's and damper's load on the tool about T, in T; zero when welded."""
         if self.welded:
             return Wrench.zero()
-        F = self._bushing.CalcBushingSpatialForceOnFrameA(self._context)
+        self._cell.context.SetDiscreteState(self._state)
+        F = self._cell.bushing.CalcBushingSpatialForceOnFrameA(self._cell.context)
         return Wrench(np.asarray(F.rotational()), np.asarray(F.translational()))
 
     @property
     def ft_wrench(self) -> Wrench:
-        """What a six-axis sensor between flange and gripper reads of the tool: load on the flange about E, in E."""
-        R_ET = self.arm.actual[:3, :3].T @ self.X_WT[:3, :3]
-        p_TE = inverse_pose(self.X_WT) @ np.append(self.arm.actual[:3, 3], 1.0)
-        on_gripper = Wrench(-self.bushing_wrench.torque, -self.bushing_wrench.force)
-        return on_gripper.about(p_TE[:3]).rotated(R_ET)
+        """What a six-axis sensor between flange and gripper reads of the tool: load on the flange about E, in E.
+
+        The gripper's own weight is tared. Of a welded tool it reads contact and weight.
+        """
+        X_ET = inverse_pose(self.arm.actual) @ self.X_WT
+        on_gripper = self._static_load() if self.welded else Wrench.zero().minus(self.bushing_wrench)
+        return on_gripper.about(-X_ET[:3, :3].T @ X_ET[:3, 3]).rotated(X_ET[:3, :3])
+
+    def _static_load(self) -> Wrench:
+        """Contact and weight of a welded tool, on the gripper, about T in T."""
+        R_TW = self.X_WT[:3, :3].T
+        contact = Wrench.zero().minus(self.contact_wrench).rotated(R_TW).about(-self._p_Ttip)
+        weight = R_TW @ np.array((0.0, 0.0, -9.81 * self._true_mass))
+        return contact.plus(Wrench(cross(np.array(self.tool.center_of_mass), weight), weight))
 
     @property
     def pressure(self) -> float:
@@ -219,159 +218,104 @@ class Plant:
         """Close to width [m]: a firmer grip is a stiffer one (Sec. VI of the paper).
 
         Raises:
-            PlantError: the stiffness would leave 0.3 to 4 times the nominal one.
+            PlantError: the stiffness would leave 0.3 to 4 times the nominal one, or cannot be integrated.
         """
         g = self.scenario.grasp
         grip = 1.0 + g.stiffening * (g.nominal_width - width)
         if not 0.3 <= grip <= 4.0:
             raise PlantError(f"gripper width = {width:.4f} m would make the grip {grip:.2f} times as stiff; 0.3 to 4 "
                              "times is possible")
+        if self._inertia is not None:
+            self._stiffen(g.stiffness.scaled(grip))
         self.width, self._grip = width, grip
-        s, (dr, dx) = g.stiffness.scaled(grip), self._damping()
-        b = self._bushing
-        b.SetTorqueStiffnessConstants(self._context, np.array(s.rotation))
-        b.SetForceStiffnessConstants(self._context, np.array(s.translation))
-        b.SetTorqueDampingConstants(self._context, dr)
-        b.SetForceDampingConstants(self._context, dx)
+
+    def _stiffen(self, stiffness: Stiffness) -> None:
+        assert self._inertia is not None
+        ratio = self.scenario.grasp.damping_ratio
+        rate = fastest_rate(self._inertia, stiffness, ratio) * DT / self._substeps
+        if rate >= 0.95:
+            raise PlantError(f"so firm a grip cannot be integrated with this tool (rate x step = {rate:.2f}, below "
+                             "0.95 is needed): close less")
+        damping = damping_of(self._inertia, stiffness, ratio)
+        bushing, context = self._cell.bushing, self._cell.context
+        bushing.SetTorqueStiffnessConstants(context, np.array(stiffness.rotation))
+        bushing.SetForceStiffnessConstants(context, np.array(stiffness.translation))
+        bushing.SetTorqueDampingConstants(context, damping[0])
+        bushing.SetForceDampingConstants(context, damping[1])
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Stiffness:
         """Of the plant at the present width."""
         return self.scenario.grasp.stiffness.scaled(self._grip)
 
     # --- building ----------------------------------------------------------------------------------------------
-    def _damping(self) -> tuple[Array, Array]:
-        s = self.scenario.grasp.stiffness.scaled(self._grip)
-        ratio = 2.0 * self.scenario.grasp.damping_ratio
-        m, inertia = self._mass, np.diag(self._inertia)
-        return ratio * np.sqrt(np.array(s.rotation) * inertia), ratio * np.sqrt(np.array(s.translation) * m)
+    @property
+    def _true_mass(self) -> float:
+        mass = self.scenario.true_mass
+        return self.tool.mass if mass is None else mass
 
-    def _build(self, meshcat: Any) -> None:
-        builder = DiagramBuilder()
-        self._plant, scene = dp.AddMultibodyPlantSceneGraph(builder, DT)
-        self._plant.set_contact_model(dp.ContactModel.kPoint)
-        self._plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kLagged)
-        self._gripper_model = self._plant.AddModelInstance("gripper")
-        self._tool_model = self._plant.AddModelInstance("tool")
-        self._gripper = self._plant.AddRigidBody(
-            "gripper", self._gripper_model, dt.SpatialInertia.SolidBoxWithMass(_GRIPPER_MASS, 1, 1, 1)
-        )
-        for model in (self._gripper_model, self._tool_model):  # the tool's weight is applied below, without the pads'
-            self._plant.set_gravity_enabled(model, False)
-        self._add_tool()
-        self._add_table()
-        if meshcat is not None:
-            self._draw(scene, builder, meshcat)
-        self._plant.Finalize()
-        self._world_index = self._plant.world_body().index()
-        self._diagram = builder.Build()
-        self._simulator = Simulator(self._diagram)
-        root = self._simulator.get_mutable_context()
-        self._context = self._plant.GetMyMutableContextFromRoot(root)
-        if not self.welded:
-            self._apply_weight()
-
-    def _apply_weight(self) -> None:
-        """The tool's weight at its centre of mass; that of the pads rests on the gripper."""
-        weight = dp.ExternallyAppliedSpatialForce()
-        weight.body_index = self._tool_body.index()
-        weight.p_BoBq_B = np.array(self.tool.center_of_mass)
-        mass = self.scenario.true_mass if self.scenario.true_mass is not None else self.tool.mass
-        weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -mass * GRAVITY)))
-        self._plant.get_applied_spatial_force_input_port().FixValue(self._context, [weight])
-
-    def _add_tool(self) -> None:
-        body = self._gripper
-        if not self.welded:
-            body = self._add_soft_tool()
-        self._tool_body = body
-        for i, point in enumerate(self.shape.points):
-            # the sphere's lowest point is the contact point: its centre lies one radius nearer to the hand
-            centre = point - _POINT_RADIUS * _unit(self.tool.X_Ttip[:3, 2])
-            self._plant.RegisterCollisionGeometry(
-                body, RigidTransform(centre), dg.Sphere(_POINT_RADIUS), f"tip{i}", self._material(2.0)
-            )
-
-    def _add_soft_tool(self) -> Any:
-        g, s = self.scenario.grasp, self.scenario
-        mass = s.true_mass if s.true_mass is not None else self.tool.mass
-        com = np.array(self.tool.center_of_mass)
-        self._mass = mass + g.pad_mass
-        if self._mass <= 0.0:
+    def _tool_inertia(self) -> Any:
+        g = self.scenario.grasp
+        if self._true_mass + g.pad_mass <= 0.0:
             raise PlantError("a tool without mass cannot be simulated: give the tool a mass or the grasp a pad_mass")
-        about_com = np.diag(self.shape.gyration**2) * mass
-        self._inertia = about_com + mass * (com @ com * np.eye(3) - np.outer(com, com))
-        self._inertia += np.eye(3) * g.pad_mass * g.pad_radius**2
-        com_all = mass * com / self._mass
-        inertia = dt.SpatialInertia(
-            self._mass, com_all, _unit_inertia(self._inertia / self._mass)
-        )
-        body = self._plant.AddRigidBody("tool", self._tool_model, inertia)
-        self._check_numerics()
-        (dr, dx), k = self._damping(), g.stiffness
-        self._bushing = self._plant.AddForceElement(
-            dt.LinearBushingRollPitchYaw(
-                body.body_frame(), self._gripper.body_frame(), k.rotation, dr, k.translation, dx
-            )
-        )
-        return body
+        com = np.array(self.tool.center_of_mass)
+        return inertia_of(self.shape, self._true_mass, com, g.pad_mass, g.pad_radius)
 
-    def _check_numerics(self) -> None:
-        """The bushing is integrated explicitly: stable only while omega dt < 1 and d dt / inertia < 1."""
-        s, (dr, dx) = self.scenario.grasp.stiffness, self._damping()
-        inertia = np.diag(self._inertia)
-        worst = max(
-            float(np.sqrt(np.array(s.rotation) / inertia).max()),
-            float(np.sqrt(np.array(s.translation) / self._mass).max()),
-            float((dr / inertia).max()),
-            float((dx / self._mass).max()),
-        )
-        if worst * DT >= 1.0:
+    def _check_numerics(self) -> int:
+        """Parts that a step is cut into: the bushing is integrated explicitly, stable only while rate x step < 1."""
+        if self._inertia is None:
+            return 1
+        g = self.scenario.grasp
+        rate = fastest_rate(self._inertia, g.stiffness, g.damping_ratio)
+        parts = max(ceil(rate * DT / 0.5), 1)
+        if parts > _MOST_SUBSTEPS:
             raise PlantError(
-                f"scenario '{self.scenario.name}': the grasp's fastest mode, {worst:.0f} rad/s, cannot be integrated "
-                f"at {1e3 * DT:g} ms (below {1 / DT:g} rad/s is needed): give the tool the inertia of the gripper pads "
-                "(grasp.pad_mass, grasp.pad_radius), or less stiffness or damping"
+                f"scenario '{self.scenario.name}': the grasp's fastest mode, {rate:.0f} rad/s, would need {parts} "
+                f"sub-steps of a millisecond, at most {_MOST_SUBSTEPS} are taken: give the tool the inertia of the "
+                "gripper pads (grasp.pad_mass, grasp.pad_radius), or less stiffness or damping"
             )
+        return parts
 
-    def _material(self, factor: float) -> Any:
-        """Contact properties; two in series give the surface's stiffness, so each has twice that."""
-        properties = dg.ProximityProperties()
-        mu = self.surface.friction
-        dg.AddContactMaterial(
-            dissipation=self.scenario.table.dissipation, point_stiffness=factor * self.surface.point_stiffness,
-            friction=dp.CoulombFriction(mu, mu), properties=properties,
-        )
-        return properties
-
-    def _add_table(self) -> None:
-        X = self.surface.X_WS @ make_pose(None, (0.0, 0.0, -0.5))
-        self._plant.RegisterCollisionGeometry(
-            self._plant.world_body(), RigidTransform(X), dg.Box(4.0, 4.0, 1.0), "table", self._material(2.0)
-        )
-
-    def _draw(self, scene: Any, builder: Any, meshcat: Any) -> None:
-        colour = {"wood": [0.76, 0.6, 0.42, 1.0], "steel": [0.35, 0.4, 0.45, 1.0], "tool": [0.1, 0.45, 0.7, 1.0],
-                  "bubble": [0.85, 0.85, 0.9, 0.6]}
-        world, add = self._plant.world_body(), self._plant.RegisterVisualGeometry
-        X = self.surface.X_WS @ make_pose(None, (0.12, 0.0, -0.01))
-        add(world, RigidTransform(X), dg.Box(0.6, 0.5, 0.02), "table_top", colour["wood"])
-        for i, (size, centre) in enumerate(self.shape.boxes):
-            add(self._tool_body, RigidTransform(list(centre)), dg.Box(*size), f"tool{i}", colour["tool"])
-        for name, y in (("left", 0.03), ("right", -0.03)):
-            add(self._gripper, RigidTransform([0, y, 0]), dg.Ellipsoid(0.04, 0.02, 0.03), name, colour["bubble"])
-            add(self._gripper, RigidTransform([0, 2.2 * y, -0.03]), dg.Box(0.09, 0.03, 0.1), f"{name}_finger",
-                colour["steel"])
-        add(self._gripper, RigidTransform([0, 0, -0.12]), dg.Box(0.09, 0.2, 0.06), "palm", colour["steel"])
-        dg.MeshcatVisualizer.AddToBuilder(builder, scene, meshcat, dg.MeshcatVisualizerParams(publish_period=1 / 30))
+    def _build(self) -> None:
+        g = self.scenario.grasp
+        none = (np.zeros(3), np.zeros(3))
+        damping = damping_of(self._inertia, g.stiffness, g.damping_ratio) if self._inertia is not None else none
+        self._cell = Cell(self.scenario, self.surface, self.shape, self._inertia, damping, DT / self._substeps,
+                          self._meshcat)
+        self._positions = self._cell.plant.num_positions()
 
 
-def _unit(v: Array) -> Array:
-    return v / sqrt(float(v @ v))
+def _quaternion_wxyz(R: Array) -> tuple[float, float, float, float]:
+    """Unit quaternion w, x, y, z of R, by its largest component (Shepperd)."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    parts = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
+    largest = parts.index(max(parts))
+    s = 0.5 / sqrt(parts[largest])
+    if largest == 0:
+        return s * parts[0], s * (h - f), s * (c - g), s * (d - b)
+    if largest == 1:
+        return s * (h - f), s * parts[1], s * (d + b), s * (g + c)
+    if largest == 2:
+        return s * (c - g), s * (d + b), s * parts[2], s * (h + f)
+    return s * (d - b), s * (g + c), s * (h + f), s * parts[3]
 
 
-def _unit_inertia(about_origin: Array) -> Any:
-    i = about_origin
-    return dt.UnitInertia(i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+def _rotation_of(q: Array) -> Array:
+    """R (3, 3) of a quaternion w, x, y, z, whatever its norm."""
+    w, x, y, z = q.tolist()
+    n = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array((
+        (1.0 - n * (y * y + z * z), n * (x * y - w * z), n * (x * z + w * y)),
+        (n * (x * y + w * z), 1.0 - n * (x * x + z * z), n * (y * z - w * x)),
+        (n * (x * z - w * y), n * (y * z + w * x), 1.0 - n * (x * x + y * y)),
+    ))
+
+
+def _small_rotation(R_new: Array, R_old: Array) -> Array:
+    """Rotation vector (3,) from R_old to R_new, in the world; exact zero when nothing turned."""
+    if R_new is R_old or np.array_equal(R_new, R_old):
+        return np.zeros(3)
+    return so3_log(R_new @ R_old.T)
 
 
 def save_replay(meshcat: Any, path: Path) -> None:

@@ -46,9 +46,10 @@ class ServoSection:
 class TableSection:
     """The surface under the tool; ranges are drawn from the seed."""
 
-    tilt_x: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, doc="about the work frame's x")
-    tilt_y: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, doc="about the work frame's y")
-    height: Range = field((-3.0, 3.0), unit="mm", low=-50, high=50, doc="of the surface at the work frame's origin")
+    tilt_x: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, span=True, doc="about the work frame's x")
+    tilt_y: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, span=True, doc="about the work frame's y")
+    height: Range = field((-3.0, 3.0), unit="mm", low=-50, high=50, span=True,
+                          doc="of the surface at the work frame's origin")
     friction: float = field(0.4, low=0.0, high=2.0, doc="Coulomb, static and dynamic")
     contact_stiffness: float = field(8000.0, unit="N/m", low=10.0, high=1e6, doc="of each contact point")
     total_stiffness: float | None = field(None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead")
@@ -82,6 +83,9 @@ class Scenario:
     table: TableSection = field(TableSection(), doc="the surface")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images")
+    trajectory: dict[str, Any] = field({}, doc="motion in the grasp of ./seed validate")
+    estimator: dict[str, Any] = field({}, doc="parameters of the estimator that differ from their defaults")
+    calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
 
