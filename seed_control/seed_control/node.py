@@ -4,16 +4,12 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from seed_msgs.msg import ControllerState as StateMsg
 from seed_msgs.msg import HybridSetpoint as HybridMsg
@@ -45,13 +41,13 @@ from seed_ros.conversions import (
 )
 from seed_ros.counters import Complaints
 from seed_ros.frames import FrameNames
+from seed_ros.loop import QUIET_OUT, FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.tf import TransformBroadcaster
 
 AWAY = 0.02  # [m] an arm at rest this far from its command was moved by something else
-PERIODS = 2500  # of the last ten seconds, for the percentiles in diagnostics
 
 
 @dataclass(frozen=True)
@@ -79,15 +75,10 @@ class ControllerNode(Node):
         self._was_enabled = False
         self._here = np.eye(4)  # the newest flange pose
         self._output: ControlOutput | None = None
-        self._periods: deque[float] = deque(maxlen=PERIODS)
-        self._last_step = time.monotonic()
         self._wire()
         self.follow = FollowServer(self, self.core, self.now)
         self._publish_tip()
-        sim_time = self.get_parameter("use_sim_time").value
-        clock = self.get_clock() if sim_time else Clock(clock_type=ClockType.STEADY_TIME)
         self._every = max(1, round(self.parameters.rate / self.settings.state_rate))
-        self._timer = self.create_timer(1.0 / self.parameters.rate, self._step, clock=clock)
         self._diagnostics = diagnostics.Diagnostics(self, "controller", self._report)
 
     def now(self) -> float:
@@ -95,15 +86,16 @@ class ControllerNode(Node):
         return self.get_clock().now().nanoseconds * 1e-9
 
     def _wire(self) -> None:
-        self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND)
-        self._wrench = self.create_publisher(WrenchStamped, "wrench_estimate", COMMAND)
-        self._state = self.create_publisher(StateMsg, "~/state", COMMAND)
+        self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND, event_callbacks=QUIET_OUT)
+        self._wrench = self.create_publisher(WrenchStamped, "wrench_estimate", COMMAND, event_callbacks=QUIET_OUT)
+        self._state = self.create_publisher(StateMsg, "~/state", COMMAND, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.create_subscription(RelativePose, "relative_pose", self._on_estimate, QUEUE)
-        self.create_subscription(PoseStamped, "current_pose", self._on_pose, QUEUE)
-        self.create_subscription(HybridMsg, "~/setpoint", self._on_hybrid, COMMAND)
-        self.create_subscription(WrenchMsg, "~/wrench_setpoint", self._on_wrench, COMMAND)
-        self.create_subscription(RelativePoseMsg, "~/relative_pose_setpoint", self._on_relative, COMMAND)
+        self.loop = FixedRateLoop(self, self.parameters.rate, self._step)
+        self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
+        self.loop.poll(RelativePose, "relative_pose", self._on_estimate, QUEUE)
+        self.loop.poll(HybridMsg, "~/setpoint", self._on_hybrid, COMMAND)
+        self.loop.poll(WrenchMsg, "~/wrench_setpoint", self._on_wrench, COMMAND)
+        self.loop.poll(RelativePoseMsg, "~/relative_pose_setpoint", self._on_relative, COMMAND)
         self.create_service(SetBool, "~/enable", self._enable)
 
     # in
@@ -170,7 +162,6 @@ class ControllerNode(Node):
     # the step
     def _step(self) -> None:
         now = self.now()
-        self._measure_period()
         self.follow.before_step(now)
         self._output = output = self.core.step(now)
         self.steps += 1
@@ -209,20 +200,15 @@ class ControllerNode(Node):
         if self.settings.publish_tf:
             self._tf.send_static(transform_stamped(self.tool.X_Ttip, self.now(), self.frames.tool, self.frames.tip))
 
-    def _measure_period(self) -> None:
-        at = time.monotonic()
-        self._periods.append(1e3 * (at - self._last_step))
-        self._last_step = at
-
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"steps": self.steps, **self.complaints.values()}
         if self._output is None:
             return diagnostics.STALE, "no step yet", values
         state = self._output.state
         values |= state.counters._asdict() | {"mode": state.mode, "law": self.parameters.law}
-        if len(self._periods) > 10:
-            p50, p99 = np.percentile(np.array(self._periods), (50, 99))
-            values |= {"period_p50_ms": round(float(p50), 3), "period_p99_ms": round(float(p99), 3)}
+        if len(self.loop.periods) > 10:
+            p50, p99 = np.percentile(np.array(self.loop.periods) * 1e3, (50, 99))
+            values |= {"period_p50_ms": round(float(p50), 3), "period_p99_ms": round(float(p99), 3), "overruns": self.loop.overruns}
         level = diagnostics.WARN if state.mode == "holding" else diagnostics.OK
         return level, state.reason or state.mode, values
 

@@ -8,7 +8,7 @@ Angles `rpy` are fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) (RE
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, sin
+from math import asin, atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -163,8 +163,20 @@ def rotation_error(R_est: Array, R_true: Array) -> Array:
 
 def quaternion_from_rotation(R: Array) -> Array:
     """Unit quaternion (4,) x, y, z, w with w >= 0 of R."""
-    q = np.asarray(Rotation.from_matrix(R).as_quat(), dtype=float)
-    return -q if q[3] < 0 else q
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()  # Shepperd's method: divide by the largest component
+    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # 4 x^2, 4 y^2, 4 z^2, 4 w^2
+    largest = squares.index(max(squares))
+    if largest == 3:
+        q = (h - f, c - g, d - b, squares[3])
+    elif largest == 0:
+        q = (squares[0], b + d, c + g, h - f)
+    elif largest == 1:
+        q = (b + d, squares[1], f + h, c - g)
+    else:
+        q = (c + g, f + h, squares[2], d - b)
+    out = np.array(q)
+    out /= sqrt(float(out @ out))
+    return -out if out[3] < 0.0 else out
 
 
 def pose_from_quaternion(xyzw: ArrayLike, p: ArrayLike, name: str = "pose") -> Array:
@@ -179,7 +191,15 @@ def pose_from_quaternion(xyzw: ArrayLike, p: ArrayLike, name: str = "pose") -> A
     norm = float(np.sqrt(q @ q))
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
         raise SpatialError(f"{name}.orientation has norm {norm:.4g}; a unit quaternion (x, y, z, w) is needed")
-    return make_pose(Rotation.from_quat(q).as_matrix(), position)
+    x, y, z, w = (q / norm).tolist()
+    return np.array(
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), position[0]),
+            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), position[1]),
+            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), position[2]),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
 
 
 def check_pose(X: ArrayLike, name: str = "pose") -> Array:

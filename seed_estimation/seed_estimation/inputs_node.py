@@ -19,6 +19,7 @@ from seed_ros.cameras import intrinsics
 from seed_ros.conversions import MessageError, seconds
 from seed_ros.counters import Complaints
 from seed_ros.images import depth_from_message, gray_from_message
+from seed_ros.loop import QUIET_IN
 from seed_ros.pairing import Pairing
 from seed_ros.qos import SENSOR
 
@@ -55,9 +56,9 @@ class ImageInputs:
         self._heard: dict[str, float] = {}
         for finger in self.fingers:
             for kind, topic in (("depth", "depth/image_rect_raw"), ("ir", "ir/image_rect_raw")):
-                node.create_subscription(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+                node.create_subscription(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR, event_callbacks=QUIET_IN)
             info = f"bubble_{finger}/depth/camera_info"
-            node.create_subscription(CameraInfo, info, partial(self._on_info, finger), SENSOR)
+            node.create_subscription(CameraInfo, info, partial(self._on_info, finger), SENSOR, event_callbacks=QUIET_IN)
 
     @property
     def calibrated(self) -> bool:

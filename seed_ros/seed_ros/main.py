@@ -13,19 +13,27 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from seed_core.errors import SeedError
+from seed_ros.loop import FixedRateLoop
 
 
 def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
-    """Create a node, spin it until the end, and say in one line why it could not start. Returns the exit code."""
+    """Create a node, spin it (or its `loop`) until the end, and say in one line why it could not start.
+
+    Returns the exit code.
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     rclpy.init(args=argv)
     node: Node | None = None
     try:
         node = create()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
         gc.freeze()  # what was loaded so far stays: the collector need not walk it in a control loop
-        executor.spin()
+        loop = getattr(node, "loop", None)
+        if isinstance(loop, FixedRateLoop):
+            loop.run()
+        else:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SeedError as error:

@@ -8,16 +8,19 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
+from seed_ros.loop import QUIET_OUT
+
 
 class TransformBroadcaster:
     """Publishes moving transforms on /tf and fixed ones, kept and sent together, on /tf_static."""
 
     def __init__(self, node: Node) -> None:
-        self._moving = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+        self._moving = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100), event_callbacks=QUIET_OUT)
         self._fixed = node.create_publisher(
             TFMessage,
             "/tf_static",
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE),
+            event_callbacks=QUIET_OUT,
         )
         self._kept: dict[str, TransformStamped] = {}
 

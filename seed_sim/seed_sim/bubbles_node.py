@@ -24,6 +24,7 @@ from seed_ros.cameras import Intrinsics, camera_info
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images import image_message
+from seed_ros.loop import QUIET_OUT
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import SENSOR
@@ -69,9 +70,9 @@ class BubblesNode(Node):
     def _finger_publishers(self, finger: str) -> tuple[Any, Any, Any]:
         prefix = f"bubble_{finger}"
         return (
-            self.create_publisher(Image, f"{prefix}/depth/image_rect_raw", SENSOR),
-            self.create_publisher(Image, f"{prefix}/ir/image_rect_raw", SENSOR),
-            self.create_publisher(CameraInfo, f"{prefix}/depth/camera_info", SENSOR),
+            self.create_publisher(Image, f"{prefix}/depth/image_rect_raw", SENSOR, event_callbacks=QUIET_OUT),
+            self.create_publisher(Image, f"{prefix}/ir/image_rect_raw", SENSOR, event_callbacks=QUIET_OUT),
+            self.create_publisher(CameraInfo, f"{prefix}/depth/camera_info", SENSOR, event_callbacks=QUIET_OUT),
         )
 
     def _on_truth(self, message: RelativePose) -> None:

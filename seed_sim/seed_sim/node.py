@@ -26,6 +26,7 @@ from seed_ros import diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_ros.counters import Complaints
 from seed_ros.frames import FrameNames
+from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND
@@ -73,7 +74,8 @@ class SimNode(Node):
         self._heard = -np.inf  # when the last usable target came, in steady time
         self.real_time_factor = 1.0
         self._outputs = Outputs(self, self.plant, self.frames, self.settings.relative_pose)
-        self.create_subscription(PoseStamped, "target_frame", self._on_target, COMMAND)
+        self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
+        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -84,7 +86,6 @@ class SimNode(Node):
         if self._meshcat is not None:
             self._meshcat.StartRecording(frames_per_second=30.0, set_visualizations_while_recording=False)
         self._start_clock()
-        self.create_timer(1.0 / self.settings.rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.create_timer(1.0, self._rate_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _places(self) -> tuple[Array, Array]:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
@@ -21,6 +23,7 @@ from seed_ros.conversions import (
     wrench_stamped,
 )
 from seed_ros.frames import FrameNames
+from seed_ros.loop import QUIET_OUT
 from seed_ros.qos import COMMAND, LATCHED, QUEUE, SENSOR
 from seed_ros.tf import TransformBroadcaster
 from seed_sim.plant import Plant
@@ -32,7 +35,7 @@ class Outputs:
     def __init__(self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool) -> None:
         """stand_in: publish relative_pose from the truth, in place of cameras and estimator."""
         self._plant, self._frames = plant, frames
-        create = node.create_publisher
+        create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
         self._next_image = 0.0
         self._pose = create(PoseStamped, "current_pose", QUEUE)
