@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _COS_ALPHA = tuple(float(round(cos(t))) for t in ALPHA)  # exactly 0 and +-1
 _SIN_ALPHA = tuple(float(round(sin(t))) for t in ALPHA)
 _SINGULAR = 1e-8  # |sin q5| below which joints 4 and 6 share one axis
+_WRIST = 0.02  # |sin q5| below which `follow` looks at every branch
 _ROUNDING = 1e-9  # a cosine beyond 1 by less than this is rounding, not unreachability
 
 
@@ -155,12 +156,8 @@ class URKinematics:
         reachable = [q for q in candidates if q is not None]
         if not reachable:
             where = ", ".join(f"{t:.3f}" for t in X_WE[:3, 3])
-            raise KinematicsError(
-                f"pose at ({where}) m is out of reach of the {self.model.name}: move it closer"
-            )
-        return np.array(
-            min(reachable, key=lambda q: sum((s - t) ** 2 for s, t in zip(q, start, strict=True)))
-        )
+            raise KinematicsError(f"pose at ({where}) m is out of reach of the {self.model.name}: move it closer")
+        return np.array(min(reachable, key=lambda q: sum((s - t) ** 2 for s, t in zip(q, start, strict=True))))
 
     def follow(self, X_WE: Array, near: Sequence[float]) -> list[float]:
         """As `inverse`, four times faster: at every fork the side of `near` (6,), which has to be close by."""
@@ -173,10 +170,11 @@ class URKinematics:
             q1 = min((middle + side, middle - side), key=lambda q: abs(_wrap(q - near[0])))
             s1, c1 = sin(q1), cos(q1)
             ex, ey, ez = s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * zx - c1 * zy
+            if hypot(ex, ey) < _WRIST:
+                return [float(t) for t in self.inverse(X_WE, near)]  # q5 may change its sign here
             sign = 1.0 if sin(near[4]) >= 0.0 else -1.0
             q5 = sign * atan2(hypot(ex, ey), ez)
-            q6 = near[5] if hypot(ex, ey) < _SINGULAR else atan2(-sign * ey, sign * ex)
-            planar = self._arm(X_WE, q1, q5, q6)
+            planar = self._arm(X_WE, q1, q5, atan2(-sign * ey, sign * ex))
             if planar:
                 nearest = min(planar, key=lambda q: abs(_wrap(q[2] - near[2])))
                 solution = self._turns(nearest, near)

@@ -26,7 +26,7 @@ def refusal(
     target: Target,
     command: tuple[Vector, Quaternion],
     joints: list[float],
-    arm: URKinematics,
+    arm: URKinematics | None,
     c: DriverConfig,
 ) -> str | None:
     """Why `target` is refused, given the present command and joint angles; None when it is good.

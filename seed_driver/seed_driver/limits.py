@@ -113,17 +113,21 @@ class Follower:
     def advance(self, b: Bounds) -> None:
         """Take the step, never further out of the workspace, and smooth."""
         p, q = self.next_pose()
-        inside = tuple(
-            min(max(new, min(lo, old)), max(hi, old))
-            for new, old, lo, hi in zip(p, self.inner_p, b.low, b.high, strict=True)
-        )
-        step = inside[0] - self.inner_p[0], inside[1] - self.inner_p[1], inside[2] - self.inner_p[2]
-        self.inner_p, self.inner_q = (inside[0], inside[1], inside[2]), q
+        old, low, high = self.inner_p, b.low, b.high
+        if not (low[0] <= p[0] <= high[0] and low[1] <= p[1] <= high[1] and low[2] <= p[2] <= high[2]):
+            x, y, z = (min(max(p[i], min(low[i], old[i])), max(high[i], old[i])) for i in range(3))
+            p = (x, y, z)
+        self.inner_p, self.inner_q = p, q
+        if not self._steps and p == old and not any(self.turning):
+            self.p, self.q = p, q  # at rest, and nothing of the past left
+            return
         length = max(1, ceil(2.0 * b.acceleration / (b.jerk * self.dt)))
-        self._steps.appendleft((step, _scaled(self.turning, self.dt)))
+        self._steps.appendleft((_minus(p, old), _scaled(self.turning, self.dt)))
         while len(self._steps) >= length and self._steps:
             self._steps.pop()
         self._smooth(length)
+        if not any(self.velocity) and not any(self.turning) and self.still:
+            self._steps.clear()
 
     def _smooth(self, length: int) -> None:
         """Mean of the last `length` poses: the newest, less what each of the last steps adds to it.

@@ -66,7 +66,7 @@ class ServoProcess:
         self.ticks = 0
         self.listen_every = 1
         self.unseen = 0.0  # [s] of motion since the joints were looked at
-        self.calm = False  # every joint far below its limit
+        self.calm = 0  # steps that need no look, because every joint is far below its limit
         self.sample_time = 0.0
         self.next_try = 0.0
         self.bounds = _bounds(config)
@@ -335,9 +335,8 @@ class ServoProcess:
         feed = self.reference.step(f.dt) if self.reference is not None else ((0.0,) * 3, (0.0,) * 3)
         f.propose(self.reference, feed, self.bounds)
         if any(f.velocity) or any(f.turning):
-            if self.calm:
-                self.calm = False  # one step unseen: less than a quarter of the limit before it
-                self.unseen = f.dt
+            if self.unseen < self.calm * f.dt:
+                self.unseen += f.dt
             else:
                 self._guard_joints(self.unseen)
                 self.unseen = 0.0
@@ -356,7 +355,7 @@ class ServoProcess:
         try:
             q = self.arm.follow(pose_matrix(*f.next_pose()), self.guard_q)
             share = self._joint_share(q, f.dt + unseen)
-            self.calm = share > 4.0
+            self.calm = 3 if share > 8.0 else int(share > 3.0)
             if share < 1.0:
                 f.slow(share)
                 q = self.arm.follow(pose_matrix(*f.next_pose()), self.guard_q)
