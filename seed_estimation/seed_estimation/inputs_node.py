@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_core.config import field
@@ -19,7 +18,7 @@ from seed_ros.cameras import intrinsics
 from seed_ros.conversions import MessageError, seconds
 from seed_ros.counters import Complaints
 from seed_ros.images import depth_from_message, gray_from_message
-from seed_ros.loop import QUIET_IN
+from seed_ros.loop import FixedRateLoop
 from seed_ros.pairing import Pairing
 from seed_ros.qos import SENSOR
 
@@ -42,7 +41,9 @@ class InputSettings:
 class ImageInputs:
     """Calls `ready` with the images of one moment, or `problem` with the reason why there are none."""
 
-    def __init__(self, node: Node, settings: InputSettings, complaints: Complaints, ready: Ready, problem: Problem) -> None:
+    def __init__(
+        self, loop: FixedRateLoop, settings: InputSettings, complaints: Complaints, ready: Ready, problem: Problem
+    ) -> None:
         self.settings = settings
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, Camera] = {}
@@ -56,9 +57,9 @@ class ImageInputs:
         self._heard: dict[str, float] = {}
         for finger in self.fingers:
             for kind, topic in (("depth", "depth/image_rect_raw"), ("ir", "ir/image_rect_raw")):
-                node.create_subscription(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR, event_callbacks=QUIET_IN)
+                loop.poll(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
             info = f"bubble_{finger}/depth/camera_info"
-            node.create_subscription(CameraInfo, info, partial(self._on_info, finger), SENSOR, event_callbacks=QUIET_IN)
+            loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
 
     @property
     def calibrated(self) -> bool:

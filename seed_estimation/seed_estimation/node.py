@@ -32,11 +32,13 @@ from seed_ros.conversions import estimate_to_message, stamp_from_seconds, transf
 from seed_ros.counters import Complaints
 from seed_ros.frames import FrameNames
 from seed_ros.images import image_message
+from seed_ros.loop import QUIET_OUT, FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.tf import TransformBroadcaster
 
+LOOP_RATE = 300.0  # [Hz] at which it is looked whether images have come
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics
 COLLECT_TIMEOUT = 6.0  # [s] for the images of a reference or a grasp
 
@@ -77,11 +79,12 @@ class EstimatorNode(Node):
         self._collection: _Collection | None = None
         self._latencies: deque[float] = deque(maxlen=LATENCIES)
         self._last: RelativePoseEstimate | None = None
-        self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND)
-        self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND)
-        self._debug = self.create_publisher(Image, "~/debug_image", SENSOR)
+        self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET_OUT)
+        self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
+        self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.inputs = ImageInputs(self, inputs, self.complaints, self._on_images, self._publish_invalid)
+        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None)
+        self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
         self.create_service(Trigger, "~/capture_reference", self._capture_reference, callback_group=waiting)
@@ -116,8 +119,8 @@ class EstimatorNode(Node):
         if self.core is None:
             self._publish_invalid(stamp, self.inputs.camera_problem or "the estimator is not set up")
             return
-        if self._collection is not None:
-            self._collect(images)
+        if self._collection is not None and self._collect(images):
+            return  # a new reference or grasp begins with the next images
         estimate = self.core.update(images, stamp)
         if not estimate.valid:
             self.complaints.add("estimates_invalid", estimate.reason)
@@ -174,14 +177,15 @@ class EstimatorNode(Node):
         log(f"{what}: {response.message}")
         return response
 
-    def _collect(self, images: dict[str, TactileImages]) -> None:
+    def _collect(self, images: dict[str, TactileImages]) -> bool:
+        """Keep the images for the service that waits; whether that was the last of them."""
         collection = self._collection
         assert collection is not None
         assert self.core is not None
         if set(images) == set(self.inputs.fingers):
             collection.frames.append(images)
         if len(collection.frames) < collection.count:
-            return
+            return False
         self._collection = None
         use = self.core.capture_reference if collection.what == "reference" else self.core.initialize_grasp
         try:
@@ -190,6 +194,7 @@ class EstimatorNode(Node):
             collection.future.set_result((False, str(error)))
         else:
             collection.future.set_result((True, f"taken from {len(collection.frames)} images of each finger"))
+        return True
 
     def _watch(self) -> None:
         """Give up on a service whose images do not come."""
