@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator's view in a simulated identification: rendered tactile images through the estimator.
+
+Images are rendered while a pose is measured and, on the way, often enough for the estimator to follow; not for every
+reading, which would cost far more and tell nothing new.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from seed_core.spatial import Array, inverse_pose, so3_log
+
+_STEP, _TURN = 1.5e-3, np.deg2rad(2.5)  # [m], [rad]; motion between images that is followed with ease
+_FRAMES = 4  # images averaged per pose
+_REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at rest
+
+
+class TactileEyes:
+    """Looks at the tool's pose X_CT and returns what the estimator makes of it."""
+
+    def __init__(self, method: str, hand: object, seed: int) -> None:
+        from seed_estimation.estimator import Estimator, EstimatorParameters
+        from seed_sim.tactile import TactileParameters, TactileRenderer
+
+        self._renderer = TactileRenderer(TactileParameters(), hand, seed)  # type: ignore[arg-type]
+        self._estimator = Estimator(EstimatorParameters(method=method), hand, self._renderer.cameras)  # type: ignore[arg-type]
+        self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(_REFERENCE)])
+        self._estimator.initialize_grasp([self._renderer.render(np.eye(4), 0.0) for _ in range(_GRASP)])
+        self._last, self._frames = np.eye(4), 0
+        self.invalid = 0
+
+    def __call__(self, X_CT: Array, stamp: float, measuring: bool) -> Array | None:
+        """X_TC as estimated, or None when no image was taken or no pose came of it."""
+        self._frames = self._frames + 1 if measuring else 0
+        moved = float(np.linalg.norm(X_CT[:3, 3] - self._last[:3, 3])) > _STEP
+        turned = float(np.linalg.norm(so3_log(X_CT[:3, :3].T @ self._last[:3, :3]))) > _TURN
+        if not (moved or turned or 0 < self._frames <= _FRAMES):
+            return None
+        self._last = X_CT
+        estimate = self._estimator.update(self._renderer.render(X_CT, stamp), stamp)
+        self.invalid += int(not estimate.valid)
+        return inverse_pose(estimate.X_CT) if estimate.valid else None

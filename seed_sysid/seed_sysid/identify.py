@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed identify: the stiffness of a grasp, from a simulated run or from recorded data."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from seed_core.errors import SeedError
+
+from seed_sysid.analysis import Analysis, analyse
+from seed_sysid.dataset import Dataset, read
+from seed_sysid.model import AXES, UNITS
+from seed_sysid.output import stiffness_file, summary, write_stiffness
+from seed_sysid.parameters import FitParameters
+from seed_sysid.scenario import load
+from seed_sysid.session import simulate
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; 0 when a stiffness was found, 1 with a message when not."""
+    args = parser().parse_args(argv)
+    try:
+        return _run(args)
+    except SeedError as error:
+        print(f"seed identify: {error}", file=sys.stderr)
+        return 1
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(prog="seed identify", description=__doc__)
+    out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sysid/config/identify")
+    out.add_argument("--seed", type=int, default=0, help="draws the hidden stiffness and every fault")
+    out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
+    out.add_argument("--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor")
+    out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit (default: the scenario's)")
+    out.add_argument("--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again")
+    out.add_argument("--out", type=Path, help="folder for data, stiffness.yaml and report.html")
+    out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
+    return out
+
+
+def _run(args: argparse.Namespace) -> int:
+    now = datetime.now(timezone.utc)
+    if args.procedure == "weight":
+        from seed_sysid.weight import run_weight
+
+        return run_weight(args)
+    folder = args.out
+    if folder is None and not args.json:
+        folder = Path("results") / f"identify-{now:%Y%m%d-%H%M%S}"
+    analysis, figures = _from_file(args) if args.source else _simulated(args, folder, now.isoformat(timespec="seconds"))
+    if folder is not None:
+        _write(folder, analysis, figures, now.isoformat(timespec="seconds"))
+    print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
+    return 0
+
+
+def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> tuple[Analysis, dict[str, Any]]:
+    scenario = load(args.scenario)
+    fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
+    eyes = None
+    if args.poses == "estimator":
+        from seed_sysid.eyes import TactileEyes
+
+        eyes = TactileEyes(scenario.estimator, scenario.hand, args.seed)
+    file = folder / "samples.jsonl" if folder else None
+    data, cell = simulate(scenario, args.seed, file, eyes, created)
+    analysis = analyse(data, args.poses, fit)
+    figures = summary(analysis, cell.truth) | {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "simulated_minutes": cell.stamp / 60.0,
+        "outliers_made": cell.outliers,
+    }
+    return analysis, figures
+
+
+def _from_file(args: argparse.Namespace) -> tuple[Analysis, dict[str, Any]]:
+    data = read_any(args.source)
+    analysis = analyse(data, args.poses, FitParameters(model=args.model or "midpoint"))
+    minutes = (data.samples[-1].stamp - data.samples[0].stamp) / 60.0
+    return analysis, summary(analysis) | {"from": str(args.source), "minutes": minutes}
+
+
+def read_any(path: Path) -> Dataset:
+    """Samples from a file, or from a bag that recorded the node's topic."""
+    if path.is_dir() or path.suffix in (".mcap", ".db3"):
+        from seed_sysid.bag import read_bag
+
+        return read_bag(path)
+    return read(path)
+
+
+def _write(folder: Path, analysis: Analysis, figures: dict[str, Any], date: str) -> None:
+    from seed_sysid.report import write_report
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_stiffness(folder / "stiffness.yaml", stiffness_file(analysis, date))
+    (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    write_report(folder / "report.html", analysis, figures)
+
+
+def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
+    k, half, g = a.solution.stiffness, a.solution.stiffness_half_width, a.nominal
+    true = figures.get("truth")
+    truth = [*true["rotation"], *true["translation"]] if true else None
+    lines = [f"stiffness at {1e3 * a.widths[g]:.1f} mm ({figures['confidence']:.0%} intervals, {a.source} poses):"]
+    for j, axis in enumerate(AXES):
+        note = f"   true {truth[j]:9.3f}  error {abs(k[g, j] / truth[j] - 1):6.2%}" if truth else ""
+        lines.append(f"  {axis:<6}{k[g, j]:9.3f} +- {half[g, j]:7.3f} {UNITS[j]:<8}{note}")
+    lines += [f"warning: {w}" for w in a.warnings]
+    if folder is not None:
+        lines.append(f"left in {folder}: stiffness.yaml, report.html, summary.json")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
