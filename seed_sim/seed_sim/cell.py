@@ -89,9 +89,15 @@ class Cell:
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+        self.gripper_at, self.tool_at = self._place_in_state(self.gripper), self._place_in_state(self.tool)
         self.contact_forces = self.plant.get_generalized_contact_forces_output_port(self.tool_model)
         if inertia:
             self._weigh(inertia)
+
+    def _place_in_state(self, body: Any) -> tuple[int, int]:
+        """Index of a free body's quaternion (then its position), and of its angular velocity (then its velocity)."""
+        nq = self.plant.num_positions()
+        return body.floating_positions_start(), nq + body.floating_velocities_start_in_v()
 
     def _soft_tool(self, scenario: Scenario, inertia: ToolInertia, damping: tuple[Array, Array]) -> Any:
         unit = inertia.about_T / inertia.moving_mass

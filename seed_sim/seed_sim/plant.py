@@ -117,10 +117,10 @@ class Plant:
 
     def _place_gripper(self, X_WC: Array, after: Array) -> None:
         """Position and velocity of the gripper at the beginning of a step that ends at `after`."""
-        state, nq = self._state, self._positions
-        state[0:4], state[4:7] = _quaternion_wxyz(X_WC[:3, :3]), X_WC[:3, 3]
-        state[nq : nq + 3] = _small_rotation(after[:3, :3], X_WC[:3, :3]) / DT
-        state[nq + 3 : nq + 6] = (after[:3, 3] - X_WC[:3, 3]) / DT
+        state, (q, v) = self._state, self._cell.gripper_at
+        state[q : q + 4], state[q + 4 : q + 7] = _quaternion_wxyz(X_WC[:3, :3]), X_WC[:3, 3]
+        state[v : v + 3] = _small_rotation(after[:3, :3], X_WC[:3, :3]) / DT
+        state[v + 3 : v + 6] = (after[:3, 3] - X_WC[:3, 3]) / DT
 
     def reset(self, X_WE: Array | None = None) -> None:
         """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest, time 0."""
@@ -129,7 +129,7 @@ class Plant:
         self._steps, self._drawn = 0, -np.inf
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._cell.plant.GetPositionsAndVelocities(self._cell.context)
-        self._state[self._positions :] = 0.0
+        self._state[self._cell.plant.num_positions() :] = 0.0
         self._place_gripper(self._X_WC, self._X_WC)
         self.grasp()
         if self._meshcat is not None:
@@ -139,8 +139,9 @@ class Plant:
         """Take the tool anew: T coincides with C and rests relative to it."""
         self._X_WT = None
         if not self.welded:
-            self._state[7:11], self._state[11:14] = _quaternion_wxyz(self._X_WC[:3, :3]), self._X_WC[:3, 3]
-            self._state[self._positions + 6 : self._positions + 12] = 0.0
+            q, v = self._cell.tool_at
+            self._state[q : q + 4], self._state[q + 4 : q + 7] = _quaternion_wxyz(self._X_WC[:3, :3]), self._X_WC[:3, 3]
+            self._state[v : v + 6] = 0.0
         self._cell.context.SetDiscreteState(self._state)
 
     def _publish(self) -> None:
@@ -166,7 +167,8 @@ class Plant:
         if self.welded:
             return self._X_WC
         if self._X_WT is None:
-            self._X_WT = make_pose(_rotation_of(self._state[7:11]), self._state[11:14])
+            q = self._cell.tool_at[0]
+            self._X_WT = make_pose(_rotation_of(self._state[q : q + 4]), self._state[q + 4 : q + 7])
         return self._X_WT
 
     @property
@@ -282,7 +284,6 @@ class Plant:
         damping = damping_of(self._inertia, g.stiffness, g.damping_ratio) if self._inertia is not None else none
         self._cell = Cell(self.scenario, self.surface, self.shape, self._inertia, damping, DT / self._substeps,
                           self._meshcat)
-        self._positions = self._cell.plant.num_positions()
 
 
 def _quaternion_wxyz(R: Array) -> tuple[float, float, float, float]:
