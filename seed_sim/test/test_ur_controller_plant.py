@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 from numpy.testing import assert_allclose
+
 from seed_core.ur_kinematics import URKinematics
 from seed_sim.ur.client import StandIn
 from seed_sim.ur.plant_link import ArmState, PlantLink

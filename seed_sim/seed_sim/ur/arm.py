@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 from seed_core.ur_pose import Pose6, matrix_from_pose, pose_from_matrix
 

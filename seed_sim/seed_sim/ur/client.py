@@ -13,7 +13,6 @@ import time
 from typing import Any
 
 from seed_core.errors import SeedError
-
 from seed_sim.ur.server import SIDE_PORT
 
 _numbers = itertools.count()

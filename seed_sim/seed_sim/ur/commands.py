@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+
 from seed_core.ur_kinematics import KinematicsError
 from seed_core.ur_pose import matrix_from_pose, pose_from_matrix
-
 from seed_sim.ur.arm import Hold, Move, Servo, Speed
 
 if TYPE_CHECKING:

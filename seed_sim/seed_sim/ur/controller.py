@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 from seed_core.ur_pose import checked_pose
-
 from seed_sim.ur import wire
 from seed_sim.ur.arm import BRAKE, PROGRAM_END_BRAKE, Arm, Servo
 from seed_sim.ur.program import Program, ProgramError

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 from seed_core.ur_kinematics import KinematicsError
-
 from seed_sim.ur import commands
 from seed_sim.ur.commands import Job, ProgramError
 

@@ -7,6 +7,7 @@ Ports: 30004 RTDE, 30001 to 30003 scripts, 29999 dashboard (not for PolyScope X)
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import os
@@ -17,7 +18,6 @@ import time
 from dataclasses import dataclass, field
 
 from seed_core.errors import SeedError
-
 from seed_sim.ur import dashboard, side
 from seed_sim.ur.channel import Channel, Dashboard, Rtde, Script, Side
 from seed_sim.ur.controller import PERIOD, Controller, Options
@@ -119,10 +119,9 @@ class Server:
     def run(self) -> None:
         """Serve until `running` is False."""
         gc.disable()
-        try:  # a real controller is a machine of its own; here it must not wait for the programs it serves
+        # a real controller is a machine of its own; here it must not wait for the programs it serves
+        with contextlib.suppress(OSError):  # ordinary users may not
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-        except OSError:
-            pass  # ordinary users may not
         deadline = time.monotonic()
         while self.running:
             now = time.monotonic()

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from seed_core.errors import SeedError
+
 if TYPE_CHECKING:
     from seed_sim.ur.server import Server
 
@@ -27,7 +29,7 @@ def answer(server: Server, line: bytes) -> bytes:
             raise ValueError(f"unknown request; 'do' must be one of {', '.join(sorted(ACTIONS))}")
         reply = ACTIONS[request["do"]](server, request) or {}
         return json.dumps({"ok": True, **reply}).encode() + b"\n"
-    except (ValueError, TypeError, KeyError) as error:
+    except (SeedError, ValueError, TypeError, KeyError) as error:
         return json.dumps({"ok": False, "error": str(error)}).encode() + b"\n"
 
 
