@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimators of the relative pose against known motion: trajectories, runs, scores, figures."""

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run: reference, grasp, motion, all rendered, through an estimator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from seed_core.config import ConfigError, from_mapping, load_file
+from seed_estimation.estimator import Estimator, EstimatorParameters
+
+from seed_sim import scenario as scenarios
+from seed_sim.scenario import Scenario
+from seed_sim.tactile import TactileParameters, TactileRenderer
+from seed_sim.validation.scores import Series
+from seed_sim.validation.trajectory import TrajectorySection, poses
+
+REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
+_LEAD = 2.0  # [s] between the no-contact frames and the motion
+Progress = Callable[[float], None]
+
+
+def validation_folder() -> Path:
+    """Where the scenarios of `./seed validate` lie."""
+    return scenarios.folder().parent / "validate"
+
+
+def shipped() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(f.stem for f in validation_folder().glob("*.yaml"))
+
+
+def load(name_or_path: str | Path) -> Scenario:
+    """A scenario of `./seed validate` or `./seed evaluate` by name, or a file. Raises ConfigError."""
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml"):
+        return load_file(path, Scenario)
+    for folder in (validation_folder(), scenarios.folder()):
+        if (folder / f"{name_or_path}.yaml").is_file():
+            return load_file(folder / f"{name_or_path}.yaml", Scenario)
+    raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped())}; or name a .yaml file")
+
+
+def tactile_of(scenario: Scenario) -> TactileParameters:
+    """The renderer's parameters of a scenario."""
+    return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
+
+
+def trajectory_of(scenario: Scenario) -> TrajectorySection:
+    """The motion of a scenario."""
+    return from_mapping(scenario.trajectory, TrajectorySection, f"scenario {scenario.name}: trajectory")
+
+
+def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) -> Estimator:
+    """An estimator as the scenario configures it, with reference and grasp taken. Raises SeedError."""
+    given = {**scenario.estimator, "method": method}
+    parameters = from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
+    estimator = Estimator(parameters, scenario.hand, renderer.cameras)
+    if scenario.calibrate:
+        from seed_sim.validation.calibrate import calibrate
+
+        calibrate(estimator, renderer)
+    step = 1.0 / trajectory_of(scenario).rate
+    still = [-_LEAD + step * i for i in range(REFERENCE_FRAMES)]
+    estimator.capture_reference([renderer.no_contact(t) for t in still])
+    held = [-step * (GRASP_FRAMES - i) for i in range(GRASP_FRAMES)]
+    estimator.initialize_grasp([renderer.render(np.eye(4), t) for t in held])
+    return estimator
+
+
+def run(scenario: Scenario, method: str, seed: int, progress: Progress | None = None) -> Series:
+    """Truth and estimates of one trajectory; the same on every run of a seed but for the times."""
+    cv2.setNumThreads(1)
+    section, series = trajectory_of(scenario), Series()
+    renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
+    estimator = estimator_for(scenario, method, renderer)
+    for stamp, X_CT in poses(section, seed):
+        images = renderer.render(X_CT, stamp)
+        before = time.process_time()
+        estimate = estimator.update(images, stamp)
+        series.add(X_CT, estimate, 1e3 * (time.process_time() - before))
+        if progress is not None:
+            progress(stamp / section.duration)
+    return series
