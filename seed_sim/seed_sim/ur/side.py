@@ -91,9 +91,8 @@ def _option(server: Server, request: Request) -> None:
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
-        raise ValueError(
-            f"option {name!r} = {value!r} cannot be set; use program_on_stop, remote_control, unlock_after, speed_scaling"
-        )
+        names = "program_on_stop, remote_control, unlock_after, speed_scaling"
+        raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
 
 
 def _wall(server: Server, request: Request) -> None:
