@@ -29,6 +29,7 @@ from seed_bringup.bags.recording import Recording  # noqa: E402
 from seed_bringup.bags.types import BagError, InstalledTypes, definition_file  # noqa: E402
 from seed_bringup.bags.writing import BagWriter  # noqa: E402
 
+pytestmark = pytest.mark.realtime
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TOPICS = ["/cell/wrench", "/cell/force", "/cell/mode", "/tf"]
 COUNT = 40
@@ -111,7 +112,7 @@ def test_played_bag_arrives_in_order_latched_topics_also_late_and_with_its_clock
     node.create_subscription(WrenchStamped, "/played/wrench", received["wrench"].append, 100)
     node.create_subscription(String, "/played/mode", received["mode"].append, LATCHED)
     node.create_subscription(Clock, "/clock", received["clock"].append, 100)
-    arguments = [str(bag), "--clock", "--rate", "2.0", "--remap", "/cell/wrench:=/played/wrench"]
+    arguments = [str(bag), "--clock", "--rate", "2.0", "--delay", "3.0", "--remap", "/cell/wrench:=/played/wrench"]
     arguments += ["/cell/mode:=/played/mode"]
     player = subprocess.Popen([sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", *arguments])
     assert wait_until(lambda: len(received["wrench"]) == COUNT, node, 20.0)

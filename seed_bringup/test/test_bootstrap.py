@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import subprocess
 import sys
@@ -136,3 +137,20 @@ def test_second_start_runs_the_command_in_the_same_environment() -> None:
     done = subprocess.run(command, capture_output=True, text=True, cwd="/", env=os.environ | {"SHELL": "/bin/sh"})
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == os.environ["VIRTUAL_ENV"]
+
+
+def test_leftovers_are_named_and_what_is_in_use_is_not(
+    load: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    leftovers: ModuleType = load("leftovers")  # type: ignore[operator]
+    for name in ("env-wheels-wheels-new", "env-wheels-wheels-old", "env-wheels-apt-other"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "seed-complete").touch()
+    builds = {"ws-1": (ROOT, "old"), "ws-2": (ROOT, "new"), "ws-3": (tmp_path / "gone", "new")}
+    for name, (checkout, env) in builds.items():
+        (tmp_path / name).mkdir()
+        variables = {"VIRTUAL_ENV": str(tmp_path / f"env-wheels-wheels-{env}")}
+        (tmp_path / name / "stamp.json").write_text(json.dumps({"checkout": str(checkout), "variables": variables}))
+    leftovers.name_leftovers(tmp_path, tmp_path / "env-wheels-wheels-new", ROOT)
+    named = capsys.readouterr().err.partition("rm -r ")[2].split()
+    assert {Path(n).name for n in named} == {"ws-1", "ws-3", "env-wheels-wheels-old", "env-wheels-apt-other"}

@@ -15,6 +15,7 @@ import yaml
 
 from seed_bringup.launcher import Launch
 
+pytestmark = pytest.mark.realtime
 PROGRAMS = {
     "sleeper": "trap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",

@@ -15,6 +15,7 @@ from typing import Any
 
 import home
 from environment import Environment
+from leftovers import name_leftovers
 from progress import SetupError, run_logged
 from ros import foreign
 
@@ -132,6 +133,7 @@ def _build(
     temporary = workspace / "stamp.json.new"
     temporary.write_text(json.dumps(stamp, indent=1))
     temporary.replace(workspace / "stamp.json")
+    name_leftovers(workspace.parent, environment.path, root)
     return stamp
 
 
