@@ -19,6 +19,11 @@ from seed_control.setpoints import HybridSetpoint
 from seed_core.spatial import Array, Wrench, cross, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
 
 
+_APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
+_LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
+_SLOWEST = 1e-3  # [m/s]
+
+
 @dataclass(frozen=True)
 class Features:
     """What distinguishes the laws."""
@@ -65,8 +70,10 @@ class HybridLaw:
         self.normals = np.zeros((0, 3))  # (m, 3) force directions in W
         self.deflections = np.zeros(0)  # (m,) wanted along the normals [m]
         self.observers: list[SurfaceObserver] = []
+        self.contacts_lost = 0
         self._seen: list[int] = [0, 0]  # images in a row above and below the thresholds of contact
         self._lever = np.zeros(3)
+        self._tipping_gain = 1.0
         self._undeflected = np.zeros(3)  # commanded place of the undeflected tip
         self._position_part = np.eye(3)
         self._wanted = np.zeros(0)  # (m,) force along the normals [N]
@@ -142,7 +149,7 @@ class HybridLaw:
         dt, p = m.stamp - self.measured.stamp, self.parameters
         R = m.X_WT[:3, :3]
         self.R_WT = self.R_WT @ so3_exp(self._share(dt, p.rotation_filter) * so3_log(self.R_WT.T @ R))
-        self.q = self.q + share_of(dt, p.angle_feedforward) * (q - self.q)
+        self.q = self.q + share_of(dt, p.angle_feedforward * self._tipping_gain) * (q - self.q)
         self.offset = self.offset + share_of(dt, p.position_feedforward) * (offset - self.offset)
         a = share_of(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
@@ -164,8 +171,22 @@ class HybridLaw:
         self._position_part = np.eye(3) - P
         self.normals = _directions(P, len(self.observers))
         self._wanted = self.normals @ (self.R_W_task @ s.wrench.force)
+        self._tipping_gain = self._gain_of_tipping(s)
         self._solve_rotation(s, P)
         self._solve_translation(s, P)
+
+    def _gain_of_tipping(self, s: HybridSetpoint) -> float:
+        """How much further than the gripper a pressed tool turns, 1 / (1 - F H / k) on its weakest held axis.
+
+        The fed-forward deflection is integral action on the tool's angle with this gain in its loop, so the time
+        constant grows with it and the loop's speed stays the same.
+        """
+        force_T = self.R_WT.T @ (self.R_W_task @ s.wrench.force)
+        moment = float(force_T @ self.gauge.p_Ttip)
+        k = [k for k, on in zip(self.gauge.bushing.stiffness.rotation, s.torque_axes, strict=True) if not on]
+        if moment <= 0.0 or not k:
+            return 1.0
+        return 1.0 / max(1.0 - moment / min(k), _LEAST_MARGIN)
 
     def _solve_rotation(self, s: HybridSetpoint, P: Array) -> None:
         R_WT_des = s.X_W_tip[:3, :3] @ self.R_tipT
@@ -240,6 +261,7 @@ class HybridLaw:
             self._touch(m)
         elif self.contact and self._seen[1] >= p.lost_images:
             self.contact = False
+            self.contacts_lost += 1
 
     def _touch(self, m: Measurement) -> None:
         self.contact = True
@@ -288,10 +310,12 @@ class HybridLaw:
         return self.observers[i].target(n, tip_wanted, float(self.deflections[i]))
 
     def _speed(self, i: int, s: HybridSetpoint, loop_time: float) -> float:
+        """Bound on the speed along n: before contact the grasp must not deflect further within a loop than wanted."""
         v = s.approach_speed or self.parameters.approach_speed
         if self.contact or not self.features.observer:
             return v
-        return min(v, max(0.5 * abs(float(self.deflections[i])) / loop_time, 1e-3))
+        needed = abs(float(self._wanted[i])) / self._stiffness_along()
+        return min(v, max(_APPROACH_SHARE * needed / loop_time, _SLOWEST))
 
 
 def _mixed(a: Wrench, b: Wrench, share: float) -> Wrench:

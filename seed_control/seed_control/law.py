@@ -239,6 +239,7 @@ class Controller:
         self._arrived = t
         self._measured = m = self.gauge.measure(estimate, X_WE @ self._X_EC)
         self.law.image(m)
+        self.counters = self.counters._replace(contacts_lost=self.law.contacts_lost)
         self._check_measured(m)
 
     def _check_measured(self, m: Measurement) -> None:

@@ -137,7 +137,7 @@ class Bushing:
     def translation(self, force: Array, R_TC: Array) -> Array:
         """p_TC (3,) [m] at which the spring's force on the tool, in T, is force (3,) [N] while the rotation is R_TC."""
         if self.model == "plain":
-            return force / self.K
+            return np.asarray(force / self.K)
         R_TB = so3_exp(0.5 * so3_log(R_TC))
         return np.asarray(R_TB @ ((R_TB.T @ force) / self.K))
 

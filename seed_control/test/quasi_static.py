@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bench for the controller: an arm with lag, a tool that follows its springs at once, and a table with its own spring.
+
+Translation only; the tool keeps the gripper's rotation. Small enough to be checked by hand, deterministic, no Drake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from seed_control.law import Controller, ControllerParameters
+from seed_control.setpoints import HybridSetpoint
+from seed_control.state import ControllerState
+from seed_core.bushing import Stiffness
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
+
+DOWN = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02))  # tip pose: tool's z into the table
+PRESS_Z = np.diag([0.0, 0.0, 1.0])
+DT = 0.004
+
+
+@dataclass
+class Bench:
+    """One arm, hand, tool and table. Heights in metres; delay of the estimate in seconds."""
+
+    law: str = "seed"
+    stiffness: Stiffness = DEFAULT_STIFFNESS
+    believed: Stiffness | None = None
+    parameters: ControllerParameters = field(default_factory=ControllerParameters)
+    table: float = 0.0
+    slope: float = 0.0  # rise of the table per metre along x
+    k_table: float = 4e4  # [N/m]
+    lag: float = 0.015
+    delay: float = 0.05
+    image_rate: float = 45.0
+    start: np.ndarray = field(default_factory=lambda: DOWN.copy())
+
+    def __post_init__(self) -> None:
+        self.hand, self.tool = Hand(), Tool()
+        parameters = replace(self.parameters, law=self.law)
+        self.controller = Controller(parameters, self.hand, self.tool, self.believed or self.stiffness)
+        self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)
+        self.t, self._next_image = 0.0, 0.0
+        self._queue: list[tuple[float, RelativePoseEstimate]] = []
+        self.estimates = self.kinematics = True
+        self.force = 0.0  # on the table, positive when pressed [N]
+        self.forces: list[float] = []
+        self.commands: list[np.ndarray] = []
+        self.state: ControllerState = self.controller.state
+        self.observed = (True,) * 6
+
+    def grasp(self) -> np.ndarray:
+        """X_CT in equilibrium, and the force on the table."""
+        K = np.array(self.stiffness.translation)
+        X_WC = self.X_WE @ self.hand.X_EC
+        p_WT = X_WC[:3, 3] - np.array((0.0, 0.0, self.tool.mass * 9.81 / K[2]))
+        surface = self.table + self.slope * (p_WT[0] - 0.5)
+        tip = p_WT[2] - self.tool.X_Ttip[2, 3]
+        self.force = 0.0
+        if tip < surface:
+            rise = (surface - tip) * self.k_table / (self.k_table + K[2])
+            p_WT[2] += rise
+            self.force = K[2] * rise
+        return inverse_pose(X_WC) @ make_pose(X_WC[:3, :3], p_WT)
+
+    def tip_height(self) -> float:
+        X_WT = self.X_WE @ self.hand.X_EC @ self.grasp()
+        return float((X_WT @ self.tool.X_Ttip)[2, 3])
+
+    def step(self) -> ControllerState:
+        X_CT = self.grasp()
+        if self.kinematics:
+            self.controller.add_kinematics(self.t, self.X_WE)
+        if self.t >= self._next_image:
+            self._next_image += 1.0 / self.image_rate
+            self._queue.append((self.t + self.delay, RelativePoseEstimate(self.t, X_CT, observed=self.observed)))
+        while self._queue and self._queue[0][0] <= self.t + 1e-9:
+            estimate = self._queue.pop(0)[1]
+            if self.estimates:
+                self.controller.add_estimate(estimate)
+        out = self.controller.step(self.t)
+        assert out.X_WE is not None
+        self.commands.append(out.X_WE)
+        self.forces.append(self.force)
+        share = 1.0 - np.exp(-DT / self.lag)
+        self.X_WE = make_pose(out.X_WE[:3, :3], self.X_WE[:3, 3] + share * (out.X_WE[:3, 3] - self.X_WE[:3, 3]))
+        self.t += DT
+        self.state = out.state
+        return out.state
+
+    def run(self, seconds: float) -> ControllerState:
+        for _ in range(round(seconds / DT)):
+            self.step()
+        return self.state
+
+    def enabled(self) -> Bench:
+        """Warmed up and enabled."""
+        self.run(0.2 + self.delay)
+        self.controller.enable(self.t)
+        self.step()
+        return self
+
+    def press(self, force: float, **more: object) -> HybridSetpoint:
+        """Set-point: press downwards with a force, everything else held where the bench started."""
+        setpoint = HybridSetpoint(
+            self.start, Wrench(np.zeros(3), np.array((0.0, 0.0, -force))), PRESS_Z, **more  # type: ignore[arg-type]
+        )
+        self.controller.set_setpoint(setpoint, self.t)
+        return setpoint

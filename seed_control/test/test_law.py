@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller on the bench: it presses with the force asked for, and stops when it must."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from quasi_static import DOWN, DT, PRESS_Z, Bench
+from seed_control.law import ControllerParameters, ControlRefusedError
+from seed_control.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_core.bushing import Stiffness
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy
+
+TIGHT = 0.02  # [N]: what the servo's lag and the filter leave after three seconds
+
+
+@pytest.mark.parametrize("force", [3.0, 10.0, 15.0])
+def test_presses_with_the_force_asked_for(force: float) -> None:
+    bench = Bench().enabled()
+    bench.press(force)
+    state = bench.run(3.0)
+    assert state.mode == "contact"
+    assert state.settled
+    assert_allclose(bench.force, force, atol=TIGHT)
+    assert_allclose(state.estimated.force, (0.0, 0.0, -force), atol=TIGHT)
+
+
+def test_without_gravity_the_error_is_the_weight_of_the_tool() -> None:
+    bench = Bench(law="published", delay=0.0).enabled()
+    bench.press(10.0)
+    bench.run(4.0)
+    assert_allclose(bench.force - 10.0, 0.2 * 9.81, atol=TIGHT)  # the weight presses as well
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("k_table", [500.0, 4e4])
+def test_delay_does_not_make_it_swing(delay: float, k_table: float) -> None:
+    bench = Bench(delay=delay, k_table=k_table).enabled()
+    bench.press(10.0)
+    bench.run(6.0)
+    assert np.ptp(bench.forces[-250:]) < TIGHT
+    assert_allclose(bench.force, 10.0, atol=0.05)
+
+
+def test_unsynchronised_kinematics_swing_where_synchronised_ones_do_not() -> None:
+    bench = Bench(law="published", delay=0.1).enabled()
+    bench.press(10.0)
+    bench.run(6.0)
+    assert np.ptp(bench.forces[-250:]) > 1.0
+
+
+@pytest.mark.parametrize("stiffness", [DEFAULT_STIFFNESS, DEFAULT_STIFFNESS.scaled(4.0)])
+def test_impact_overshoots_by_less_than_a_fifth_and_settles_soon(stiffness: Stiffness) -> None:
+    bench = Bench(stiffness=stiffness).enabled()
+    bench.press(10.0)
+    bench.run(4.0)
+    forces = np.array(bench.forces)
+    touch = int(np.argmax(forces > 0.2))
+    near = int(np.argmax(np.abs(forces - 10.0) < 1.0))
+    assert forces.max() < 12.0
+    assert (near - touch) * DT < 0.6
+
+
+def test_force_is_held_on_a_slope_that_was_never_told() -> None:
+    bench = Bench(slope=np.tan(np.deg2rad(2.0))).enabled()
+    setpoint = bench.press(10.0)
+    bench.run(2.0)
+    errors = []
+    for i in range(round(4.0 / DT)):
+        x = 0.05 * i * DT
+        X = DOWN.copy()
+        X[0, 3] += x
+        bench.controller.set_setpoint(setpoint.moved(X, np.array((0.05, 0.0, 0.0))), bench.t)
+        bench.step()
+        errors.append(bench.force - 10.0)
+    assert np.abs(errors[250:]).max() < 0.1  # a follower 100 ms late would be 0.14 N off, and more at the start
+    assert_allclose(bench.X_WE[0, 3] - DOWN[0, 3], 0.2, atol=1e-3)
+
+
+def test_wrong_stiffness_gives_force_wrong_in_proportion() -> None:
+    bench = Bench(believed=DEFAULT_STIFFNESS.scaled(1.3)).enabled()
+    bench.press(10.0)
+    bench.run(4.0)
+    weight = 0.2 * 9.81
+    assert_allclose(bench.force - weight, (10.0 - weight) / 1.3, atol=0.05)
+
+
+def test_nothing_moves_before_enable_and_setpoints_are_refused() -> None:
+    bench = Bench()
+    bench.run(0.2)
+    with pytest.raises(SetpointError, match="SP17.*enable it first"):
+        bench.press(10.0)
+    state = bench.run(0.5)
+    assert state.mode == "disabled"
+    assert state.counters.setpoints_refused == 1
+    assert_allclose(bench.commands[-1], bench.commands[0], atol=1e-12)
+
+
+def test_enable_needs_fresh_inputs() -> None:
+    bench = Bench()
+    with pytest.raises(ControlRefusedError, match="current_pose"):
+        bench.controller.enable(0.0)
+    bench.estimates = False
+    bench.run(0.3)
+    with pytest.raises(ControlRefusedError, match="relative pose"):
+        bench.controller.enable(bench.t)
+
+
+@pytest.mark.parametrize("lost", ["estimates", "kinematics"])
+def test_lost_input_decelerates_to_a_latched_hold(lost: str) -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(0.5)
+    setattr(bench, lost, False)
+    state = bench.run(1.0)
+    assert state.mode == "holding"
+    assert "stale" in state.reason
+    setattr(bench, lost, True)
+    resting = bench.commands[-1]
+    state = bench.run(0.5)
+    assert state.mode == "holding"  # latched
+    assert_allclose(bench.commands[-1], resting, atol=1e-9)
+    with pytest.raises(SetpointError, match="SP17.*holding.*stale"):
+        bench.press(10.0)
+    bench.controller.enable(bench.t)
+    bench.press(10.0)
+    bench.run(3.0)
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
+def test_lost_estimate_is_noticed_within_a_quarter_second() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(0.5)
+    bench.estimates = False
+    lost = bench.t
+    while bench.state.mode != "holding":
+        bench.step()
+        assert bench.t - lost < 0.25
+
+
+def test_single_invalid_estimates_are_bridged_and_counted_but_three_hold() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(0.5)
+    for i in range(3):
+        assert bench.state.mode != "holding"
+        bad = RelativePoseEstimate(bench.t + 1e-4 * i, np.eye(4), valid=False, reason="too few points")
+        assert not bench.controller.add_estimate(bad)
+    state = bench.step()
+    assert state.mode == "holding"
+    assert "too few points" in state.reason
+    assert state.counters.estimates_invalid == 3
+
+
+def test_bad_inputs_are_counted_and_never_used() -> None:
+    bench = Bench().enabled()
+    controller = bench.controller
+    assert not controller.add_kinematics(bench.t, np.full((4, 4), np.nan))
+    assert not controller.add_kinematics(-1.0, np.eye(4))
+    assert not controller.add_estimate(RelativePoseEstimate(float("nan"), np.eye(4)))
+    assert not controller.add_estimate(RelativePoseEstimate(bench.t, np.full((4, 4), np.nan)))
+    assert not controller.add_estimate(RelativePoseEstimate(0.0, np.eye(4)))  # older than the last
+    counters = bench.step().counters
+    assert counters.kinematics_refused == 2
+    assert counters.estimates_invalid == 2
+    assert counters.estimates_out_of_order == 1
+    assert np.isfinite(bench.commands[-1]).all()
+
+
+def test_travel_without_contact_is_bounded() -> None:
+    bench = Bench(table=-0.5).enabled()
+    bench.press(10.0)
+    state = bench.run(4.0)
+    assert state.mode == "holding"
+    assert "no contact within" in state.reason
+    travel = bench.commands[0][2, 3] - bench.commands[-1][2, 3]
+    assert 0.05 < travel < 0.065
+
+
+def test_lost_contact_is_found_again_at_approach_speed() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.table = -0.02  # the surface drops away
+    bench.run(0.5)
+    assert bench.state.mode == "approach"
+    assert bench.state.counters.contacts_lost == 1
+    first = len(bench.commands)
+    bench.run(3.0)
+    speeds = np.abs(np.diff([X[2, 3] for X in bench.commands[first:]])) / DT
+    assert speeds.max() < 0.035
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
+def test_command_keeps_its_limits_through_everything() -> None:
+    """Enable, approach, impact, another force, another stiffness, retreat, hold: speed, acceleration, jerk stay bounded."""
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    bench.press(4.0)
+    bench.run(1.0)
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(0.7), bench.t)
+    bench.run(1.0)
+    bench.controller.set_setpoint(HybridSetpoint(pose_from_rpy((np.pi, 0.1, 0.2), (0.6, 0.1, 0.1))), bench.t)
+    bench.run(0.6)
+    bench.kinematics = False
+    bench.run(0.5)
+    p = ControllerParameters()
+    C = np.array([(X @ bench.hand.X_EC)[:3, 3] for X in bench.commands])
+    v = np.diff(C, axis=0) / DT
+    a = np.diff(v, axis=0) / DT
+    j = np.diff(a, axis=0) / DT
+    assert np.linalg.norm(v, axis=1).max() <= 1.001 * p.max_speed
+    assert np.linalg.norm(a, axis=1).max() <= 1.01 * p.max_acceleration
+    assert np.linalg.norm(j, axis=1).max() <= 1.01 * p.max_jerk
+
+
+def test_changing_setpoint_and_stiffness_is_bumpless() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.press(10.0)  # the same again
+    before = bench.commands[-1].copy()
+    bench.run(0.3)
+    assert_allclose(bench.commands[-1], before, atol=2e-5)
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS, bench.t)
+    bench.run(1.0)
+    assert_allclose(bench.commands[-1], before, atol=2e-5)
+    bench.controller.disable(bench.t, "by the user")
+    state = bench.run(0.3)
+    assert (state.mode, state.reason) == ("disabled", "by the user")
+    assert_allclose(bench.commands[-1], before, atol=2e-5)
+    bench.controller.enable(bench.t)
+    bench.run(0.3)
+    assert_allclose(bench.commands[-1], before, atol=2e-5)
+
+
+def test_another_stiffness_takes_over_without_a_jump() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.stiffness = DEFAULT_STIFFNESS.scaled(1.5)  # a firmer grip, known to the controller
+    bench.controller.set_stiffness(bench.stiffness, bench.t)
+    bench.run(3.0)
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
+def test_relative_pose_setpoint_deflects_the_grasp_as_told() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    bench.run(3.0)
+    assert bench.state.mode == "position"
+    assert_allclose(np.linalg.inv(bench.state.measured_X_CT)[2, 3], 0.008, atol=1e-4)
+    assert_allclose(bench.force, 800.0 * 0.008 + 0.2 * 9.81, atol=0.1)
+
+
+def test_wrench_setpoint_is_algorithm_two_along_all_directions() -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(WrenchSetpoint(Wrench(np.zeros(3), np.array((0.0, 0.0, -8.0)))), bench.t)
+    bench.run(3.0)
+    assert_allclose(bench.force, 8.0, atol=TIGHT)
+
+
+def test_tool_frame_and_surface_frame_mean_the_same_force() -> None:
+    for frame, sign in (("tool", 1.0), ("surface", -1.0)):
+        bench = Bench().enabled()
+        setpoint = HybridSetpoint(
+            bench.start, Wrench(np.zeros(3), np.array((0.0, 0.0, sign * 6.0))), PRESS_Z, task_frame=frame,  # type: ignore[arg-type]
+        )
+        bench.controller.set_setpoint(setpoint, bench.t)
+        bench.run(3.0)
+        assert_allclose(bench.force, 6.0, atol=TIGHT)
+
+
+def refused(bench: Bench, code: str, setpoint: object) -> None:
+    before = bench.state
+    with pytest.raises(SetpointError) as caught:
+        bench.controller.set_setpoint(setpoint, bench.t)  # type: ignore[arg-type]
+    assert caught.value.code == code
+    assert any(c.isdigit() for c in str(caught.value)[4:])  # a refusal carries numbers
+    after = bench.step()
+    assert after.mode == before.mode
+    assert after.counters.setpoints_refused == before.counters.setpoints_refused + 1
+
+
+def force_down(size: float) -> Wrench:
+    return Wrench(np.zeros(3), np.array((0.0, 0.0, -size)))
+
+
+def test_beyond_force_deflection_tipping_and_workspace_is_refused() -> None:
+    bench = Bench().enabled()
+    refused(bench, "SP11", HybridSetpoint(DOWN, force_down(15.1), PRESS_Z))
+    far = DOWN.copy()
+    far[0, 3] = 3.0
+    refused(bench, "SP16", HybridSetpoint(far))
+    refused(bench, "SP10", HybridSetpoint(DOWN, stamp=bench.t - 2.0))
+    refused(bench, "SP13", RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.05))))
+    weak = Bench(stiffness=Stiffness((4.0, 1.2, 4.0), (800.0, 1200.0, 800.0))).enabled()
+    refused(weak, "SP14", HybridSetpoint(DOWN, force_down(10.0), PRESS_Z))
+    soft = Bench(stiffness=Stiffness((4.0, 3.0, 4.0), (300.0, 300.0, 300.0))).enabled()
+    refused(soft, "SP13", HybridSetpoint(DOWN, force_down(10.0), PRESS_Z))
+
+
+def test_mispaired_torque_and_unobserved_force_are_refused() -> None:
+    bench = Bench().enabled()
+    load = Wrench(np.array((0.0, 0.1, 0.0)), np.array((0.0, 0.0, -5.0)))
+    axes = (True, False, False)
+    refused(bench, "SP12", HybridSetpoint(DOWN, load, PRESS_Z, axes, contact_resists=axes))
+    blind = Bench()
+    blind.observed = (True, True, False, True, True, True)
+    blind.enabled()
+    with pytest.raises(SetpointError, match="SP15.*C's z.*does not observe"):
+        blind.press(5.0)
+
+
+def test_no_growth_of_memory_over_steps() -> None:
+    import tracemalloc
+
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.5)  # every ring has gone round
+    bench.commands.clear()
+    bench.forces.clear()
+    tracemalloc.start()
+    bench.run(0.5)
+    first = tracemalloc.get_traced_memory()[0]
+    bench.commands.clear()
+    bench.forces.clear()
+    bench.run(4.0)
+    bench.commands.clear()
+    bench.forces.clear()
+    grown = tracemalloc.get_traced_memory()[0] - first
+    tracemalloc.stop()
+    assert grown < 100_000  # bytes over a thousand steps: noise of the interpreter, no growth per step
