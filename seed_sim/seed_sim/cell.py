@@ -40,7 +40,7 @@ except ImportError as _error:  # pragma: no cover
 GRAVITY = 9.81  # [m/s^2], downwards
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
 _WALL = 0.02  # [m] thickness of a hole's or slot's wall
-_STIFF = 1e6  # [N/m] of a wall
+_STEEL = 1e7  # [N/m] of a contact point of the tool, and of a wall
 _COLOURS = {"wood": (0.76, 0.6, 0.42, 1.0), "steel": (0.35, 0.4, 0.45, 1.0), "tool": (0.1, 0.45, 0.7, 1.0),
             "bubble": (0.85, 0.85, 0.9, 0.6)}
 
@@ -128,18 +128,19 @@ class Cell:
         return properties
 
     def _touch(self, scenario: Scenario) -> None:
-        """Spheres whose lowest points are the contact points; two materials in series give the surface's stiffness."""
+        """Spheres whose lowest points are the contact points, hard compared with the table."""
         self._dissipation = scenario.table.dissipation
         down = scenario.tool.X_Ttip[:3, 2]
-        material = self._material(2.0 * self.surface.point_stiffness, self._dissipation)
+        material = self._material(_STEEL, self._dissipation)
         for i, point in enumerate(self.shape.points):
             self.plant.RegisterCollisionGeometry(
                 self.tool, RigidTransform(point - POINT_RADIUS * down), dg.Sphere(POINT_RADIUS), f"tip{i}", material
             )
 
     def _add_table(self) -> None:
-        self._wall(self.plant.world_body(), self.surface.X_WS, (0.0, 0.0, -0.5), (4.0, 4.0, 1.0), "table",
-                   2.0 * self.surface.point_stiffness)
+        k = self.surface.point_stiffness
+        in_series = k * _STEEL / (_STEEL - k)  # with the tool's, this makes k
+        self._wall(self.plant.world_body(), self.surface.X_WS, (0.0, 0.0, -0.5), (4.0, 4.0, 1.0), "table", in_series)
 
     def _wall(
         self, body: Any, X_body: Array, centre: tuple[float, ...], size: tuple[float, ...], name: str, stiffness: float,
@@ -165,7 +166,7 @@ class Cell:
             (out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL)
         )):
             self._wall(self.plant.world_body(), self.surface.X_WS, (x, y, 0.5 * HOLE_DEPTH), (a, b, HOLE_DEPTH),
-                       f"hole{i}", _STIFF, "steel")
+                       f"hole{i}", _STEEL, "steel")
 
     def _add_screw(self, half: float) -> None:
         """A slotted head that turns about the table's normal against a spring and a damper."""
@@ -179,7 +180,7 @@ class Cell:
         self.plant.AddForceElement(dt.RevoluteSpring(joint, 0.0, SCREW_STIFFNESS))
         for name, side in (("slot_left", 1.0), ("slot_right", -1.0)):
             self._wall(screw, np.eye(4), (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH),
-                       (0.03, _WALL, SLOT_DEPTH), name, _STIFF, "steel")
+                       (0.03, _WALL, SLOT_DEPTH), name, _STEEL, "steel")
 
     def _draw(self, scene: Any, builder: Any, meshcat: Any) -> None:
         world, add = self.plant.world_body(), self.plant.RegisterVisualGeometry
