@@ -128,6 +128,17 @@ class PatchFinder:
         mask[self._roi] = piece
         return mask, self._describe(piece, raw, smooth, depth[self._roi])
 
+    def core(self, depth: Image, mask: Mask) -> Mask:
+        """The part of the mask (H, W) that lies on the tool: around it the membrane hangs free, as a skirt.
+
+        A skirt falls off exponentially from the tool's edge, so a depth of `core` times the deepest is mostly tool.
+        """
+        p = self.parameters
+        smooth = np.zeros(self.camera.shape, np.float32)
+        smooth[self._roi] = cv2.blur(self.indentation(depth), (p.smooth, p.smooth))
+        deepest = float(np.percentile(smooth[mask > 0], 98.0))
+        return np.asarray(mask & (smooth > p.core * deepest), np.uint8)
+
     def _describe(self, piece: Mask, raw: Image, smooth: Image, depth: Image) -> ContactPatch:
         known = cv2.compare(raw, 0.0, cv2.CMP_NE)  # broken pixels inside the patch have no place of their own
         seen = cv2.bitwise_and(piece, known)

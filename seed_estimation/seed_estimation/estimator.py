@@ -180,8 +180,9 @@ class Estimator:
     ) -> Tracker:
         models = []
         for f in self.fingers:
+            core = self._finders[f].core(depth[f], masks[f])
             model = finger_model.build(
-                f, self.cameras[f], self.X_CX[f], depth[f], normalised(ir[f]), masks[f], self.parameters
+                f, self.cameras[f], self.X_CX[f], depth[f], normalised(ir[f]), core, self.parameters
             )
             if model is None:
                 raise EstimatorError(f"{f} bubble: the patch is too small to follow; close the gripper further")

@@ -30,17 +30,20 @@ SURFACE_BLUR = 2.5  # [px] of the depth image before its slope is taken
 
 @dataclass(frozen=True, eq=False)
 class ImagePoints:
-    """Infrared pixels followed at one level: values (N,), Jacobian along the surface and along its normal (6, N)."""
+    """Infrared pixels followed at one level: values (N,) and Jacobian (6, N) in two parts.
+
+    Sideways motion, across the camera's axis, is what the membrane may fail to follow; the rest it cannot but follow.
+    """
 
     p: Vec  # (3, N) in the tool's frame [m]
     n: Vec  # (3, N) unit normals, in the tool's frame
     value: Vec
-    J_tangential: Vec
-    J_normal: Vec
+    J_along: Vec
+    J_rest: Vec
 
     def jacobian(self, slip: float) -> Vec:
-        """(6, N) when the membrane follows a share 1 - slip of the motion along the surface."""
-        return self.J_tangential * np.float32(1.0 - slip) + self.J_normal
+        """(6, N) when the membrane follows a share 1 - slip of the sideways motion."""
+        return self.J_along * np.float32(1.0 - slip) + self.J_rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +143,11 @@ def _image_points(
     P_X, n_X = points[v, u], normals[v, u]
     P, n = _in_hand(P_X, n_X, X_CX)
     gradient = np.stack((gx[v, u], gy[v, u]), axis=1)
-    slope = gradient_in_space(camera, P_X, gradient) @ inverse_pose(X_CX)[:3, :3].astype(np.float32)  # (N, 3) in C
-    normal = (slope * n).sum(axis=1, keepdims=True) * n
-    return ImagePoints(_rows(P), _rows(n), image[v, u], _motion(P, slope - normal), _motion(P, normal))
+    slope = gradient_in_space(camera, P_X, gradient)
+    along = slope - slope[:, 2:] / n_X[:, 2:] * n_X  # what sideways motion changes while the point stays on the surface
+    R_XC = inverse_pose(X_CX)[:3, :3].astype(np.float32)
+    along, slope = along @ R_XC, slope @ R_XC
+    return ImagePoints(_rows(P), _rows(n), image[v, u], _motion(P, along), _motion(P, slope - along))
 
 
 def gradient_in_space(camera: Camera, P_X: Vec, gradient: Vec) -> Vec:

@@ -35,7 +35,7 @@ class InputSettings:
     rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
     pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
     finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
-    silence: float = field(0.2, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
+    silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
 
 
 class ImageInputs:

@@ -34,7 +34,8 @@ class EstimatorParameters:
     least_area: int = field(150, unit="px", low=4, high=100000, doc="pixels from which a patch is a contact")
 
     # rigid fit
-    erosion: int = field(5, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
+    core: float = field(0.65, low=0.0, high=0.95, doc="share of the deepest indentation from which a pixel is followed")
+    erosion: int = field(3, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
     image_points: int = field(1200, low=100, high=20000, doc="infrared pixels followed per finger")
     depth_points: int = field(1000, low=100, high=20000, doc="depth pixels followed per finger")
     depth_noise: float = field(0.0005, unit="m", low=1e-5, high=0.01, doc="deviation of one depth pixel in one frame")

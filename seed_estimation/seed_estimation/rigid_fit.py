@@ -2,7 +2,7 @@
 """One rigid motion of the tool that explains the infrared images and the depth of both fingers at once.
 
 Robust Gauss-Newton over xi = [rotation, translation], with the residuals of `finger_model`, coarse then fine. The
-membrane may follow only a share 1 - slip of the motion along the tool's surface (micro-slip), which the image sees and
+membrane may follow only a share 1 - slip of the motion across the camera's axis (micro-slip), which the image sees and
 depth does not; that share's own information is returned, for `slip` to learn from.
 """
 
@@ -93,7 +93,8 @@ class _ImageBlock(_Block):
             R0, t0 = _single(X_XC)
             back = np.float32(self.slip) * (R0 @ points.p + t0 - moved)
             n = R @ points.n
-            moved = moved + back - (back * n).sum(axis=0) * n
+            moved[:2] += back[:2]
+            moved[2] -= (n[0] * back[0] + n[1] * back[1]) / n[2]  # stays on the tool's surface
         return moved
 
     def locked(self) -> float:
@@ -186,7 +187,7 @@ def _summary(
     H_depth, g_depth = sum((b.H for b in depth), np.zeros((6, 6))), sum((b.g for b in depth), np.zeros(6))
     H_s, H_ss, g_s = np.zeros(6), 0.0, 0.0
     for b in image:
-        column = motion @ b.points.J_tangential  # d r / d slip: what the motion does along the surface
+        column = motion @ b.points.J_along  # d r / d slip: what the motion does sideways
         scale = b.share / b.deviation**2
         H_s += scale * (b.Jw @ column).astype(float)
         H_ss += scale * float(column @ (b.w * column))

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-START_DEVIATION = 0.02  # [1] bubbles stick, as a rule
-WANDER = 0.02  # [1/sqrt(s)] how fast the share may change
-DOUBT = 30.0  # frames are not independent: one frame's information counts this much less
+START_DEVIATION = 0.10  # [1] bubbles stick, as a rule
+WANDER = 0.006  # [1/sqrt(s)] how fast the share may change
+DOUBT = 20.0  # frames are not independent: one frame's information counts this much less
 SYSTEMATIC = 0.03  # [1] what depth's own errors pretend, however long one looks
 
 
