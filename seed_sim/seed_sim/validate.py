@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed validate: estimators of the relative pose against rendered images of known motion.
 
-    seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--json] [--report FILE.png]
-    seed validate estimator --method rigid_fit --from BAG
-    seed validate slip --seed 7 [--json]
+seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--json] [--report FILE.png]
+seed validate estimator --method rigid_fit --from BAG
+seed validate slip --seed 7 [--json]
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.errors import SeedError
-
 from seed_sim.validation import run, slip
 from seed_sim.validation.scores import NAMED, Series, scores
 

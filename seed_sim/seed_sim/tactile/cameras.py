@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
+
 from seed_core.hand import Hand
 from seed_core.spatial import Array
 from seed_estimation.camera import Camera
-
 from seed_sim.tactile.geometry import Rays
 
 FINGERS = ("left", "right")
@@ -35,5 +35,5 @@ def coarse_rays(camera: Camera, hand: Hand, finger: str) -> Rays:
     rays = camera.pixel_rays(np.stack(np.meshgrid(u, v), axis=-1))
     rays = np.where(np.isfinite(rays), rays, 0.0)
     X_CX: Array = hand.X_CL if finger == "left" else hand.X_CR
-    directions = (rays @ X_CX[:3, :3].T).astype(np.float32)
-    return Rays(X_CX[:3, 3], directions, 1.0 if finger == "left" else -1.0)
+    directions = np.moveaxis(rays @ X_CX[:3, :3].T, -1, 0)
+    return Rays(X_CX[:3, 3], np.ascontiguousarray(directions, np.float32), 1.0 if finger == "left" else -1.0)

@@ -15,14 +15,17 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
 
-from seed_sim.tactile.geometry import Image, Rays, dome_depth, tool_depth
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
+from seed_sim.tactile.geometry import Image, Rays, dome_depth, tool_depth, turned
 from seed_sim.tactile.parameters import TactileParameters
 
 _CELL = 0.001  # [m] of the grid on which the share of displacement is stored
+_LATERAL = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # x and z of C
+_STEPS = 3  # of the search for the material; inside the patch one is enough
 _TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
-_REACH = (1, 2, 4, 8, 8)  # [coarse pixels] of the dilations that make the skirt
+_REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
+_FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
 
 
 class Shape(NamedTuple):
@@ -30,7 +33,7 @@ class Shape(NamedTuple):
 
     Attributes:
         depth, imprint: (h, w) [m].
-        material: (h, w, 2) x and z in C of the material seen, as it lay before contact [m].
+        material: (2, h, w) x and z in C of the material seen, as it lay before contact [m].
     """
 
     depth: Image
@@ -47,19 +50,18 @@ class Membrane:
         step = 0.001
         self._growth = (dome_depth(rays, p, p.height + step) - self.dome) / np.float32(step)
         points = rays.at(self.dome)
-        across = np.linalg.norm(points[1:, 1:] - points[:-1, :-1], axis=-1)
+        across = np.linalg.norm(points[:, 1:, 1:] - points[:, :-1, :-1], axis=0)
         self._pixel = float(np.median(across)) / math.sqrt(2.0)  # [m] from one coarse pixel to the next
-        lateral = points[..., ::2]
-        self._area = np.abs(np.gradient(lateral[..., 0], axis=1) * np.gradient(lateral[..., 1], axis=0))
+        self._area = _areas(points[0], points[2])
         h, w = self.dome.shape
-        u, v = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
-        self._grid = np.stack((u, v), axis=-1)
+        self._columns, self._rows = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
+        self._in_image = self._axes_in_image() / self._pixel
         self._share = np.zeros((2, 2), np.float32)
-        self.rest = Shape(self.dome, np.zeros_like(self.dome), np.ascontiguousarray(lateral))
+        self.rest = Shape(self.dome, np.zeros_like(self.dome), points[::2])
         self._share = self._displacement_share()
 
     def press(self, X_CT: Array, X_stuck: Array) -> Shape:
-        """With the tool at X_CT, and material that has followed it to X_stuck only (both (4, 4), identity at the grasp)."""
+        """With the tool at X_CT and material that has followed it to X_stuck; both (4, 4), identity at the grasp."""
         tool, skirt, raw, contact = self._imprint(X_CT)
         free = np.float32(1.0) - cv2.GaussianBlur(contact, (0, 0), 1.0)
         free[contact > 0.5] = 0.0  # what touches well inside the patch neither lags nor lifts
@@ -74,9 +76,12 @@ class Membrane:
         raw = self.dome - tool
         skirt = np.maximum(raw, np.float32(0.0))
         for reach in _REACH:
-            fall = math.exp(-reach * self._pixel / self.p.decay)
-            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-            skirt = np.maximum(skirt, cv2.dilate(skirt, kernel) * np.float32(fall))
+            skirt = _spread(skirt, reach, reach * self._pixel / self.p.decay)
+        h, w = skirt.shape
+        far = cv2.resize(skirt, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+        for reach in _FAR_REACH:
+            far = _spread(far, reach, 2.0 * reach * self._pixel / self.p.decay)
+        skirt = np.maximum(skirt, cv2.resize(far, (w, h), interpolation=cv2.INTER_LINEAR))
         contact = (raw > skirt - _TOUCH) & (raw > 2.0 * _TOUCH)
         skirt = np.maximum(cv2.GaussianBlur(skirt, (0, 0), 1.2), raw)
         return tool, skirt, raw, contact.astype(np.float32)
@@ -89,41 +94,39 @@ class Membrane:
     def _lagging(self, skirt: Image, X_CT: Array) -> Image:
         """The skirt where softness leaves it: behind the tool, or dragged along by a round tool that spins."""
         points = self.rays.at(self.dome - skirt)
-        shape_motion = _motion(points, _without_spin(X_CT) if self.p.tool.round else X_CT)
-        material_motion = _motion(points, X_CT)
+        in_image = self._in_image
+        shape_motion = _motion(points, _without_spin(X_CT) if self.p.tool.round else X_CT, in_image)
+        material_motion = _motion(points, X_CT, in_image)
         shift = shape_motion - np.float32(1.0 - self.p.lag) * material_motion
-        grid = self._grid.copy()
-        right, down = self._axes_in_image()
-        grid += np.stack((shift @ right, shift @ down), axis=-1) / np.float32(self._pixel)
-        return cv2.remap(skirt, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        columns, rows = self._columns + shift[0], self._rows + shift[1]
+        return np.asarray(cv2.remap(skirt, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
-    def _axes_in_image(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Directions in C along columns and rows of the image."""
+    def _axes_in_image(self) -> Array:
+        """(2, 3) directions in C along columns and rows of the image."""
         h, w = self.dome.shape
-        d = self.rays.directions
-        right, down = d[h // 2, -1] - d[h // 2, 0], d[-1, w // 2] - d[0, w // 2]
-        return right / np.linalg.norm(right), down / np.linalg.norm(down)
+        d = self.rays.directions.astype(float)
+        right, down = d[:, h // 2, -1] - d[:, h // 2, 0], d[:, -1, w // 2] - d[:, 0, w // 2]
+        return np.stack((right / np.linalg.norm(right), down / np.linalg.norm(down)))
 
     def _material(self, depth: Image, X_stuck: Array) -> NDArray[np.float32]:
-        """Which material (h, w, 2) is seen: m with m + share(m) motion = point, by fixed-point steps."""
+        """Which material (2, h, w) is seen: m with m + share(m) motion = point, by fixed-point steps."""
         points = self.rays.at(depth)
-        motion = _motion(points, X_stuck)[..., ::2]
-        lateral = points[..., ::2]
+        motion, lateral = _motion(points, X_stuck, _LATERAL), points[::2]
         m = lateral - motion
-        for _ in range(4):
-            m = lateral - self._share_at(m)[..., None] * motion
-        return np.ascontiguousarray(m)
+        for _ in range(_STEPS):
+            m = lateral - self._share_at(m) * motion
+        return m
 
     def _share_at(self, m: NDArray[np.float32]) -> Image:
         h, w = self._share.shape
-        x = m[..., 0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
-        z = m[..., 1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
-        return cv2.remap(self._share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        x = m[0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
+        z = m[1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
+        return np.asarray(cv2.remap(self._share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
 
     def _displacement_share(self) -> Image:
         """Share of the tool's motion that material at (z, x) follows: 1 where it touches at the grasp, 0 at the rim."""
         _, _, raw, contact = self._imprint(np.eye(4))
-        touched = self.rays.at(self.dome - raw)[contact > 0.5][:, ::2]
+        touched = self.rays.at(self.dome - raw)[::2, contact > 0.5].T
         h, w = int(2 * self.p.rim_z / _CELL) + 3, int(2 * self.p.rim_x / _CELL) + 3
         x, z = np.meshgrid(np.arange(w) - 0.5 * (w - 1), np.arange(h) - 0.5 * (h - 1))
         inside = (x * _CELL / self.p.rim_x) ** 2 + (z * _CELL / self.p.rim_z) ** 2 < 1.0
@@ -150,10 +153,23 @@ def _harmonic(ones: NDArray[np.bool_], inside: NDArray[np.bool_]) -> Image:
     return np.asarray(field, np.float32)
 
 
-def _motion(points: NDArray[np.float32], X_CT: Array) -> NDArray[np.float32]:
-    """How far tool-fixed points, now at (..., 3) in C, have moved since the grasp (T = C)."""
+def _motion(points: NDArray[np.float32], X_CT: Array, axes: Array) -> NDArray[np.float32]:
+    """How far tool-fixed points, now at (3, h, w) in C, have moved since the grasp (T = C), along axes (2, 3)."""
     X_TC = inverse_pose(X_CT)
-    return points - (points @ X_TC[:3, :3].T.astype(np.float32) + X_TC[:3, 3].astype(np.float32))
+    out = turned(axes @ (np.eye(3) - X_TC[:3, :3]), points)
+    out -= (axes @ X_TC[:3, 3]).astype(np.float32)[:, None, None]
+    return out
+
+
+def _spread(field: Image, reach: int, fall: float) -> Image:
+    """The larger of field (h, w) and the same spread by `reach` pixels and fallen by exp(-fall)."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    return np.asarray(np.maximum(field, cv2.dilate(field, kernel) * np.float32(math.exp(-fall))), np.float32)
+
+
+def _areas(x: Image, z: Image) -> Image:
+    """Area [m^2] that each pixel covers, seen along y; x, z (h, w) [m]."""
+    return np.asarray(np.abs(np.gradient(x, axis=1) * np.gradient(z, axis=0)), np.float32)
 
 
 def _without_spin(X_CT: Array) -> Array:

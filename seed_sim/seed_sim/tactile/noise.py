@@ -31,12 +31,27 @@ def smooth_field(shape: tuple[int, int], sigma: float, rng: np.random.Generator)
 
 
 def range_error(shape: tuple[int, int], rng: np.random.Generator) -> Image:
-    """Smooth error (h, w) [m] of a PicoFlexx's range: reads far, median 5.7 mm, 5-95 % 1.6 to 17 mm, worst at one rim."""
+    """Smooth range error (h, w) [m] of a PicoFlexx: reads far by 5.7 mm (5-95 %: 1.6 to 17), worst at one rim."""
     y, x = np.meshgrid(np.linspace(-1.0, 1.0, shape[0]), np.linspace(-1.0, 1.0, shape[1]), indexing="ij")
-    scale = 0.0008 * smooth_field(shape, 0.09 * shape[1], rng)
-    right = 0.0125 / (1.0 + np.exp(-(x - 0.84) / 0.07))
-    bowl = 0.0029 + 0.0032 * np.abs(y) ** 2.2 + 0.0042 * np.maximum(-x, 0.0) ** 1.6 + 0.0026 * np.maximum(y, 0.0) ** 3
+    scale = 0.0013 * smooth_field(shape, 0.09 * shape[1], rng)
+    right = 0.0165 / (1.0 + np.exp(-(x - 0.84) / 0.07))
+    bowl = 0.0027 + 0.0040 * np.abs(y) ** 2.2 + 0.0050 * np.maximum(-x, 0.0) ** 1.6 + 0.0026 * np.maximum(y, 0.0) ** 3
     return np.asarray(np.maximum(bowl + right + scale, 0.0003), np.float32)
+
+
+class WhiteNoise:
+    """Standard normal images, each a random window of one long stretch: drawing anew would cost as much as the rest."""
+
+    LENGTH = 1 << 20
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._stretch = rng.standard_normal(self.LENGTH, dtype=np.float32)
+
+    def __call__(self, shape: tuple[int, int]) -> Image:
+        count = shape[0] * shape[1]
+        start = int(self._rng.integers(0, self.LENGTH - count))
+        return self._stretch[start : start + count].reshape(shape)
 
 
 class PicoFlexxNoise:
@@ -50,6 +65,7 @@ class PicoFlexxNoise:
 
     def __init__(self, shape: tuple[int, int], p: TactileParameters, rng: np.random.Generator) -> None:
         self._p, self._rng = p, rng
+        self._white = WhiteNoise(rng)
         self.fixed = np.float32(p.pattern * self.FIXED) * smooth_field(shape, self.FIXED_SIGMA, rng)
         self.offset = np.float32(p.range_offset) * range_error(shape, rng)
         self.invalid = _corners(shape)
@@ -57,15 +73,15 @@ class PicoFlexxNoise:
         self._static[self.invalid] = np.nan
 
     def spoil(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
-        p, rng = self._p, self._rng
+        p = self._p
         measured = depth + self._static
         if p.pattern > 0.0:
             measured[:, 1:-1] += np.float32(p.pattern * self.DIPOLE) * (albedo[:, 2:] - albedo[:, :-2])
-        measured += np.float32(p.noise * self.WHITE) * rng.standard_normal(depth.shape, dtype=np.float32)
+        measured += np.float32(p.noise * self.WHITE) * self._white(depth.shape)
         self._drop(measured)
         deviation = np.float32(p.noise * self.IR_SHARE) * ir + np.float32(p.noise * self.IR_FLOOR)
-        counts = ir + deviation * rng.standard_normal(ir.shape, dtype=np.float32)
-        return measured, np.clip(np.rint(counts), 0.0, 65535.0)
+        counts = ir + deviation * self._white(ir.shape)
+        return measured, np.clip(np.rint(counts, out=counts), 0.0, 65535.0, out=counts)
 
     def _drop(self, measured: Image) -> None:
         count = self._rng.poisson(self._p.dropouts * 3e-4 * measured.size)

@@ -49,11 +49,11 @@ class TactileParameters:
     slip: float = field(0.0, low=0.0, high=0.9, doc="micro-slip: share of the motion that the membrane does not follow")
 
     # what the infrared image shows
-    dot_pitch: float = field(0.0041, unit="m", low=0.001, high=0.02, doc="mean distance of rows of printed dots")
-    dot_jitter: float = field(0.22, low=0.0, high=0.5, doc="deviation of a dot from its grid, in pitches")
+    dot_pitch: float = field(0.0039, unit="m", low=0.001, high=0.02, doc="mean distance of rows of printed dots")
+    dot_jitter: float = field(0.24, low=0.0, high=0.5, doc="deviation of a dot from its grid, in pitches")
     dot_radius: float = field(0.00045, unit="m", low=1e-4, high=0.003, doc="deviation of the blot's Gaussian profile")
     dot_contrast: tuple[float, float] = field(
-        (0.36, 0.67), low=0.0, high=0.95, doc="least and largest contrast of a dot"
+        (0.38, 0.72), low=0.0, high=0.95, doc="least and largest contrast of a dot"
     )
     brightness: float = field(0.15, low=0.0, high=1.0, doc="how much brighter the patch is in contact")
     brightness_change: float = field(0.0, low=-0.5, high=1.0, doc="further swing of the patch's brightness in 7 s")

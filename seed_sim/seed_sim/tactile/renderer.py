@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation.camera import Camera
 from seed_estimation.images import TactileImages
-
 from seed_sim.tactile.cameras import FINGERS, camera_model, coarse_factor, coarse_rays
 from seed_sim.tactile.geometry import Image
 from seed_sim.tactile.membrane import Membrane, Shape, followed
@@ -33,18 +32,18 @@ class FingerRenderer:
     def _camera_noise(self, p: TactileParameters, rng: np.random.Generator) -> CameraNoise:
         if p.camera == "picoflexx":
             return PicoFlexxNoise(self.camera.shape, p, rng)
-        m = self._fine(self.membrane.rest.material)
-        return D405Noise(self.camera.shape, p, rng, (m[..., 0] / p.rim_x) ** 2 + (m[..., 1] / p.rim_z) ** 2 < 1.0)
+        x, z = (self._fine(plane) for plane in self.membrane.rest.material)
+        return D405Noise(self.camera.shape, p, rng, (x / p.rim_x) ** 2 + (z / p.rim_z) ** 2 < 1.0)
 
-    def _fine(self, coarse: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _fine(self, coarse: Image) -> Image:
         """A coarse field on the image's pixels."""
-        h, w = coarse.shape[:2]
+        h, w = coarse.shape
         fine = cv2.resize(coarse, (w * self._n, h * self._n), interpolation=cv2.INTER_LINEAR)
         return np.ascontiguousarray(fine[: self.camera.height, : self.camera.width])
 
     def clean(self, shape: Shape, stamp: float) -> tuple[Image, Image, Image]:
         """Depth [m], albedo and infrared [counts], each (H, W), as a camera without error would see them."""
-        albedo = self._dots.at(self._fine(shape.material))
+        albedo = self._dots.at(np.stack([self._fine(plane) for plane in self._dots.cells(shape.material)]))
         ir = self._light.with_spot(albedo * self._fine(self._light.counts(shape, stamp)))
         return self._fine(shape.depth), albedo, ir
 

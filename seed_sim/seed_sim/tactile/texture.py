@@ -35,11 +35,15 @@ class DotPattern:
                 contrast = rng.uniform(*p.dot_contrast)
                 _stamp(self.albedo, place, side, p.dot_radius / CELL * rng.uniform(0.85, 1.15), float(contrast))
 
-    def at(self, material: NDArray[np.float32]) -> Image:
-        """Albedo (H, W) of material (H, W, 2) [m]."""
+    def at(self, cells: NDArray[np.float32]) -> Image:
+        """Albedo (H, W) of the texture's cells (2, H, W): column and row."""
+        return np.asarray(cv2.remap(self.albedo, cells[0], cells[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    def cells(self, material: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Column and row (2, h, w) in the texture of material (2, h, w) [m]."""
         h, w = self.albedo.shape
-        cells = material * np.float32(1.0 / CELL) + np.array((0.5 * (w - 1), 0.5 * (h - 1)), np.float32)
-        return cv2.remap(self.albedo, cells, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        middle = np.array((0.5 * (w - 1), 0.5 * (h - 1)), np.float32)
+        return np.asarray(material * np.float32(1.0 / CELL) + middle[:, None, None], np.float32)
 
 
 def _mottle(shape: tuple[int, int], rng: np.random.Generator) -> Image:
@@ -50,7 +54,7 @@ def _mottle(shape: tuple[int, int], rng: np.random.Generator) -> Image:
 
 
 def _stamp(albedo: Image, place: NDArray[np.float64], side: Image, radius: float, contrast: float) -> None:
-    row, column = int(round(place[0])), int(round(place[1]))
+    row, column = round(float(place[0])), round(float(place[1]))
     reach = len(side) // 2
     if not (reach <= row < albedo.shape[0] - reach and reach <= column < albedo.shape[1] - reach):
         return
@@ -67,7 +71,7 @@ class Light:
     ) -> None:
         """rays, rest: on the coarse grid; shape (H, W) of the image."""
         self._p, self._rays = p, rays
-        self._length = np.linalg.norm(rays.directions, axis=-1).astype(np.float32)
+        self._length = np.linalg.norm(rays.directions, axis=0).astype(np.float32)
         h, w = rest.depth.shape
         self._beam = _beam(h, w, rng) / self._falloff(rest.depth)
         bright = float(np.percentile(self._beam * self._falloff(rest.depth), 99.0))

@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from seed_core.spatial import Array
 
+from seed_core.spatial import Array
 from seed_sim.validation.scores import Series, components
 
 _LABELS = ("x [mm]", "y [mm]", "z [mm]", "roll [deg]", "pitch [deg]", "yaw [deg]")

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from seed_core.config import ConfigError, from_mapping, load_file
 from seed_estimation.estimator import Estimator, EstimatorParameters
-
 from seed_sim import scenario as scenarios
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
+
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, rotation_error, rpy_from_rotation
 
@@ -96,7 +97,7 @@ def _consistency(squares: Array) -> dict[str, Any]:
     Errors of neighbouring frames are alike, so the bounds are for as many independent frames as there are.
     """
     independent = _independent(squares)
-    low, high = (float(q) / independent for q in chi2.ppf((_TAIL, 1.0 - _TAIL), 6 * independent))
+    low, high = (float(chi2.ppf(q, 6 * independent)) / independent for q in (_TAIL, 1.0 - _TAIL))
     inside = float(np.mean((squares > chi2.ppf(_TAIL, 6)) & (squares < chi2.ppf(1.0 - _TAIL, 6))))
     mean = float(squares.mean())
     return {"nees": mean, "nees_bounds": [low, high], "nees_within_bounds": low <= mean <= high,

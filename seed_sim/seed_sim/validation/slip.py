@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from seed_core.spatial import Array, make_pose, so3_exp
 
+from seed_core.spatial import Array, make_pose, so3_exp
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileRenderer
 from seed_sim.validation.run import Progress, estimator_for, tactile_of, trajectory_of
