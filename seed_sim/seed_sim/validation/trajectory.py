@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+
 from seed_core.config import field
 from seed_core.spatial import Array, pose_from_rpy
 
@@ -52,6 +53,4 @@ def _waves(times: Array, rng: np.random.Generator) -> Array:
             out[:, axis] += np.sin(frequency * times + rng.uniform(0.0, 2.0 * np.pi))
     ramp = np.clip(times / _SOFT_START, 0.0, 1.0)[:, None]
     out *= ramp**2 * (3.0 - 2.0 * ramp)
-        3.0 - 2.0 * np.clip(times / _SOFT_START, 0.0, 1.0)[:, None]
-    )
     return np.asarray(out / np.sqrt((out**2).mean(axis=0)))
