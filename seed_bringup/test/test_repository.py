@@ -28,9 +28,9 @@ MAY_IMPORT = {
     "seed_control": NUMERIC | {"seed_core", "HersheyFonts"},
     "seed_estimation": NUMERIC | {"seed_core", "cv2"},
     "seed_driver": NUMERIC | {"seed_core", "seed_sim", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client"},
-    "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
+    "seed_sysid": NUMERIC | {"seed_core", "seed_estimation", "seed_sim", "matplotlib"},
     "seed_sim": NUMERIC
-    | {"seed_core", "seed_control", "seed_estimation", "seed_sysid", "cv2", "pydrake", "matplotlib"},
+    | {"seed_core", "seed_control", "seed_estimation", "cv2", "pydrake", "matplotlib", "tqdm", "joblib"},
     "seed_bringup": None,  # puts everything together
 }
 
@@ -92,6 +92,27 @@ def test_every_dependency_is_pinned_exactly() -> None:
         for line in file.read_text().splitlines():
             if line and not line.startswith(("#", "-r ")):
                 assert re.match(r"[\w.-]+==[\w.]+(;.*|  #.*)?$", line), f"{file.name}: {line}"
+
+
+PROVIDES = {
+    "pydrake": "drake",
+    "cv2": "opencv-contrib-python-headless",
+    "yaml": "PyYAML",
+    "HersheyFonts": "Hershey-Fonts",
+}
+PROVIDES |= dict.fromkeys(("rtde_control", "rtde_receive", "rtde_io", "dashboard_client"), "ur-rtde")
+
+
+def test_every_imported_library_is_pinned() -> None:
+    pinned = {
+        re.split("==", line)[0].lower()
+        for file in (ROOT / "requirements").glob("*.txt")
+        for line in file.read_text().splitlines()
+    }
+    for file in sorted(ROOT.glob("seed_*/seed_*/**/*.py")):
+        names = set(imported(file)) - set(sys.stdlib_module_names) - SUITE - {"ament_index_python"}
+        libraries = {PROVIDES.get(n, n).lower() for n in names if not of_ros(n)}
+        assert libraries <= pinned, f"{file.relative_to(ROOT)}: requirements/ lacks {sorted(libraries - pinned)}"
 
 
 def test_metas_name_the_python_packages_that_exist() -> None:
