@@ -24,7 +24,7 @@ class Rays(NamedTuple):
 
     def at(self, depth: Image) -> NDArray[np.float32]:
         """Points (3, h, w) in C at depth (h, w)."""
-        return self.directions * depth + self.origin.astype(np.float32)[:, None, None]
+        return np.asarray(self.directions * depth + self.origin.astype(np.float32)[:, None, None], np.float32)
 
 
 def turned(R: Array, planes: NDArray[np.float32]) -> NDArray[np.float32]:

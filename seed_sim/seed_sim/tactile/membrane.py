@@ -23,6 +23,7 @@ from seed_sim.tactile.parameters import TactileParameters
 _CELL = 0.001  # [m] of the grid on which the share of displacement is stored
 _LATERAL = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # x and z of C
 _STEPS = 3  # of the search for the material; inside the patch one is enough
+_PEELED = 0.0015  # [m]; gap over which material comes off the tool
 _TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
 _REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
 _FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
@@ -68,7 +69,7 @@ class Membrane:
         level = np.maximum(raw, np.float32(0.0))
         imprint = np.maximum(level, level + free * (self._lagging(skirt, X_CT) - level))
         depth = np.minimum(self.dome + self._amount(imprint) * self._growth - imprint, tool)
-        return Shape(depth, imprint, self._material(depth, X_stuck))
+        return Shape(depth, imprint, self._material(depth, tool - depth, X_stuck))
 
     def _imprint(self, X_CT: Array) -> tuple[Image, Image, Image, Image]:
         """Tool's depth, skirt, how far the tool passes the dome, and where it touches (0, 1); each (h, w)."""
@@ -108,10 +109,14 @@ class Membrane:
         right, down = d[:, h // 2, -1] - d[:, h // 2, 0], d[:, -1, w // 2] - d[:, 0, w // 2]
         return np.stack((right / np.linalg.norm(right), down / np.linalg.norm(down)))
 
-    def _material(self, depth: Image, X_stuck: Array) -> NDArray[np.float32]:
-        """Which material (2, h, w) is seen: m with m + share(m) motion = point, by fixed-point steps."""
+    def _material(self, depth: Image, gap: Image, X_stuck: Array) -> NDArray[np.float32]:
+        """Which material (2, h, w) is seen: m with m + share(m) motion = point, by fixed-point steps.
+
+        Material that the tool has left behind by a gap peels off: neighbours that still stick carry it in part.
+        """
         points = self.rays.at(depth)
         motion, lateral = _motion(points, X_stuck, _LATERAL), points[::2]
+        motion *= 1.0 - np.float32(self.p.peel) * (1.0 - np.exp(gap * np.float32(-1.0 / _PEELED)))
         m = lateral - motion
         for _ in range(_STEPS):
             m = lateral - self._share_at(m) * motion

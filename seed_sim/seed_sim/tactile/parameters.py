@@ -46,6 +46,7 @@ class TactileParameters:
     decay: float = field(0.0085, unit="m", low=0.001, high=0.05, doc="distance over which an imprint decays by e")
     bulge: float = field(1.0, low=0.0, high=1.5, doc="share of the displaced volume that bulges out elsewhere")
     lag: float = field(0.35, low=0.0, high=1.0, doc="share of the tool's motion by which the patch's outline lags")
+    peel: float = field(0.35, low=0.0, high=1.0, doc="share of its displacement that material loses off the tool")
     slip: float = field(0.0, low=0.0, high=0.9, doc="micro-slip: share of the motion that the membrane does not follow")
 
     # what the infrared image shows
