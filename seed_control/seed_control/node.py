@@ -67,7 +67,9 @@ class ControllerNode(Node):
         self.parameters = declare(self, ControllerParameters())
         self.frames = declare(self, FrameNames(), "frames")
         self.tool = declare(self, Tool(), "tool")
-        stiffness = declare(self, DEFAULT_STIFFNESS, "grasp", live=("rotation", "translation"), on_change=self._on_stiffness)
+        stiffness = declare(
+            self, DEFAULT_STIFFNESS, "grasp", live=("rotation", "translation"), on_change=self._on_stiffness
+        )
         self.core = Controller(self.parameters, declare(self, Hand(), "hand"), self.tool, stiffness)
         refuse_unknown(self)
         self.complaints = Complaints(self)
@@ -89,6 +91,7 @@ class ControllerNode(Node):
         self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND, event_callbacks=QUIET_OUT)
         self._wrench = self.create_publisher(WrenchStamped, "wrench_estimate", COMMAND, event_callbacks=QUIET_OUT)
         self._state = self.create_publisher(StateMsg, "~/state", COMMAND, event_callbacks=QUIET_OUT)
+        self._reference = self.create_publisher(PoseStamped, "~/reference", COMMAND, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
         self.loop = FixedRateLoop(self, self.parameters.rate, self._step)
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
@@ -136,7 +139,9 @@ class ControllerNode(Node):
             self.complaints.add("setpoints_unreadable", str(error))
             return
         if self.follow.busy:
-            self.complaints.add("setpoints_during_task", "a set-point came while a task is played: cancel the task first")
+            self.complaints.add(
+                "setpoints_during_task", "a set-point came while a task is played: cancel the task first"
+            )
             return
         try:
             self.core.set_setpoint(setpoint, self.now())
@@ -179,7 +184,9 @@ class ControllerNode(Node):
         elif self._was_enabled:
             if float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY:
                 self._was_enabled = False
-                self.complaints.add("moved_by_others", "the arm was moved by something else; target_frame pauses until enable")
+                self.complaints.add(
+                    "moved_by_others", "the arm was moved by something else; target_frame pauses until enable"
+                )
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:
@@ -191,6 +198,8 @@ class ControllerNode(Node):
         message.refused_setpoints += self.complaints["setpoints_unreadable"] + self.complaints["setpoints_during_task"]
         message.estimator_reason = self.complaints.last
         self._state.publish(message)
+        if self.core.law.setpoint is not None:
+            self._reference.publish(pose_stamped(self.core.law.setpoint.X_W_tip, now, self.frames.base))
         if output.state.estimated is not None:
             stamp = now - output.state.image_age
             in_base = output.state.estimated.rotated(output.state.R_W_task)
@@ -208,7 +217,11 @@ class ControllerNode(Node):
         values |= state.counters._asdict() | {"mode": state.mode, "law": self.parameters.law}
         if len(self.loop.periods) > 10:
             p50, p99 = np.percentile(np.array(self.loop.periods) * 1e3, (50, 99))
-            values |= {"period_p50_ms": round(float(p50), 3), "period_p99_ms": round(float(p99), 3), "overruns": self.loop.overruns}
+            values |= {
+                "period_p50_ms": round(float(p50), 3),
+                "period_p99_ms": round(float(p99), 3),
+                "overruns": self.loop.overruns,
+            }
         level = diagnostics.WARN if state.mode == "holding" else diagnostics.OK
         return level, state.reason or state.mode, values
 

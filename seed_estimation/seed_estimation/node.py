@@ -140,7 +140,9 @@ class EstimatorNode(Node):
     def _publish_invalid(self, stamp: float, reason: str) -> None:
         unseen = (False,) * 6
         self._publish(
-            RelativePoseEstimate(stamp, np.eye(4), observed=unseen, valid=False, reason=reason, method=self.parameters.method)
+            RelativePoseEstimate(
+                stamp, np.eye(4), observed=unseen, valid=False, reason=reason, method=self.parameters.method
+            )
         )
 
     def _publish_patches(self, stamp: float) -> None:

@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, PoseStamped, Quaternion, TransformStamped, Wrench as WrenchMsg, WrenchStamped
+from geometry_msgs.msg import Pose, PoseStamped, Quaternion, TransformStamped, WrenchStamped
+from geometry_msgs.msg import Wrench as WrenchMsg
 from seed_msgs.msg import RelativePose
 
 from seed_core.errors import SeedError

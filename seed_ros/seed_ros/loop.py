@@ -15,14 +15,19 @@ from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import (
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
 from rclpy.node import Node
 
 from seed_ros.qos import QoSProfile
 
 PERIODS = 2500  # of the last ten seconds, for percentiles
 LATE = 5  # [periods] behind which deadlines start anew: what was missed is not made up for
-REST = 0.02  # [s] between two looks at services, actions and slow timers
+REST = 0.03  # [s] between two looks at services, actions and slow timers
 CALLBACKS = 4  # of these per look
 MOST = 50  # messages taken from one stream per period
 
@@ -41,6 +46,22 @@ class _Polled(CallbackGroup):
 
     def ending_execution(self, entity: Any) -> None:
         pass
+
+
+class _Executor(SingleThreadedExecutor):
+    """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
+
+    def run_one(self) -> bool:
+        """Run one callback that is ready now, if there is one."""
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
+        except (TimeoutException, ShutdownException, ExternalShutdownException):
+            return False
+        handler()
+        error = handler.exception()
+        if error is not None:
+            raise error
+        return True
 
 
 class FixedRateLoop:
@@ -62,7 +83,7 @@ class FixedRateLoop:
 
     def run(self) -> None:
         """Until the context ends."""
-        executor = SingleThreadedExecutor(context=self.node.context)
+        executor = _Executor(context=self.node.context)
         executor.add_node(self.node)
         next_rest, deadline, last = 0.0, time.monotonic(), time.monotonic()
         while self.node.context.ok():
@@ -74,7 +95,8 @@ class FixedRateLoop:
             if now >= next_rest:
                 next_rest = now + REST
                 for _ in range(CALLBACKS):
-                    executor.spin_once(timeout_sec=0.0)
+                    if not executor.run_one():
+                        break
             deadline = self._wait(deadline + self.period)
 
     def _take(self) -> None:

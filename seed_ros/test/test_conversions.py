@@ -9,14 +9,15 @@ from numpy.testing import assert_allclose
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
-from geometry_msgs.msg import Pose  # noqa: E402
-from geometry_msgs.msg import Wrench as WrenchMsg  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
-from seed_core.errors import SeedError  # noqa: E402
-from seed_core.estimate import RelativePoseEstimate  # noqa: E402
-from seed_core.spatial import Wrench, make_pose  # noqa: E402
-from seed_ros import conversions as c  # noqa: E402
-from seed_ros.images import depth_from_message, gray_from_message, image_message  # noqa: E402
+from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Wrench as WrenchMsg
+from scipy.spatial.transform import Rotation
+
+from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Wrench, make_pose
+from seed_ros import conversions as c
+from seed_ros.images import depth_from_message, gray_from_message, image_message
 
 RNG = np.random.default_rng(5)
 

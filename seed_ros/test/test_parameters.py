@@ -13,6 +13,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+
 from seed_core.config import ConfigError, field  # noqa: E402
 from seed_core.hand import Hand  # noqa: E402
 from seed_ros.parameters import declare, refuse_unknown  # noqa: E402

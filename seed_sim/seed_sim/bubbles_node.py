@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo, Image
@@ -24,14 +23,14 @@ from seed_ros.cameras import Intrinsics, camera_info
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images import image_message
-from seed_ros.loop import QUIET_OUT
+from seed_ros.loop import QUIET_OUT, FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import SENSOR
 from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
-DELIVERY_PERIOD = 0.002  # [s]
+LOOP_RATE = 300.0  # [Hz] at which it is looked what is due
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,10 @@ class BubbleSettings:
     scenario: str = field("nominal", doc="name or file of the scenario")
     seed: int = field(0, low=0, high=2**31 - 1, doc="of dots and noise")
     fingers: str = field("both", choices=("both", "left", "right"), doc="which bubbles have a camera")
-    latency: float = field(0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it")
+    rate: float = field(0.0, unit="Hz", low=0.0, high=120.0, doc="of the cameras; 0: the scenario's")
+    latency: float = field(
+        0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it"
+    )
 
 
 class BubblesNode(Node):
@@ -61,10 +63,9 @@ class BubblesNode(Node):
         self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
         self._frames_sent = self._late = 0
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
-        self.create_subscription(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / scenario.measurement.rate, self._shoot, clock=steady)
-        self.create_timer(DELIVERY_PERIOD, self._deliver, clock=steady)
+        self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), time.monotonic()
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick)
+        self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
 
     def _finger_publishers(self, finger: str) -> tuple[Any, Any, Any]:
@@ -79,6 +80,13 @@ class BubblesNode(Node):
         X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
         self._truth = seconds(message.header.stamp), X_CT
 
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = max(self._next + self._period, now - self._period)
+            self._shoot()
+        self._deliver()
+
     def _shoot(self) -> None:
         """Expose: the images carry the stamp of the truth they show."""
         if self._truth is None or self._truth[0] == self._shot:
@@ -86,7 +94,6 @@ class BubblesNode(Node):
         self._shot, X_CT = self._truth
         images = self.renderer.no_contact(self._shot) if X_CT is None else self.renderer.render(X_CT, self._shot)
         self._ready.append((self._shot, images))
-        self._deliver()
 
     def _deliver(self) -> None:
         now = self.get_clock().now().nanoseconds * 1e-9
@@ -101,7 +108,9 @@ class BubblesNode(Node):
             depth, ir, info = self._streams[finger]
             frame = self.frames.camera(finger)
             c = self.renderer.cameras[finger]
-            info.publish(camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), stamp, frame))
+            info.publish(
+                camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), stamp, frame)
+            )
             depth.publish(image_message(pair.depth.astype(np.float32), "32FC1", stamp, frame))
             counts = np.clip(np.rint(pair.ir), 0, 65535).astype(np.uint16)
             ir.publish(image_message(counts, "mono16", stamp, frame))

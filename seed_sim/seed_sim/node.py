@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from seed_control.tasks import load_task
 from seed_core.config import field
 from seed_core.errors import SeedError
-from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_core.spatial import Array
 from seed_ros import diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_ros.counters import Complaints
@@ -30,9 +30,12 @@ from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND
+from seed_sim.arm import ELBOW_UP
+from seed_sim.closed_loop import start_pose
 from seed_sim.outputs_node import Outputs
 from seed_sim.plant import DT, Plant, PlantError, save_replay
 from seed_sim.scenario import load_scenario
+from seed_sim.ur.plant_link import PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
 SLOW = 0.98  # real-time factor from which it warns
@@ -45,11 +48,13 @@ class SimSettings:
     scenario: str = field("nominal", doc="name or file of the scenario")
     seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
     task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
-    height: float = field(0.05, unit="m", low=0.0, high=0.5, doc="of the tip above the work frame at the start")
     rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
     target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="oldest target_frame that is followed")
     max_step: float = field(0.05, unit="m", low=1e-4, high=1.0, doc="a target further from the flange is a jump")
     relative_pose: bool = field(False, doc="publish relative_pose from the truth, in place of cameras and estimator")
+    robot_ip: str = field(
+        "", doc="stand-in UR controller whose arm carries the gripper; empty: an arm of the cell's own"
+    )
     replay: str = field("", doc="file for ~/save_replay; empty: nothing is recorded for a replay")
 
 
@@ -64,18 +69,20 @@ class SimNode(Node):
         self.complaints = Complaints(self)
         self.scenario = load_scenario(self.settings.scenario)
         self._meshcat = _meshcat() if self.settings.replay else None
-        self._X_W_work, self._X_WE_start = self._places()
-        self.plant = Plant(
-            self.scenario, self.settings.seed, self._X_W_work, self._X_WE_start, meshcat=self._meshcat
-        )
+        task = load_task(self.settings.task)
+        self._X_WE_start = start_pose(self.scenario, task)
+        self.plant = Plant(self.scenario, self.settings.seed, task.frame.pose, self._X_WE_start, meshcat=self._meshcat)
         self.grasped = False
         self.in_holder = True
         self._held_at = self._X_WE_start
         self._heard = -np.inf  # when the last usable target came, in steady time
         self.real_time_factor = 1.0
-        self._outputs = Outputs(self, self.plant, self.frames, self.settings.relative_pose)
+        self._link = self._join_robot()
+        own_arm = self._link is None
+        self._outputs = Outputs(self, self.plant, self.frames, self.settings.relative_pose, own_arm)
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
-        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+        if own_arm:
+            self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -88,13 +95,13 @@ class SimNode(Node):
         self._start_clock()
         self.create_timer(1.0, self._rate_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _places(self) -> tuple[Array, Array]:
-        """The work frame, and a flange pose that has the tip above its origin."""
-        task = load_task(self.settings.task)
-        X_W_work = task.frame.pose
-        above = make_pose(rotation_from_rpy(np.deg2rad(task.tip_rpy)), (0.0, 0.0, self.settings.height))
-        X_WT = X_W_work @ above @ inverse_pose(self.scenario.tool.X_Ttip)
-        return X_W_work, X_WT @ inverse_pose(self.scenario.hand.X_EC)
+    def _join_robot(self) -> PlantLink | None:
+        """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own."""
+        if not self.settings.robot_ip:
+            return None
+        link = PlantLink(self.settings.robot_ip)
+        link.place(self._X_WE_start, ELBOW_UP)
+        return link
 
     # time
     def _start_clock(self) -> None:
@@ -120,14 +127,26 @@ class SimNode(Node):
         self._outputs.publish(self.stamp, self.grasped)
 
     def _advance(self, t: float) -> None:
-        if not self.in_holder:
+        if self._link is not None:
+            self._follow_robot(self._link, t)
+        elif not self.in_holder:
             self.plant.advance(t)
+        else:
+            while self.plant.time < t - DT:
+                self.plant.advance(self.plant.time + DT)
+                self.plant.grasp()
+        if not self.in_holder:
             return
-        while self.plant.time < t - DT:
-            self.plant.advance(self.plant.time + DT)
-            self.plant.grasp()
         moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
         self.in_holder = not (self.grasped and moved > 5e-4)
+
+    def _follow_robot(self, link: PlantLink, t: float) -> None:
+        """The flange goes where the stand-in's arm is, which feels what the tool does to it."""
+        load = self.plant.ft_wrench
+        state = link.exchange(load.force, load.torque)
+        self.plant.drive(self.plant.X_WE if state is None else state.X_WE, t)
+        if self.in_holder:
+            self.plant.grasp()
 
     def _rate_it(self) -> None:
         now, then = (time.monotonic(), self.plant.time), self._rated
@@ -177,6 +196,9 @@ class SimNode(Node):
         return response
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._link is not None:
+            response.success, response.message = False, "the arm is the UR controller's: move it with target_frame"
+            return response
         self.plant.reset(self._X_WE_start)
         self.grasped, self.in_holder, self._held_at = False, True, self._X_WE_start
         self._outputs.restart()

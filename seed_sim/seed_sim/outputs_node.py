@@ -32,8 +32,12 @@ from seed_sim.plant import Plant
 class Outputs:
     """Publishers of the node; `publish` is called once per tick."""
 
-    def __init__(self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool) -> None:
-        """stand_in: publish relative_pose from the truth, in place of cameras and estimator."""
+    def __init__(self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool = True) -> None:
+        """stand_in: publish relative_pose from the truth, in place of cameras and estimator.
+
+        own_arm: publish what an arm publishes; with a UR behind its driver, that is the driver's business.
+        """
+        self._own_arm = own_arm
         self._plant, self._frames = plant, frames
         create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
@@ -58,12 +62,13 @@ class Outputs:
     def publish(self, t: float, grasped: bool) -> None:
         """Everything that is due at time t [s]: the pose at the full rate, loads and truth at half of it."""
         X_WE = self._plant.X_WE
-        self._pose.publish(pose_stamped(X_WE, t, self._frames.base))
+        if self._own_arm:
+            self._pose.publish(pose_stamped(X_WE, t, self._frames.base))
         self._count += 1
         if self._count % 2 == 0:
             self._publish_loads(t)
             self._publish_truth(t, grasped)
-        if self._count % 4 == 0:
+        if self._own_arm and self._count % 4 == 0:
             self._publish_motion(t, X_WE)
         if self._count % 5 == 0:
             self._publish_gripper()
@@ -81,7 +86,8 @@ class Outputs:
         load = self._plant.ft_wrench
         flange = self._frames.flange
         self._ft.publish(wrench_stamped(load, t, flange))
-        self._wrench.publish(wrench_stamped(load, t, flange))  # what an arm's own sensor reports
+        if self._own_arm:
+            self._wrench.publish(wrench_stamped(load, t, flange))  # what an arm's own sensor reports
 
     def _publish_truth(self, t: float, grasped: bool) -> None:
         plant, frames = self._plant, self._frames

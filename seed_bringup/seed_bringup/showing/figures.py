@@ -60,7 +60,9 @@ def force_and_torque(
             top.plot(t, force, color=colours[i % 4], lw=width, zorder=order, label=name)
             bottom.plot(t, torque, color=colours[i % 4], lw=width, zorder=order, label=name)
         top.axhline(wanted_force, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
-        top.annotate(f"wanted {wanted_force:g} N", (band[1], wanted_force), xytext=(4, 4), textcoords="offset points", color=INK)
+        top.annotate(
+            f"wanted {wanted_force:g} N", (band[1], wanted_force), xytext=(4, 4), textcoords="offset points", color=INK
+        )
         bottom.axhline(0.0, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
         for axis, label in ((top, "pressing force [N]"), (bottom, "torque [N m]")):
             axis.set_ylabel(label)

@@ -8,12 +8,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
+import numpy as np
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState
+from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
@@ -123,6 +127,30 @@ class Session:
         self.played.result, self.played.ended = result.result().result, self.now()
         return self.played
 
+    def picture(self, topic: str, keep: Callable[[bytes], None], delay: float = 0.0) -> None:
+        """Take one image of a topic, `delay` [s] from now, as PNG."""
+        holder: dict[str, Any] = {}
+
+        def on_image(message: Image) -> None:
+            if "subscription" not in holder:
+                return
+            self.node.destroy_subscription(holder.pop("subscription"))
+            keep(_png(message))
+
+        def begin() -> None:
+            holder.pop("timer").cancel()
+            holder["subscription"] = self.node.create_subscription(Image, topic, on_image, qos_profile_sensor_data)
+
+        holder["timer"] = self.node.create_timer(max(delay, 1e-3), begin)
+
     def now(self) -> float:
         """ROS time [s]."""
         return self.node.get_clock().now().nanoseconds * 1e-9
+
+
+def _png(message: Image) -> bytes:
+    """A bgr8 image, enlarged so that dots are seen, as PNG."""
+    pixels = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+    bgr = pixels[:, : 3 * message.width].reshape(message.height, message.width, 3)
+    large = cv2.resize(bgr, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+    return bytes(cv2.imencode(".png", large)[1])

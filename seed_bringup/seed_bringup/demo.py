@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed demo: the simulated cell, live, plays a task on tactile images; ends with a report.
+
+Every process of the real graph runs: simulation, cameras, estimator, controller, and a recorder. The exit code is 0 only if the
+force was held: at most 0.5 N and 0.08 N m rms against the simulation's own contact forces.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import signal
+import sys
+import time
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import yaml
+
+from seed_bringup.bags.recording import Recording
+from seed_bringup.launcher import Launch
+from seed_bringup.launching.packages import find_launch_file
+from seed_bringup.showing.baseline import Baseline, start_baselines
+from seed_bringup.showing.figures import Phase, force_and_torque, relative_pose
+from seed_bringup.showing.live_score import TOPICS, live_score, recording_of
+from seed_bringup.showing.report import Picture, Report, text_table
+from seed_bringup.showing.series import Series, read_series
+from seed_control.tasks import Task, load_task
+from seed_core.config import to_mapping
+from seed_core.errors import SeedError
+from seed_core.spatial import rpy_from_rotation
+from seed_sim.evaluate import SCENARIO_OF_TASK, scored_phase
+from seed_sim.recording import SETTLING
+from seed_sim.scenario import Scenario, load_scenario
+
+FORCE_BOUND, TORQUE_BOUND = 0.5, 0.08  # [N], [N m] rms
+BASELINES = ("open_loop", "welded")
+TASK_PATIENCE = 75.0  # [s]
+RECORDED = [
+    *TOPICS.values(), "/current_pose", "/target_frame", "/contact_patches", "/wrench_estimate", "/ft_sensor/wrench",
+    "/joint_states", "/gripper/width", "/bubble_left/pressure", "/bubble_right/pressure", "/sim/real_time_factor",
+    "/sim/ground_truth/table_pose", "/tf", "/tf_static", "/diagnostics",
+]  # fmt: skip
+IMAGES = [f"/bubble_{f}/{t}" for f in ("left", "right") for t in (
+    "depth/image_rect_raw", "ir/image_rect_raw", "depth/camera_info")]  # fmt: skip
+
+
+def _parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(
+        prog="seed demo",
+        description=(__doc__ or "").split("\n\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
+    p.add_argument(
+        "--force", type=float, default=None, help="[N] size of every force in the task; the task's own if left out"
+    )
+    p.add_argument("--seed", type=int, default=7, help="draws the table and all noise")
+    p.add_argument(
+        "--scenario", default=None, help="what is simulated: a shipped scenario or a file; the task's own if left out"
+    )
+    p.add_argument("--estimator", default="rigid_fit", choices=("rigid_fit", "published", "truth"))
+    p.add_argument("--law", default="seed", choices=("seed", "plain", "published"), help="control law")
+    p.add_argument("--out", type=Path, default=None, help="folder to write; results/TASK-TIME if left out")
+    p.add_argument("--images", action="store_true", help="record the cameras' images in the bag too (20 MB/s)")
+    p.add_argument("--camera-rate", type=float, default=0.0, help="[Hz] of the simulated cameras; 0: the scenario's")
+    p.add_argument("--verbose", action="store_true", help="show what the nodes say")
+    return p
+
+
+class Demo:
+    """One run of the demo; `run` returns the exit code."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.options = options
+        self.task: Task = load_task(options.task, options.force)
+        self.scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(self.task.name, self.task.name))
+        self.scenario: Scenario = load_scenario(self.scenario_name)
+        stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        root = Path(os.environ.get("SEED_ROOT", "."))
+        self.folder: Path = (options.out or root / "results" / f"{self.task.name}-{stamp}").resolve()
+        if self.folder.exists() and any(self.folder.iterdir()):
+            raise SeedError(f"{self.folder} is not empty; results are never overwritten: name another folder")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.pictures: list[Picture] = []
+        self.started = time.monotonic()
+        self._log = (self.folder / "nodes.log").open("w", encoding="utf-8")
+        self._failed_node = ""
+
+    # --- the live part -------------------------------------------------------------------------------------------
+    def run(self) -> int:
+        """Everything; files are complete on return."""
+        options = self.options
+        say(f"task {self.task.name}, scenario {self.scenario.name}, seed {options.seed}, estimator {options.estimator}")
+        say(f"results go to {self.folder}")
+        phases = self._live()
+        pool, futures = start_baselines(BASELINES, options.task, options.force, options.seed, self.scenario_name)
+        try:
+            series = read_series(self.folder / "bag.mcap", TOPICS)
+            say("baselines: open loop and welded, on the same table")
+            baselines = {law: future.result(timeout=120.0) for law, future in futures.items()}
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+        return self._conclude(series, phases, baselines)
+
+    def _live(self) -> list[Phase]:
+        """Run the cell and the task; when each phase began and ended."""
+        from seed_bringup.showing.session_node import Session  # rclpy only from here on
+
+        launch = Launch(find_launch_file(["demo"]), self._arguments(), output=self._output)
+        topics = RECORDED + (IMAGES if self.options.images else [])
+        recording = Recording(self.folder / "bag.mcap", topics)
+        with contextlib.ExitStack() as stack:
+            say("starting simulation, cameras, estimator, controller and recorder")
+            stack.enter_context(launch)
+            stack.enter_context(recording)
+            session = Session(lambda: self._watch(launch))
+            stack.callback(session.close)
+            self._prepare(session)
+            self._play(session)
+            if self._replays:
+                with contextlib.suppress(SeedError):
+                    session.trigger("sim/save_replay")
+            session.spin(0.3)
+            say("closing the bag and the cell")
+        played = session.played
+        if not played.result.success:
+            raise SeedError(f"the task ended early: {played.result.message}")
+        ends = [start for _, start in played.phases[1:]] + [played.ended]
+        return [Phase(name, start, end) for (name, start), end in zip(played.phases, ends, strict=True)]
+
+    @property
+    def _replays(self) -> bool:
+        return True
+
+    def _arguments(self) -> dict[str, str]:
+        beliefs = self.folder / "beliefs.yaml"
+        beliefs.write_text(yaml.safe_dump(_beliefs(self.scenario)), encoding="utf-8")
+        controller = self.folder / "controller.yaml"
+        values = {k: v for k, v in self.scenario.controller.items() if k != "law"}
+        controller.write_text(
+            yaml.safe_dump({"controller": {"ros__parameters": {"rate": 250.0, **values}}}), encoding="utf-8"
+        )
+        o = self.options
+        return {
+            "scenario": self.scenario_name, "task": str(o.task), "seed": str(o.seed), "method": o.estimator, "law": o.law,
+            "replay": str(self.folder / "replay.html"), "hand_file": str(beliefs), "controller_file": str(controller),
+            "camera_rate": str(float(o.camera_rate)),
+        }  # fmt: skip
+
+    def _prepare(self, session: Any) -> None:
+        """What one does with a real gripper: picture the empty bubbles, close, picture the grasp, enable."""
+        images = self.options.estimator != "truth"
+        if images:
+            session.trigger("estimator/capture_reference", patience=40.0)
+            say("reference taken of the empty bubbles")
+        session.trigger("sim/grasp", patience=40.0)
+        if images:
+            session.spin(0.3)
+            session.trigger("estimator/initialize_grasp")
+        say("tool grasped")
+        session.enable()
+
+    def _play(self, session: Any) -> None:
+        camera = _Camera(session, self.pictures) if self.options.estimator != "truth" else None
+        bar = _Bar()
+
+        def tell(feedback: Any) -> None:
+            bar.show(feedback, session.state)
+            if camera is not None:
+                camera.consider(feedback)
+
+        overrides = "" if self.options.force is None else f"force: {self.options.force}"
+        try:
+            session.play(self._task_source(), overrides, tell, TASK_PATIENCE)
+        finally:
+            bar.close()
+
+    def _task_source(self) -> str:
+        file = Path(self.options.task)
+        return str(file.resolve()) if file.is_file() else str(self.options.task)
+
+    def _watch(self, launch: Launch) -> None:
+        code = launch.poll()
+        if code is not None:
+            raise SeedError(f"{self._failed_node or 'the cell ended'}; what it said is in {self.folder / 'nodes.log'}")
+
+    def _output(self, label: str, line: str) -> None:
+        self._log.write(f"[{label}] {line}\n")
+        self._log.flush()
+        if label == "launch" and "died" in line:
+            self._failed_node = line.split(" (")[0]
+        if self.options.verbose:
+            print(f"[{label}] {line}", flush=True)
+
+    # --- what came of it -----------------------------------------------------------------------------------------
+    def _conclude(self, series: dict[str, Series], phases: list[Phase], baselines: dict[str, Baseline]) -> int:
+        recording = recording_of(series, self.task, self.scenario.tool.X_Ttip, phases)
+        score = live_score(recording, self.task)
+        held = (
+            bool(score["finished_samples"] if "finished_samples" in score else score["samples"])
+            and score["force_z"]["rmse"] <= FORCE_BOUND
+            and score["torque_x"]["rmse"] <= TORQUE_BOUND
+        )
+        score["finished"] = True
+        scores = {"seed": score, **{law: b.score for law, b in baselines.items()}}
+        self._write_report(series, phases, baselines, recording, scores, held)
+        o = self.options
+        summary = {
+            "task": self.task.name, "scenario": self.scenario.name, "seed": o.seed, "estimator": o.estimator, "law": o.law,
+            "held": held, "bounds": {"force_z_rmse": FORCE_BOUND, "torque_x_rmse": TORQUE_BOUND}, **score,
+            "baselines": {law: b.score for law, b in baselines.items()},
+            "phases": [{"name": p.name, "start": p.start - phases[0].start, "end": p.end - phases[0].start} for p in phases],
+        }  # fmt: skip
+        (self.folder / "summary.json").write_text(json.dumps(_finite(summary), indent=1), encoding="utf-8")
+        print(f"\n{text_table(scores)}\n")
+        bound = f"at most {FORCE_BOUND} N and {TORQUE_BOUND} N m rms"
+        say(f"force {'held' if held else 'NOT held'} ({bound}), {time.monotonic() - self.started:.0f} s in all")
+        say(f"look at {self.folder / 'report.html'}")
+        return 0 if held else 1
+
+    def _write_report(
+        self, series: dict[str, Series], phases: list[Phase], baselines: dict[str, Baseline], recording: Any,
+        scores: dict[str, Any], held: bool,
+    ) -> None:  # fmt: skip
+        start = phases[0].start
+        local = [Phase(p.name, p.start - start, p.end - start) for p in phases]
+        t = recording["t"]
+        runs = {"SEED": (t, -recording["force"][:, 2], recording["torque_T"][:, 0])}
+        contact = recording.contact_time or 0.0
+        for law, b in baselines.items():
+            shift = contact - (b.score["contact"]["time"] or contact)  # drawn from first contact on
+            runs[law.replace("_", " ")] = (b.t + shift, b.force, b.torque)
+        scored = scored_phase(self.task)
+        wiped = [p for p in local if p.name == scored or p.name.endswith(f" {scored}")] or local[-2:-1] or local
+        band = (min(max(wiped[0].start, contact + SETTLING), wiped[-1].end), wiped[-1].end)
+        wanted = max((abs(float(f)) for f in recording["wanted_force"][:, 2]), default=0.0)
+        shifted = {k: Series(series[k].t - start, series[k].values) for k in ("relative_pose", "true_relative")}
+        span = (0.0, local[-1].end)
+        o = self.options
+        report = Report(
+            title=f"{self.task.name.replace('_', ' ').capitalize()} at {wanted:g} N",
+            subtitle="A grasped tool, pressed and moved by a position-controlled arm: force from tactile images alone, "
+            "through the live ROS graph."
+            if o.estimator != "truth" else "The live ROS graph, with the true relative pose in place of images.",
+            held=held,
+            scores=scores,
+            force_figure=force_and_torque(runs, wanted, band, local),
+            pose_figure=relative_pose(shifted["relative_pose"].between(*span), shifted["true_relative"].between(*span), local),
+            pictures=self.pictures,
+            details=self._details(local, scores["seed"]),
+            replay="replay.html" if (self.folder / "replay.html").is_file() else "",
+        )  # fmt: skip
+        (self.folder / "report.html").write_text(report.html(), encoding="utf-8")
+
+    def _details(self, phases: list[Phase], score: dict[str, Any]) -> dict[str, str]:
+        o, contact = self.options, score["contact"]["time"]
+        rpy = rpy_from_rotation(self.task.frame.pose[:3, :3])
+        return {
+            "command": f"./seed demo --task {self.task.name} --seed {o.seed} --estimator {o.estimator}"
+            + (f" --force {o.force:g}" if o.force is not None else ""),
+            "scenario": f"{self.scenario.name}: {self.scenario.description}".rstrip(": "),
+            "first contact": "never" if contact is None else f"{contact:.2f} s after the start",
+            "phases": ", ".join(f"{p.name} {p.end - p.start:.1f} s" for p in phases),
+            "work frame": f"{self.task.frame.position} m, {tuple(round(math.degrees(a), 1) for a in rpy)} degrees",
+            "data": "bag.mcap (rosbags, ros2 bag, Foxglove), summary.json",
+        }
+
+
+class _Camera:
+    """Takes the estimator's debug image at the moments that tell something."""
+
+    def __init__(self, session: Any, pictures: list[Picture]) -> None:
+        self._session, self._pictures = session, pictures
+        self._taken: set[str] = set()
+
+    def consider(self, feedback: Any) -> None:
+        """After each feedback: is this a moment?"""
+        phase = feedback.phase
+        moment = f"{phase}, just begun" if phase not in {m.split(",")[0] for m in self._taken} else ""
+        if moment and len(self._taken) < 6:
+            self._taken.add(moment)
+            caption = {"approach": "before contact: only the tool's weight turns and pulls"}.get(phase, phase)
+            self._session.picture(
+                "estimator/debug_image", lambda png: self._pictures.append(Picture(png, caption)), delay=0.8
+            )
+
+
+class _Bar:
+    """Phase, progress and force on one line of the terminal."""
+
+    def __init__(self) -> None:
+        self._live = sys.stdout.isatty()
+        self._phase = ""
+
+    def show(self, feedback: Any, state: Any) -> None:
+        """One feedback."""
+        force = 0.0 if state is None else -state.estimated.force.z
+        text = f"{feedback.phase:<12} {100 * feedback.progress:3.0f} %   estimated force {force:6.2f} N"
+        if self._live:
+            width = 24
+            done = round(width * feedback.progress)
+            print(f"\r  [{'#' * done}{'.' * (width - done)}] {text}  ", end="", flush=True)
+        elif feedback.phase != self._phase:
+            print(f"  {text}", flush=True)
+        self._phase = feedback.phase
+
+    def close(self) -> None:
+        if self._live:
+            print(flush=True)
+
+
+def _beliefs(scenario: Scenario) -> dict[str, Any]:
+    """What the controller and the estimator believe about hand, tool and grasp, as ROS parameters for all nodes."""
+    stiffness = scenario.grasp.believed or scenario.grasp.stiffness
+    values = {"hand": scenario.hand, "tool": scenario.tool, "grasp": stiffness}
+    return {"/**": {"ros__parameters": {k: to_mapping(v) for k, v in values.items()}}}
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no NaN: null instead."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def say(text: str) -> None:
+    """One line of progress."""
+    print(f"seed demo: {text}", flush=True)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    del number, frame
+    raise KeyboardInterrupt
+
+
+def main(argv: list[str]) -> int:
+    """Command line; the exit code is 0 only if the force was held."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    return Demo(_parser().parse_args(argv)).run()
