@@ -11,6 +11,7 @@ from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.validation.trajectory import TrajectorySection
 
 FOLDER = Path(__file__).parent.parent / "config" / "scenarios"
 Range = tuple[float, float]
@@ -83,7 +84,7 @@ class Scenario:
     table: TableSection = field(TableSection(), doc="the surface")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images")
-    trajectory: dict[str, Any] = field({}, doc="motion in the grasp of ./seed validate")
+    trajectory: TrajectorySection = field(TrajectorySection(), doc="motion in the grasp of ./seed validate")
     estimator: dict[str, Any] = field({}, doc="parameters of the estimator that differ from their defaults")
     calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")

@@ -67,15 +67,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _estimator(options: argparse.Namespace) -> int:
+    scenario, name = run.load(options.scenario), options.scenario
     if options.bag is not None:
         from seed_sim.validation.bag import run_bag
 
-        series, result, name = *run_bag(options.bag, options.method), str(options.bag)
+        series, name = run_bag(options.bag, options.method, scenario), str(options.bag)
+        result = scores(series)
     else:
-        scenario = run.load(options.scenario)
-        name = scenario.name
         series = run.run(scenario, options.method, options.seed, None if options.json else _progress(options.method))
-        result = scores(series, run.trajectory_of(scenario).score_from)
+        result = scores(series, scenario.trajectory.score_from)
     result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
     if options.report is not None:
         result["report"] = str(_report(series, options, name))

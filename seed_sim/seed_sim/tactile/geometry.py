@@ -48,7 +48,7 @@ def dome_depth(rays: Rays, p: TactileParameters, height: float) -> Image:
     far = (-b + np.sqrt(np.maximum(root, 0.0))) / a
     beyond = rays.side * (o[1] + far * d[1])
     plane = -o[1] / d[1]
-    return np.where((root > 0.0) & (beyond < 0.0), far, plane).astype(np.float32)
+    return np.asarray(np.where((root > 0.0) & (beyond < 0.0), far, plane), np.float32)
 
 
 def _slab(o: float, d: Image, half: float) -> tuple[Image, Image]:

@@ -17,7 +17,7 @@ from seed_sim import scenario as scenarios
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer
 from seed_sim.validation.scores import Series
-from seed_sim.validation.trajectory import TrajectorySection, poses
+from seed_sim.validation.trajectory import poses
 
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
@@ -50,11 +50,6 @@ def tactile_of(scenario: Scenario) -> TactileParameters:
     return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
 
 
-def trajectory_of(scenario: Scenario) -> TrajectorySection:
-    """The motion of a scenario."""
-    return from_mapping(scenario.trajectory, TrajectorySection, f"scenario {scenario.name}: trajectory")
-
-
 def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) -> Estimator:
     """An estimator as the scenario configures it, with reference and grasp taken. Raises SeedError."""
     given = {**scenario.estimator, "method": method}
@@ -64,7 +59,7 @@ def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) ->
         from seed_sim.validation.calibrate import calibrate
 
         calibrate(estimator, renderer)
-    step = 1.0 / trajectory_of(scenario).rate
+    step = 1.0 / scenario.trajectory.rate
     still = [-_LEAD + step * i for i in range(REFERENCE_FRAMES)]
     estimator.capture_reference([renderer.no_contact(t) for t in still])
     held = [-step * (GRASP_FRAMES - i) for i in range(GRASP_FRAMES)]
@@ -75,7 +70,7 @@ def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) ->
 def run(scenario: Scenario, method: str, seed: int, progress: Progress | None = None) -> Series:
     """Truth and estimates of one trajectory; the same on every run of a seed but for the times."""
     cv2.setNumThreads(1)
-    section, series = trajectory_of(scenario), Series()
+    section, series = scenario.trajectory, Series()
     renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
     estimator = estimator_for(scenario, method, renderer)
     for stamp, X_CT in poses(section, seed):

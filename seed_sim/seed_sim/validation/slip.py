@@ -12,13 +12,13 @@ import numpy as np
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileRenderer
-from seed_sim.validation.run import Progress, estimator_for, tactile_of, trajectory_of
-from seed_sim.validation.trajectory import poses
+from seed_sim.validation.run import Progress, estimator_for, tactile_of
+from seed_sim.validation.trajectory import TrajectorySection, poses
 
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
 _SHORTEST = 0.25  # [s] of images after the onset
 # ordinary manipulation moves the tool about half as far as the combined trajectory
-_ORDINARY = {"translation_mm": [2.2, 1.0, 1.5], "rotation_deg": [4.0, 3.0, 3.0]}
+_ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
 
 
 class Slide(NamedTuple):
@@ -51,7 +51,7 @@ def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
     slide = random_slide(rng)
     renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    section = replace(trajectory_of(_ordinary(scenario)), duration=slide.onset + _SHORTEST + 0.1)
+    section = replace(_ORDINARY, duration=slide.onset + _SHORTEST + 0.1)
     for stamp, X_held in poses(section, seed):
         X_slid = slide.slid(stamp)
         if estimator.update(renderer.render(X_held @ X_slid, stamp, X_slid), stamp).gross_slip:
@@ -64,10 +64,9 @@ def false_alarms(scenario: Scenario, seed: int, minutes: float, progress: Progre
 
     The grasp is taken anew after an alarm, as an operator would.
     """
-    scenario = _ordinary(scenario)
     renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    section = replace(trajectory_of(scenario), duration=max(60.0 * minutes, 1.0))
+    section = replace(_ORDINARY, duration=max(60.0 * minutes, 1.0))
     alarms = valid = frames = 0
     for stamp, X_CT in poses(section, seed):
         estimate = estimator.update(renderer.render(X_CT, stamp), stamp)
@@ -100,7 +99,3 @@ def alarms(
         "false_alarms": wrong,
         "valid_fraction": valid,
     }  # fmt: skip
-
-
-def _ordinary(scenario: Scenario) -> Scenario:
-    return replace(scenario, trajectory={**scenario.trajectory, **_ORDINARY})
