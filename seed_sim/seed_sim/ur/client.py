@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -22,6 +24,11 @@ def private_host() -> str:
     """A loopback address that no other process is likely to use: 127.a.b.c from this process and a counter."""
     seed = os.getpid() * 16 + next(_numbers)
     return f"127.{20 + seed // 62500 % 200}.{seed // 250 % 250}.{2 + seed % 250}"
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this process when its parent is gone, however that ended."""
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
 
 
 class StandIn:
@@ -41,7 +48,7 @@ class StandIn:
     def start(self) -> None:
         """Start (again) and wait until it serves."""
         command = [sys.executable, "-m", "seed_sim.ur_controller", "--host", self.host, *self.arguments]
-        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_end_with_parent)
         deadline = time.monotonic() + 60.0
         while time.monotonic() < deadline and self.process.poll() is None:
             try:
