@@ -16,7 +16,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 from scipy.stats import t as student
 from seed_core.spatial import Array, skew, so3_exp
@@ -27,6 +26,7 @@ from seed_sysid.parameters import FitParameters
 _FLOOR = np.array([1e-5] * 3 + [1e-4] * 3)  # [N m, N]; noise below this is rounding
 _START_NOISE = np.array([0.02] * 3 + [0.3] * 3)  # [N m, N]
 _ROUNDS = 8
+_STEPS, _CONVERGED = 40, 1e-2  # a step in units of about one standard deviation
 
 
 @dataclass(frozen=True)
@@ -163,40 +163,36 @@ def solve(problem: Problem) -> Solution:
     """Fit the problem (see the module's text)."""
     model = _Model(problem)
     inlier = np.ones(model.n, dtype=bool)
-    theta = _minimise(model, model.start(), _START_NOISE, inlier, "soft_l1")
+    theta = _minimise(model, model.start(), _START_NOISE, inlier, True)
     noise = _noise(model, theta, inlier, robust=True)
-    theta = _minimise(model, theta, noise, inlier, "soft_l1")
+    theta = _minimise(model, theta, noise, inlier, True)
     noise = _noise(model, theta, inlier, robust=True)
     bound = float(chi2.isf(problem.parameters.outlier, 6))
     for _ in range(_ROUNDS):
         now = _distance(model, theta, noise) < bound
         settled = bool((now == inlier).all())
         inlier = now
-        theta = _minimise(model, theta, noise, inlier, "linear")
+        theta = _minimise(model, theta, noise, inlier, False)
         noise = _noise(model, theta, inlier, robust=False)
         if settled:
             break
     return _solution(model, theta, noise, inlier)
 
 
-def _minimise(model: _Model, theta: Array, noise: Array, inlier: np.ndarray, loss: str) -> Array:
-    weight = (inlier[:, None] / noise).ravel()
-    free = model.free
-
-    def full(x: Array) -> Array:
-        out = theta.copy()
-        out[free] = x
-        return out
-
-    result = least_squares(
-        lambda x: weight * (model.predict(full(x)) - model.problem.wrench).ravel(),
-        theta[free],
-        jac=lambda x: weight[:, None] * model.jacobian(full(x))[:, free],
-        x_scale="jac",
-        loss=loss,
-        max_nfev=60,
-    )
-    return full(result.x)
+def _minimise(model: _Model, theta: Array, noise: Array, inlier: np.ndarray, robust: bool) -> Array:
+    """Gauss-Newton, with soft-L1 weights (1 + r^2)^-1/2 renewed at every step if robust."""
+    theta, weight = theta.copy(), (inlier[:, None] / noise).ravel()
+    for _ in range(_STEPS):
+        r = weight * (model.predict(theta) - model.problem.wrench).ravel()
+        J = weight[:, None] * model.jacobian(theta)[:, model.free]
+        soft = 1.0 / np.sqrt(1.0 + r**2) if robust else np.ones_like(r)
+        lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+        J /= lengths
+        step = np.linalg.lstsq(J.T @ (soft[:, None] * J), -J.T @ (soft * r), rcond=1e-12)[0]
+        theta[model.free] += step / lengths
+        if np.abs(step).max() < _CONVERGED:
+            break
+    return theta
 
 
 def _noise(model: _Model, theta: Array, inlier: np.ndarray, robust: bool) -> Array:

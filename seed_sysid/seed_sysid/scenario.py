@@ -56,6 +56,14 @@ class Grasp:
 
 
 @dataclass(frozen=True)
+class Weight:
+    """The calibrated weight of the procedure without a force sensor."""
+
+    mass: float = field(0.5, unit="kg", low=0.01, high=10.0, doc="known mass")
+    center_of_mass: Vector = field((0.0, 0.0, 0.0), unit="m", low=-0.5, high=0.5, doc="known centre of mass in T")
+
+
+@dataclass(frozen=True)
 class IdentificationScenario:
     """A simulated identification."""
 
@@ -71,6 +79,7 @@ class IdentificationScenario:
     hand: Hand = field(Hand())
     tool: Tool = field(Tool(name="ft_sensor"))
     procedure: Procedure = field(Procedure())
+    weight: Weight = field(Weight())
 
     def __post_init__(self) -> None:
         for axis in self.grasp.hysteresis:

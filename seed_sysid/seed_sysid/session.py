@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
 from seed_core.errors import SeedError
 
 from seed_sysid.dataset import Dataset, Header, Sample, Writer
-from seed_sysid.procedure import Command, Run
+from seed_sysid.excitation import design
+from seed_sysid.procedure import Command, Run, average
 from seed_sysid.scenario import IdentificationScenario
 from seed_sysid.simulation import Eyes, SimulatedCell
 
@@ -27,7 +29,7 @@ def header(scenario: IdentificationScenario, seed: int, planned: int, created: s
     return Header(
         hand=scenario.hand.name,
         tool=scenario.tool.name,
-        run=f"simulation {scenario.name} seed {seed} {abs(hash_text(repr(scenario))):08x}",
+        run=f"simulation {scenario.name} seed {seed} {hash_text(repr(scenario)):08x}",
         planned=planned,
         sensor_xyz=tuple(scenario.sensor_position),
         sensor_rpy=tuple(float(v) for v in np.deg2rad(scenario.sensor_rpy_deg)),
@@ -38,8 +40,6 @@ def header(scenario: IdentificationScenario, seed: int, planned: int, created: s
 
 def hash_text(text: str) -> int:
     """A number that is the same in every process, to tell settings apart."""
-    import zlib
-
     return zlib.crc32(text.encode())
 
 
@@ -64,6 +64,20 @@ def simulate(
         if writer:
             writer.close()
     return Dataset(writer.header if writer else head, samples), cell
+
+
+def at_rest(scenario: IdentificationScenario, seed: int) -> tuple[Dataset, SimulatedCell]:
+    """The same data without the motion between and the settling: for studies of the fit over many seeds."""
+    cell = SimulatedCell(scenario, seed)
+    p = scenario.procedure
+    targets = design(p.excitation, p.limits, p.fit.model)
+    readings = max(1, round(p.settle.average * scenario.rate))
+    samples = []
+    for grip, width in enumerate(p.widths):
+        for target in targets:
+            command = Command(target.X_TC, width, grip, "measuring")
+            samples.append(average(target, grip, cell.rest(command, readings), 1.0, False))
+    return Dataset(header(scenario, seed, len(samples), ""), samples), cell
 
 
 def _loop(run: Run, cell: SimulatedCell, samples: list[Sample], writer: Writer | None) -> None:

@@ -99,6 +99,16 @@ class SimulatedCell:
             self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, _all(pressures), seen
         )
 
+    def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:
+        """Readings of a pose that has come to rest, without simulating how; dwell [s] is the time that takes."""
+        self._new_pose()
+        X_TC, self._goal = command.X_TC @ self._error, command.X_TC
+        self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
+        self.stamp += dwell
+        pressures = _all(self.truth.pressures[command.grip] + self.scenario.grasp.pressure_noise * self._rng.normal(size=2))
+        sensed = [self._sensed(self._lag[0]) for _ in range(count)]
+        return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]
+
     def _new_pose(self) -> None:
         """The arm sets off: another repeatability error, perhaps another disturbance."""
         s, rng = self.scenario, self._rng

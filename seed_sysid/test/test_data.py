@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of samples: crash-safe, strict; and every kind of bad data is refused by name with a remedy."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from seed_core.spatial import inverse_pose
+from seed_sysid import identify
+from seed_sysid.analysis import analyse
+from seed_sysid.dataset import Dataset, DatasetError, Sample, Writer, flat_pose, header_line, parse, read, sample_line
+from seed_sysid.scenario import load
+from seed_sysid.session import at_rest, simulate
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    return at_rest(load("default"), 2100)[0]
+
+
+def _changed(data: Dataset, change: Callable[[Sample], Sample]) -> Dataset:
+    return replace(data, samples=[change(s) for s in data.samples])
+
+
+def _lines(data: Dataset) -> list[str]:
+    return [header_line(data.header), *(sample_line(s) for s in data.samples)]
+
+
+def _wrench(s: Sample, change: Callable[[np.ndarray], np.ndarray]) -> Sample:
+    return replace(s, wrench=tuple(float(v) for v in change(np.array(s.wrench))))
+
+
+def test_a_file_reads_back_as_written(data: Dataset) -> None:
+    back = parse(_lines(data), "file")
+    assert back.samples == data.samples
+    assert back.header == data.header
+
+
+def test_a_crash_loses_the_running_sample_only(data: Dataset, tmp_path: Path) -> None:
+    file = tmp_path / "samples.jsonl"
+    writer = Writer(file, data.header)
+    for s in data.samples[:20]:
+        writer.add(s)
+    writer.close()
+    file.write_bytes(file.read_bytes()[:-40])
+    back = read(file)
+    assert [s.key for s in back.samples] == [s.key for s in data.samples[:19]]
+    assert "cut short" in back.warnings[0]
+    again = Writer(file, data.header)
+    assert len(again.finished) == 19
+    again.add(data.samples[19])
+    again.close()
+    assert len(read(file).samples) == 20
+    assert not read(file).warnings
+
+
+def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) -> None:
+    scenario = load("default")
+    procedure = replace(scenario.procedure, widths=[0.05])
+    scenario = replace(scenario, procedure=procedure)
+    file = tmp_path / "samples.jsonl"
+    whole, _ = simulate(scenario, 2101, file)
+    kept = file.read_text().splitlines()[:41]
+    file.write_text("\n".join(kept) + "\n")
+    resumed, cell = simulate(scenario, 2101, file)
+    assert [s.key for s in resumed.samples] == [s.key for s in whole.samples]
+    assert file.read_text().splitlines()[:41] == kept
+    error = analyse(resumed, "kinematic").solution.stiffness / cell.truth.stiffness - 1.0
+    assert np.abs(error).max() < 0.02
+
+
+def test_another_runs_file_is_left_alone(data: Dataset, tmp_path: Path) -> None:
+    file = tmp_path / "samples.jsonl"
+    Writer(file, data.header).close()
+    before = file.read_bytes()
+    with pytest.raises(DatasetError, match="belongs to the run"):
+        Writer(file, replace(data.header, run="another"))
+    assert file.read_bytes() == before
+
+
+BAD: dict[str, tuple[Callable[[Dataset], Dataset], str]] = {
+    "too few poses": (lambda d: replace(d, samples=d.samples[:8]), "grip 0 has 8 poses; at least 12"),
+    "no poses": (lambda d: replace(d, samples=[]), "no finished pose"),
+    "axis never excited": (
+        lambda d: replace(d, samples=[s for s in d.samples if s.kind in ("home", "x", "y", "roll", "pitch", "yaw")]),
+        "z was never excited",
+    ),
+    "constant channel": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1, 0, 1, 1, 1, 1])), "torque y .* stays"),
+    "saturated": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: np.clip(w, -9, 4.0))), "saturates at"),
+    "mm": (lambda d: _changed(d, lambda s: replace(s, kinematic=(*(1e3 * v for v in s.kinematic[:3]), *s.kinematic[3:]))), "mm"),
+    "degrees": (lambda d: _changed(d, lambda s: replace(s, kinematic=(*s.kinematic[:3], *np.rad2deg(s.kinematic[3:])))), "degrees"),
+    "N mm": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1e3, 1e3, 1e3, 1, 1, 1])), "N mm"),
+    "reaction": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: -w)), "turn its sign"),
+    "turned sensor": (
+        lambda d: replace(d, header=replace(d.header, sensor_rpy=(0.0, 0.0, 0.0))),
+        "frames disagree",
+    ),
+    "inverse poses": (
+        lambda d: _changed(d, lambda s: replace(s, estimator=flat_pose(inverse_pose(Dataset(d.header, [s]).poses("kinematic")[0])))),
+        "look like X_CT",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_data_are_refused_by_name(data: Dataset, name: str) -> None:
+    spoil, message = BAD[name]
+    with pytest.raises(DatasetError, match=message):
+        analyse(spoil(data), "kinematic")
+
+
+def test_refused_data_overwrite_nothing(data: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad, out = tmp_path / "bad.jsonl", tmp_path / "out"
+    bad.write_text("\n".join(_lines(BAD["constant channel"][0](data))) + "\n")
+    out.mkdir()
+    (out / "stiffness.yaml").write_text("precious")
+    assert identify.main(["--from", str(bad), "--out", str(out)]) == 1
+    assert "dead channel" in capsys.readouterr().err
+    assert [f.name for f in out.iterdir()] == ["stiffness.yaml"]
+    assert (out / "stiffness.yaml").read_text() == "precious"
+
+
+FILES = {
+    "": "empty",
+    "nonsense\n": "no header",
+    '{"format": "seed-stiffness-samples", "version": 2}\n': "version 2",
+    '{"format": "other", "version": 1}\n': "no header with",
+    '{"format": "seed-stiffness-samples", "version": 1, "units": {"length": "mm"}}\n': "length must be in m",
+    '{"format": "seed-stiffness-samples", "version": 1}\n{"sample": {"name": "a"}}\n': "lacks kind",
+    '{"format": "seed-stiffness-samples", "version": 1}\n{"sam\n{"event": {}}\n': ":2: not JSON",
+    '{"format": "seed-stiffness-samples", "version": 1}\n'
+    + json.dumps({"sample": {"name": "a", "kind": "x", "grip": 0, "stamp": 0.0, "kinematic": [0] * 6, "wrench": [float("nan")] * 6}})
+    + "\n": "wrench = .* finite",
+}
+
+
+@pytest.mark.parametrize("text", FILES)
+def test_broken_files_are_refused_by_name(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "f.jsonl"
+    file.write_text(text)
+    with pytest.raises(DatasetError, match=FILES[text]):
+        read(file)
+
+
+def test_data_are_fitted_again_from_their_file(data: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "samples.jsonl", tmp_path / "out"
+    file.write_text("\n".join(_lines(data)) + "\n")
+    assert identify.main(["--from", str(file), "--json", "--out", str(out)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed["stiffness"]) == {"rotation", "translation"}
+    report = (out / "report.html").read_text()
+    assert report.count("<svg") == 5
+    assert "http://" not in report.replace("http://www.w3.org", "").replace("http://purl.org", "").replace("http://creativecommons.org", "")
+    assert "src=" not in report

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The run keeps its limits, waits for rest, ends on slip; the weight procedure gives forces and says what it cannot give."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_sysid import identify
+from seed_sysid.parameters import Procedure
+from seed_sysid.procedure import Command, Run
+from seed_sysid.scenario import load
+from seed_sysid.session import simulate
+from seed_sysid.simulation import SimulatedCell
+from seed_sysid.weight import fit_weight, simulate_weight
+
+K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
+
+
+def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
+    """A grasp a third stiffer than guessed meets the wrench limit: poses are drawn back, none is lost."""
+    scenario = load("default")
+    limits = replace(scenario.procedure.limits, force=8.0, planned_share=1.0)
+    scenario = replace(scenario, procedure=replace(scenario.procedure, widths=[0.05], limits=limits))
+    data, cell = simulate(scenario, 2200, None)
+    assert cell.stamp / 60.0 < 20.0 / 3.0
+    assert any(s.clipped for s in data.samples)
+    assert min(s.settle for s in data.samples) >= 1.0
+    forces = np.linalg.norm([s.wrench[3:] for s in data.samples], axis=1)
+    assert forces.max() < limits.force + 0.5  # [N] one reading's travel beyond the limit, and noise
+
+
+def test_slip_ends_the_run() -> None:
+    scenario = load("default")
+    cell, run = SimulatedCell(scenario, 1), Run(scenario.procedure)
+    command = Command(np.eye(4), 0.05, 0, "start")
+    for i in range(400):
+        reading = cell.step(command)
+        command = run.step(replace(reading, slip=0.5 if i > 300 else 0.0))
+        if command.failure:
+            break
+    assert "slips" in command.failure
+    assert i == 301
+
+
+def test_a_creeping_grasp_is_waited_for() -> None:
+    """The wrench is still moving 1 s after the arm stopped: no pose is measured before the change is small."""
+    scenario = load("default")
+    slow = replace(scenario, grasp=replace(scenario.grasp, settle_time=0.8), procedure=replace(scenario.procedure, widths=[0.05]))
+    quick, slow_cell = simulate(slow, 2201, None)
+    error = np.abs(_stiffness(quick) / slow_cell.truth.stiffness - 1.0)
+    assert error.max() < 0.02
+
+
+def _stiffness(data):  # noqa: ANN001, ANN202
+    from seed_sysid.analysis import analyse
+
+    return analyse(data, "kinematic").solution.stiffness
+
+
+def test_finished_poses_are_not_planned_again() -> None:
+    run = Run(Procedure())
+    done = [f"0/{t.name}" for _, t in run._queue[:10]]
+    assert Run(Procedure(), done).done == 10
+
+
+def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:
+    fit = fit_weight(*simulate_weight(K, 0.5, np.zeros(3), np.random.default_rng(1)))
+    np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
+    assert set(fit.undetermined) == {"roll", "pitch", "yaw"}
+
+
+def test_a_weight_with_a_lever_gives_roll_and_pitch_too() -> None:
+    fit = fit_weight(*simulate_weight(K, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
+    np.testing.assert_allclose(fit.stiffness[:2], K[:2], rtol=0.08)
+    assert set(fit.undetermined) == {"yaw"}
+
+
+def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify.main(["--procedure", "weight", "--seed", "7", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["stiffness"]["rotation"] == [None, None, None]
+    assert out["max_relative_error"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scenario", "nowhere"], "neither a YAML file nor one of: default, weird"),
+        (["--scenario", "nowhere.yaml"], "cannot be read"),
+        (["--from", "nowhere.jsonl"], "cannot be read"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify.main(arguments) == 1
+    assert message in capsys.readouterr().err
