@@ -47,13 +47,17 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--on-stop", default="paused", choices=("paused", "stopped", "playing"))
     out.add_argument("--unlock-after", type=float, default=5.0, help="[s] lock after a protective stop")
     out.add_argument("--protective-stop", action="store_true", help="start in a protective stop")
+    out.add_argument("--await-plant", action="store_true", help="open the robot's ports once a plant has placed the arm")
     out.add_argument("--anywhere", action="store_true", help="allow an address that other machines can reach")
     return out
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    given = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if "--ros-args" in words:  # what a launch file adds: a name and parameters, of no use here
+        words = words[: words.index("--ros-args")]
+    given = parser().parse_args(words)
     try:
         home = tuple(radians(t) for t in given.home) if given.home else HOME
         options = Options(
@@ -64,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
             given.on_stop,
             given.unlock_after,
         )
-        server = Server(loopback(given.host, given.anywhere), options)
+        server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
     except (SeedError, ValueError) as error:
         print(f"ur_controller: {error}", file=sys.stderr)
         return 2

@@ -7,8 +7,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from seed_core.errors import SeedError
 from seed_core.ur_kinematics import KinematicsError, URKinematics
-from seed_core.ur_pose import checked_pose
+from seed_core.ur_pose import checked_pose, matrix_from_pose
 from seed_sim.ur import wire
 from seed_sim.ur.arm import BRAKE, PROGRAM_END_BRAKE, Arm, Servo
 from seed_sim.ur.program import Program, ProgramError
@@ -169,6 +170,14 @@ class Controller:
             return False
         self.robot_mode = RUNNING
         return True
+
+    def place(self, pose: Sequence[float], near: Sequence[float]) -> None:
+        """Put the resting flange at a pose vector; raises SeedError while a program runs or when out of reach."""
+        if self.program is not None:
+            raise SeedError("the arm cannot be placed while a program runs")
+        q = self.arm.kinematics.inverse(matrix_from_pose(checked_pose(pose, "pose")), checked_pose(near, "near"))
+        tcp, self.arm = self.arm.tcp, Arm(self.arm.kinematics, q.tolist())
+        self.arm.set_tcp(tcp)
 
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
         """Joint goal of a servoL pose (kept while the pose stays the same)."""

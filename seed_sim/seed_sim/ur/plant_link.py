@@ -5,13 +5,17 @@ from __future__ import annotations
 
 import json
 import socket
+import time
+from collections.abc import Sequence
 from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_sim.ur.server import PLANT_PORT
+from seed_core.errors import SeedError
+from seed_core.ur_pose import pose_from_matrix
+from seed_sim.ur.server import PLANT_PORT, SIDE_PORT
 
 Array = NDArray[np.float64]
 
@@ -41,6 +45,26 @@ class PlantLink:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def place(self, X_WE: Array, near: Sequence[float], patience: float = 20.0) -> None:
+        """Put the stand-in's flange at X_WE (4, 4), on the branch of the joint angles `near` (6,).
+
+        Waits for the stand-in to be there; raises SeedError when it does not come or refuses.
+        """
+        request = {"do": "place", "pose": list(pose_from_matrix(X_WE)), "near": list(near)}
+        until = time.monotonic() + patience
+        while True:
+            try:
+                with socket.create_connection((self._address[0], SIDE_PORT), timeout=2.0) as connection:
+                    connection.sendall(json.dumps(request).encode() + b"\n")
+                    reply = json.loads(connection.makefile("rb").readline())
+                break
+            except OSError as error:
+                if time.monotonic() > until:
+                    raise SeedError(f"no stand-in UR controller at {self._address[0]}:{SIDE_PORT} ({error})") from error
+                time.sleep(0.1)
+        if not reply["ok"]:
+            raise SeedError(f"the stand-in UR controller at {self._address[0]} refuses the start pose: {reply['error']}")
 
     def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:
         """Report the wrench of the environment on the flange, about its origin, in E [N, N m]; the newest arm state.

@@ -47,7 +47,7 @@ class Network:
 class Server:
     """All sockets and the controller behind them."""
 
-    def __init__(self, host: str, options: Options) -> None:
+    def __init__(self, host: str, options: Options, await_plant: bool = False) -> None:
         self.host = host
         self.box: Controller = Controller(options)
         self.network: Network = Network()
@@ -61,7 +61,9 @@ class Server:
         self._udp.bind((host, PLANT_PORT))
         self._udp.setblocking(False)
         self._listen(SIDE_PORT, Side)
-        self._listen_robot()
+        self.awaiting_plant = await_plant
+        if not await_plant:
+            self._listen_robot()
         self.box.send_text = self._text
 
     def _listen(self, port: int, kind: type[Channel]) -> None:
@@ -83,6 +85,13 @@ class Server:
             self._listen(port, Script)
         if self.box.options.version[0] < 10:
             self._listen(DASHBOARD_PORT, Dashboard)
+
+    def place(self, pose: list[float], near: list[float]) -> None:
+        """Put the flange somewhere, before any program runs; opens the robot's ports when they wait for it."""
+        self.box.place(pose, near)
+        if self.awaiting_plant:
+            self.awaiting_plant = False
+            self._listen_robot()
 
     def refuse(self, seconds: float) -> None:
         """Close every port but the side port, and open them again later."""

@@ -149,5 +149,6 @@ ACTIONS: dict[str, Action] = {
     "switch": _switch,
     "option": _option,
     "wall": _wall,
+    "place": lambda server, request: server.place(request["pose"], request["near"]),
     "wrench": lambda server, request: server.box.set_wrench(request["wrench"]),
 }
