@@ -152,7 +152,10 @@ class FollowServer:
         result.duration = self._now() - run.started
         if run.samples and run.squares is not None:
             result.force_rmse, result.torque_rmse = (float(v) for v in np.sqrt(run.squares / run.samples))
-        (self._logger.info if success else self._logger.warning)(f"'{run.player.task.name}': {text}")
+        if success:  # rclpy wants one severity per line of code
+            self._logger.info(f"'{run.player.task.name}': {text}")
+        else:
+            self._logger.warning(f"'{run.player.task.name}': {text}")
         return result
 
 

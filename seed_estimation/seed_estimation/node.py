@@ -175,8 +175,10 @@ class EstimatorNode(Node):
             return response
         self._collection = _Collection(what, count, self._now() + COLLECT_TIMEOUT)
         response.success, response.message = await self._collection.future
-        log = self.get_logger().info if response.success else self.get_logger().error
-        log(f"{what}: {response.message}")
+        if response.success:  # rclpy wants one severity per line of code
+            self.get_logger().info(f"{what}: {response.message}")
+        else:
+            self.get_logger().error(f"{what}: {response.message}")
         return response
 
     def _collect(self, images: dict[str, TactileImages]) -> bool:

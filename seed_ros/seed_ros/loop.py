@@ -48,11 +48,16 @@ class _Polled(CallbackGroup):
         pass
 
 
-class _Executor(SingleThreadedExecutor):
+class RestExecutor(SingleThreadedExecutor):
     """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
 
-    def run_one(self) -> bool:
-        """Run one callback that is ready now, if there is one."""
+    def run_some(self) -> None:
+        """Run the callbacks that are ready now, a few at most."""
+        for _ in range(CALLBACKS):
+            if not self._run_one():
+                return
+
+    def _run_one(self) -> bool:
         try:
             handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
         except (TimeoutException, ShutdownException, ExternalShutdownException):
@@ -83,8 +88,7 @@ class FixedRateLoop:
 
     def run(self) -> None:
         """Until the context ends."""
-        executor = _Executor(context=self.node.context)
-        executor.add_node(self.node)
+        executor = self.executor()
         next_rest, deadline, last = 0.0, time.monotonic(), time.monotonic()
         while self.node.context.ok():
             self._take()
@@ -94,10 +98,20 @@ class FixedRateLoop:
             last = now
             if now >= next_rest:
                 next_rest = now + REST
-                for _ in range(CALLBACKS):
-                    if not executor.run_one():
-                        break
+                executor.run_some()
             deadline = self._wait(deadline + self.period)
+
+    def executor(self) -> RestExecutor:
+        """Of everything but the polled streams."""
+        executor = RestExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        return executor
+
+    def once(self, executor: RestExecutor) -> None:
+        """One period without its waiting, for callers with a loop of their own."""
+        self._take()
+        self._tick()
+        executor.run_some()
 
     def _take(self) -> None:
         for subscription, callback in self._polled:

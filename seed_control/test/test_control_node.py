@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller as a real node, with an arm that follows at once and a tool that hangs free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from seed_control.node import ControllerNode  # noqa: E402
+from seed_core.estimate import RelativePoseEstimate  # noqa: E402
+from seed_core.hand import Hand, Tool  # noqa: E402
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy  # noqa: E402
+from seed_msgs.action import FollowSetpoints  # noqa: E402
+from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose  # noqa: E402
+from seed_ros.conversions import (  # noqa: E402
+    estimate_to_message,
+    fill_pose,
+    pose_stamped,
+    pose_to_matrix,
+    stamp_from_seconds,
+)
+from seed_ros.qos import COMMAND, QUEUE  # noqa: E402
+from seed_ros.testing import Bench  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+DOWN = rotation_from_rpy((math.pi, 0.0, 0.0))
+X_W_TIP = make_pose(DOWN, (0.45, 0.0, 0.1))
+PATIENT = {"kinematics_timeout": 0.8, "estimate_timeout": 1.0, "max_estimate_age": 1.5}  # a busy test machine
+
+
+class Cell:
+    """What stands around the controller."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.node = bench.add(ControllerNode, **PATIENT)
+        self.X_WE = X_W_TIP @ inverse_pose(Tool().X_Ttip) @ inverse_pose(Hand().X_EC)
+        self.targets = 0
+        self.silent: set[str] = set()
+        self.change: Callable[[Any], None] = lambda _: None  # spoils relative_pose
+        self.states: list[ControllerState] = []
+        client = bench.client
+        self._pose = client.create_publisher(PoseStamped, "current_pose", QUEUE)
+        self._relative = client.create_publisher(RelativePose, "relative_pose", QUEUE)
+        self.setpoint = client.create_publisher(HybridSetpoint, "controller/setpoint", COMMAND)
+        client.create_subscription(PoseStamped, "target_frame", self._on_target, COMMAND)
+        client.create_subscription(ControllerState, "controller/state", self.states.append, COMMAND)
+        bench.every.append(self._publish)
+        self._turns = 0
+
+    def now(self) -> float:
+        return self.bench.client.get_clock().now().nanoseconds * 1e-9
+
+    def _on_target(self, message: PoseStamped) -> None:
+        self.targets += 1
+        self.X_WE = pose_to_matrix(message.pose)
+
+    def _publish(self) -> None:
+        self._turns += 1
+        if "current_pose" not in self.silent:
+            self._pose.publish(pose_stamped(self.X_WE, self.now(), "base"))
+        if "relative_pose" not in self.silent and self._turns % 3 == 0:
+            hanging = make_pose(None, DOWN.T @ np.array((0.0, 0.0, -0.2 * 9.81 / 800.0)))
+            estimate = RelativePoseEstimate(self.now(), hanging, np.diag([1e-8] * 6), method="test")
+            message = estimate_to_message(estimate, "compliance", "tool")
+            self.change(message)
+            self._relative.publish(message)
+
+    @property
+    def state(self) -> ControllerState:
+        return self.states[-1]
+
+    def enabled(self) -> Cell:
+        assert self.bench.until(lambda: self.states and not math.isnan(self.state.estimate_age))
+        assert self.bench.call(SetBool, "controller/enable", SetBool.Request(data=True)).success
+        assert self.bench.until(lambda: self.state.enabled)
+        return self
+
+    def hold_here(self) -> HybridSetpoint:
+        message = HybridSetpoint()
+        message.header.frame_id = "base"
+        message.header.stamp = stamp_from_seconds(self.now())
+        fill_pose(message.pose, X_W_TIP)
+        return message
+
+    def play(self, task: str, overrides: str = "") -> Any:
+        goal = FollowSetpoints.Goal(task=task, overrides=overrides)
+        return self.bench.send_goal(FollowSetpoints, "controller/follow_setpoints", goal)
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    bench = Bench()
+    try:
+        yield Cell(bench)
+    finally:
+        bench.close()
+
+
+def test_nothing_is_sent_before_enable_and_enable_wants_its_inputs(cell: Cell) -> None:
+    cell.silent = {"relative_pose"}
+    cell.bench.spin(0.5)
+    refused = cell.bench.call(SetBool, "controller/enable", SetBool.Request(data=True))
+    assert not refused.success
+    assert "no estimate of the relative pose has come yet" in refused.message
+    assert cell.targets == 0
+    cell.silent = set()
+    cell.enabled()
+    assert cell.bench.until(lambda: cell.targets > 3)
+
+
+def test_a_hanging_tool_shows_no_force(cell: Cell) -> None:
+    cell.enabled()
+    force = cell.state.estimated.force
+    assert abs(force.z) < 0.02  # [N]: deflection and weight cancel
+    assert cell.state.mode == "idle"
+
+
+def spoiled(message: HybridSetpoint, how: str) -> HybridSetpoint:
+    match how:
+        case "nan":
+            message.pose.position.z = float("nan")
+        case "quaternion":
+            message.pose.orientation.x = 0.7
+        case "frame":
+            message.header.frame_id = "map"
+        case "both":
+            message.wrench.force.z = -5.0
+        case "projector":
+            message.force_projector = [0.0] * 8 + [0.5]
+        case "stale":
+            message.header.stamp = stamp_from_seconds(5.0)
+        case "torque":
+            message.torque_axes = [True, False, False]
+        case "infinite":
+            message.wrench.torque.x = float("inf")
+    return message
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("nan", "setpoint.pose has a value that is not finite"),
+        ("quaternion", "a unit quaternion"),
+        ("frame", "frame_id = 'map' is unknown here; known: base"),
+        ("both", "force or position, not both"),
+        ("projector", "no projector"),
+        ("stale", "is stamped"),
+        ("torque", "without a contact that resists rotation"),
+        ("infinite", "not finite"),
+    ],
+)
+def test_a_bad_setpoint_is_refused_with_its_reason_and_counted_and_the_arm_holds(
+    cell: Cell, how: str, words: str
+) -> None:
+    cell.enabled()
+    before = cell.X_WE.copy()
+    cell.setpoint.publish(spoiled(cell.hold_here(), how))
+    assert cell.bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
+    assert words in cell.node.complaints.last
+    cell.bench.spin(0.2)
+    np.testing.assert_allclose(cell.X_WE, before, atol=1e-4)
+    assert cell.state.setpoint_kind == ""
+
+
+def test_the_tip_goes_where_a_good_setpoint_says(cell: Cell) -> None:
+    cell.enabled()
+    message = cell.hold_here()
+    message.pose.position.x += 0.01
+
+    def reached() -> bool:
+        message.header.stamp = stamp_from_seconds(cell.now())
+        cell.setpoint.publish(message)
+        return abs(cell.state.tip.position.x - message.pose.position.x) < 5e-4
+
+    assert cell.bench.until(reached), cell.state
+    assert cell.state.setpoint_kind == "hybrid"
+
+
+@pytest.mark.parametrize("stream", ["current_pose", "relative_pose"])
+def test_a_stream_that_falls_silent_makes_it_hold_until_it_is_enabled_again(cell: Cell, stream: str) -> None:
+    cell.enabled()
+    cell.silent = {stream}
+    assert cell.bench.until(lambda: cell.state.mode == "holding")
+    assert f"{stream} is stale" in cell.state.reason
+    cell.silent = set()
+    cell.bench.spin(0.3)
+    assert cell.state.mode == "holding"  # latched
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: cell.state.refused_setpoints == 1)
+    assert cell.bench.call(SetBool, "controller/enable", SetBool.Request(data=True)).success
+    assert cell.bench.until(lambda: cell.state.mode == "idle")
+
+
+def test_invalid_or_foreign_estimates_are_counted_and_make_it_hold(cell: Cell) -> None:
+    cell.enabled()
+
+    def invalid(message: RelativePose) -> None:
+        message.valid, message.reason = False, "left: only 3% of the depth image"
+
+    cell.change = invalid
+    assert cell.bench.until(lambda: cell.state.mode == "holding")
+    assert "only 3% of the depth image" in cell.state.reason
+    assert cell.state.ignored_estimates >= 3
+    before = cell.state.ignored_estimates
+    cell.change = lambda message: setattr(message.header, "frame_id", "elsewhere")
+    assert cell.bench.until(lambda: cell.state.ignored_estimates > before)
+    assert "'elsewhere' is unknown here; known: compliance" in cell.node.complaints.last
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        ("no_such_task", "no task 'no_such_task': neither a file nor one of"),
+        ("name: t\nphasen: []\n", "task:2: unknown key 'phasen'; known here: name"),
+        ("name: t\nphases:\n  - {name: a, to: 0 0 0.1 cm}\n", "to = '0 0 0.1 cm' must be numbers with their unit, m"),
+        ("name: t\nphases:\n  - {name: a, speed: .nan m/s}\n", "speed"),
+    ],
+)
+def test_a_bad_task_is_refused_with_line_and_remedy(cell: Cell, task: str, words: str) -> None:
+    cell.enabled()
+    answer = cell.bench.result(cell.play(task))
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert not answer.result.success
+    assert words in answer.result.message
+    assert cell.state.mode == "idle"
+
+
+def test_a_task_is_not_played_before_enable(cell: Cell) -> None:
+    assert cell.bench.until(lambda: cell.states)
+    answer = cell.bench.result(cell.play("squeegee"))
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert "call ~/enable first" in answer.result.message
+
+
+FREE = """
+name: free
+frame: {position: 0.45 0 0 m, rpy: 0 0 0 deg}
+phases:
+  - {name: out, to: 0.03 0 0.1 m, speed: 0.02 m/s}
+  - {name: wait, to: 0.03 0 0.1 m, dwell: 60 s, timeout: 90 s}
+"""
+
+
+def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
+    cell.enabled()
+    handle = cell.play(FREE)
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.46)
+    other = cell.bench.result(cell.play(FREE))  # overlapping
+    assert "is being played: cancel it first" in other.result.message
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: "while a task is played" in cell.node.complaints.last)
+    before = cell.state.tip.position.z
+    handle.cancel_goal_async()
+    answer = cell.bench.result(handle)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    cell.bench.spin(0.3)
+    assert cell.state.tip.position.z - before > 0.04  # [m], of the task's lift of 0.05
+    assert not cell.node.follow.busy

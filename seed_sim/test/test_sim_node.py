@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated cell as a real node: it follows good targets, holds on bad ones, and tells the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("pydrake", reason="needs Drake")
+
+from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from seed_msgs.msg import RelativePose  # noqa: E402
+from seed_msgs.srv import SetGripperWidth  # noqa: E402
+from seed_ros.conversions import pose_stamped, pose_to_matrix  # noqa: E402
+from seed_ros.qos import COMMAND, QUEUE  # noqa: E402
+from seed_ros.testing import Bench  # noqa: E402
+from seed_sim.node import SimNode  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+class World:
+    """A client of the simulated cell."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.node = bench.add(SimNode, seed=3, target_timeout=1.0)
+        self.poses: list[PoseStamped] = []
+        self.truth: list[RelativePose] = []
+        self.loads: list[WrenchStamped] = []
+        client = bench.client
+        self.target = client.create_publisher(PoseStamped, "target_frame", COMMAND)
+        client.create_subscription(PoseStamped, "current_pose", self.poses.append, QUEUE)
+        client.create_subscription(RelativePose, "sim/ground_truth/relative_pose", self.truth.append, QUEUE)
+        client.create_subscription(WrenchStamped, "ft_sensor/wrench", self.loads.append, QUEUE)
+        assert bench.until(lambda: self.poses and self.truth and self.loads)
+
+    def flange(self) -> np.ndarray:
+        return pose_to_matrix(self.poses[-1].pose)
+
+    def send(self, X: np.ndarray, frame: str = "base", age: float = 0.0) -> None:
+        now = self.bench.client.get_clock().now().nanoseconds * 1e-9
+        self.target.publish(pose_stamped(X, now - age, frame))
+
+    def trigger(self, name: str) -> Any:
+        return self.bench.call(Trigger, f"sim/{name}", Trigger.Request())
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    bench = Bench()
+    try:
+        yield World(bench)
+    finally:
+        bench.close()
+
+
+def test_the_arm_follows_targets_and_the_tool_is_carried_by_the_grasp_once_it_moves(world: World) -> None:
+    assert not world.truth[-1].valid
+    assert world.trigger("grasp").success
+    assert world.bench.until(lambda: world.truth[-1].valid)
+    assert abs(world.truth[-1].pose.pose.position.z) < 2e-5  # [m]: still in the holder
+    start = world.flange()
+    goal = start.copy()
+    goal[2, 3] += 0.01
+
+    def arrived() -> bool:
+        world.send(goal)
+        return abs(world.flange()[2, 3] - goal[2, 3]) < 1e-4
+
+    assert world.bench.until(arrived)
+    sag = 0.2 * 9.81 / 800.0  # [m] of 0.2 kg in a grasp of 800 N/m; z_C points down here
+    assert world.bench.until(lambda: abs(world.truth[-1].pose.pose.position.z - sag) < 2e-4)
+    assert world.bench.until(lambda: abs(world.loads[-1].wrench.force.z - 0.2 * 9.81) < 0.2)
+
+
+@pytest.mark.parametrize("how", ["nan", "frame", "jump", "stale", "quaternion"])
+def test_a_bad_target_is_refused_and_the_arm_holds(world: World, how: str) -> None:
+    X = world.flange()
+    words = {
+        "nan": "not finite",
+        "frame": "frame_id = 'world' is unknown here; known: base",
+        "jump": "from the flange, limit 0.05 m",
+        "stale": "s old, limit 1 s",
+        "quaternion": "a unit quaternion",
+    }
+    before = X.copy()
+    if how == "jump":
+        X[0, 3] += 0.2
+    X[2, 3] += 0.01
+    message = pose_stamped(
+        X, world.bench.client.get_clock().now().nanoseconds * 1e-9, "world" if how == "frame" else "base"
+    )
+    if how == "nan":
+        message.pose.position.x = float("nan")
+    if how == "quaternion":
+        message.pose.orientation.w += 0.5
+    if how == "stale":
+        message.header.stamp.sec -= 10
+    world.target.publish(message)
+    assert world.bench.until(lambda: world.node.complaints["targets_refused"] == 1)
+    assert words[how] in world.node.complaints.last
+    world.bench.spin(0.2)
+    np.testing.assert_allclose(world.flange(), before, atol=1e-6)
+
+
+def test_a_firmer_grip_is_stiffer_and_an_impossible_one_is_refused(world: World) -> None:
+    before = np.array(world.node.plant.stiffness.translation)
+    answer = world.bench.call(SetGripperWidth, "sim/set_gripper_width", SetGripperWidth.Request(width=0.015))
+    assert answer.success
+    assert answer.width == 0.015
+    assert (np.array(world.node.plant.stiffness.translation) > before).all()
+    refused = world.bench.call(SetGripperWidth, "sim/set_gripper_width", SetGripperWidth.Request(width=float("nan")))
+    assert not refused.success
+    assert "must be finite" in refused.message
+
+
+def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(world: World) -> None:
+    assert world.trigger("grasp").success
+    again = world.trigger("grasp")
+    assert not again.success
+    assert "call ~/release first" in again.message
+    assert "start with the parameter replay" in world.trigger("save_replay").message
+    assert world.trigger("reset").success
+    assert world.bench.until(lambda: not world.truth[-1].valid)
+    stamps = [p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in world.poses]
+    assert stamps == sorted(stamps)  # time does not go back with the plant
