@@ -45,7 +45,7 @@ class EstimatorParameters:
     max_slip: float = field(0.5, low=0.0, high=0.9, doc="largest micro-slip that is corrected")
 
     # published method
-    curl_gain: float = field(0.5, low=0.05, high=10.0, doc="pitch over the mean curl of the flow; 1/2 for a rigid turn")
+    curl_gain: float = field(0.69, low=0.05, high=10.0, doc="pitch over the mean curl; 0.5 but for the flow's smoothing")
     flow_window: int = field(50, unit="px", low=5, high=101, doc="Farneback's window")
 
     # time and trust
