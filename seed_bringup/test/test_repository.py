@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import subprocess
 import sys
@@ -113,6 +114,13 @@ def test_every_imported_library_is_pinned() -> None:
         names = set(imported(file)) - set(sys.stdlib_module_names) - SUITE - {"ament_index_python"}
         libraries = {PROVIDES.get(n, n).lower() for n in names if not of_ros(n)}
         assert libraries <= pinned, f"{file.relative_to(ROOT)}: requirements/ lacks {sorted(libraries - pinned)}"
+
+
+@pytest.mark.skipif(os.environ.get("SEED_ROS") != "wheels", reason="looks at the environment that ./seed makes")
+def test_pins_are_complete() -> None:
+    """They are installed without looking for dependencies, so none may be missing."""
+    done = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
 
 
 def test_metas_name_the_python_packages_that_exist() -> None:
