@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+
 from seed_core.hand import Hand, Tool
 from seed_core.ur_kinematics import URKinematics
 

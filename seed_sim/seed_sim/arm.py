@@ -12,7 +12,7 @@ from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 from seed_sim.scenario import ServoSection
 
-_ELBOW_UP = (pi, -1.7, 1.9, -1.8, -0.5 * pi, 0.0)  # a UR in front of its table
+ELBOW_UP = (pi, -1.7, 1.9, -1.8, -0.5 * pi, 0.0)  # a UR in front of its table
 _MAX_JOINT_SPEED = 3.14  # [rad/s]
 _WANDERS = (0.05, 0.5)  # [Hz] range of the frequencies at which the repeatability error wanders
 _SINES = 4
@@ -51,7 +51,7 @@ class Arm:
         self._target = self.reported
         self._queue.clear()
         self._error = self._repeatability.at(0.0)
-        self.q = self._kinematics.inverse(X_WE, _ELBOW_UP) if self._kinematics else np.zeros(0)
+        self.q = self._kinematics.inverse(X_WE, ELBOW_UP) if self._kinematics else np.zeros(0)
         self._q_target = self.q.copy()
         self.unreachable = 0  # commands that were not followed
 
