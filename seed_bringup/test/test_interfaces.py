@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/interfaces.md says what the running nodes offer: nothing more, nothing less."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("pydrake", reason="needs Drake")
+
+from seed_bringup.interfaces_node import NODES, entries_of, parameters_of  # noqa: E402
+from seed_ros.testing import Bench  # noqa: E402
+
+pytestmark = pytest.mark.ros
+DOCUMENT = Path(__file__).parents[2] / "docs" / "interfaces.md"
+ROW = re.compile(r"^\| (in|out|service|action) \| `([^`]+)` \| (\S+) \| .+ \|$", re.MULTILINE)
+
+
+def section(name: str, level: str) -> str:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    found = re.search(rf"^{level} {name}\b.*?\n(.*?)(?=^##|\Z)", text, re.MULTILINE | re.DOTALL)
+    assert found, f"{DOCUMENT.name} has no section {level} {name}"
+    return found.group(1)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_topics_services_and_actions_are_those_of_the_document(name: str) -> None:
+    kind, given = NODES[name]
+    bench = Bench()
+    try:
+        there = entries_of(bench.add(kind, **given))
+    finally:
+        bench.close()
+    assert there == set(ROW.findall(section(name, "##")))
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_parameters_are_those_of_the_document(name: str) -> None:
+    kind, _ = NODES[name]
+    bench = Bench()
+    try:
+        rows = parameters_of(bench.add(kind))
+    finally:
+        bench.close()
+    written = re.findall(r"^\| `([^`]+)` \|", section(name, "###"), re.MULTILINE)
+    there = [row.split("`")[1] for row in rows]
+    assert written == there, "run: python -m seed_bringup.interfaces_node docs/interfaces.md"
