@@ -21,8 +21,8 @@ from seed_estimation.rigid_fit import Fit
 from seed_estimation.tracking import PRIOR, Tracker
 
 # What the model itself gets wrong, as deviations: at rest [rad] x3, [m] x3, and as a share of the motion
-REST = np.array((8e-4, 4e-4, 8e-4, 2.0e-5, 2.0e-5, 2.0e-5))
-SHARE = 0.01
+REST = np.array((6e-4, 4e-4, 1e-3, 1.0e-5, 2.0e-5, 1.0e-5))
+SHARE = 0.004
 _ROTATION_TO_TRANSLATION = 0.01  # [m] a patch this far from C's origin moves when its rotation is wrong
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
@@ -49,7 +49,7 @@ def covariance(result: Fit, tracker: Tracker) -> Array:
     own = to_C @ np.linalg.inv(result.H_image + result.H_depth + PRIOR) @ to_C.T
     turn, way = float(np.linalg.norm(so3_log(R))), float(np.linalg.norm(result.X_CT[:3, 3]))
     share = SHARE * np.array([turn] * 3 + [way + turn * _ROTATION_TO_TRANSLATION] * 3)
-    slip = np.sqrt(tracker.slip.variance) * np.concatenate([so3_log(R), result.X_CT[:3, 3]])
+    slip = tracker.slip.deviation * np.concatenate([so3_log(R), result.X_CT[:3, 3]])
     return np.asarray(own + np.diag(REST**2 + share**2) + np.outer(slip, slip))
 
 

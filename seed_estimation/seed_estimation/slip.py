@@ -3,9 +3,10 @@
 
 Micro-slip: while the tool moves, the membrane in contact follows a constant share of its motion along the surface. The
 image sees the membrane and depth sees the tool, so wherever depth sees the motion at all the share can be learnt: a
-scalar Kalman filter, slow, within [0, most].
+scalar Kalman filter, slow. A share below a few per cent cannot be told from depth's own errors and is not corrected.
 
-Gross slip: the membrane lets go. Then image and depth disagree suddenly, or the image stops to be one rigid motion.
+Gross slip: the membrane lets go. Then depth suddenly wants to go where the image does not: the disagreement of the two,
+which changes slowly while the tool sticks, jumps.
 """
 
 from __future__ import annotations
@@ -14,26 +15,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
+
 START_DEVIATION = 0.10  # [1] bubbles stick, as a rule
 WANDER = 0.006  # [1/sqrt(s)] how fast the share may change
 DOUBT = 20.0  # frames are not independent: one frame's information counts this much less
-SYSTEMATIC = 0.03  # [1] what depth's own errors pretend, however long one looks
+SYSTEMATIC = 0.05  # [1] what depth's own errors pretend in one frame, however sure it is
+ON, OFF = 0.09, 0.06  # [1] shares from which the correction is applied, and below which it is left again
 
 
 @dataclass
 class MicroSlip:
-    """Share of the tool's motion that the membrane does not follow."""
+    """Share of the tool's motion that the membrane does not follow: `value` is what is corrected for."""
 
     most: float
-    value: float = 0.0
+    estimate: float = 0.0
     variance: float = START_DEVIATION**2
+    value: float = 0.0
 
     def update(self, step: float, information: float, dt: float) -> None:
-        """Takes one frame's demand: change the share by `step`, sure to `information` [1]."""
+        """Takes one frame's demand: change the value by `step`, sure to `information` [1]."""
         self.variance += WANDER**2 * max(dt, 0.0)
         if information <= 0.0 or not np.isfinite(step):
             return
         noise = DOUBT / information + SYSTEMATIC**2
         gain = self.variance / (self.variance + noise)
-        self.value = min(max(self.value + gain * step, 0.0), self.most)
+        self.estimate += gain * (self.value + min(max(step, -0.5), 0.5) - self.estimate)
         self.variance *= 1.0 - gain
+        applied = self.estimate > (OFF if self.value > 0.0 else ON)
+        self.value = min(self.estimate, self.most) if applied else 0.0
+
+    @property
+    def deviation(self) -> float:
+        """Of the value [1]: what the filter does not know, or does not correct."""
+        return float(np.hypot(np.sqrt(self.variance), max(self.estimate, 0.0) if self.value == 0.0 else 0.0))
