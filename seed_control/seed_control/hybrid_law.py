@@ -18,7 +18,6 @@ from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint
 from seed_core.spatial import Array, Wrench, cross, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
 
-
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 _SLOWEST = 1e-3  # [m/s]

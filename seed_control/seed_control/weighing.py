@@ -82,8 +82,8 @@ class Weighing:
         mass_std = sigma / float(np.sqrt((g * g).sum()))
         if mass < 3.0 * mass_std or mass <= 0.0:
             raise WeighingError(
-                f"the tool weighs {1e3 * mass:.1f} g, not distinguishable from nothing ({1e3 * mass_std:.1f} g deviation): "
-                "is it grasped, and hanging free?"
+                f"the tool weighs {1e3 * mass:.1f} g, not distinguishable from nothing "
+                f"(deviation {1e3 * mass_std:.1f} g): is it grasped, and hanging free?"
             )
         com, com_std = self._center_of_mass(g, mass)
         size = float(np.sqrt((residuals**2).mean()))

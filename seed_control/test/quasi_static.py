@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bench for the controller: an arm with lag, a tool that follows its springs at once, and a table with its own spring.
+"""A bench for the controller: an arm with lag, a tool that follows its springs at once, and a springy table.
 
 Translation only; the tool keeps the gripper's rotation. Small enough to be checked by hand, deterministic, no Drake.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
 from seed_control.law import Controller, ControllerParameters
 from seed_control.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
@@ -106,7 +107,10 @@ class Bench:
     def press(self, force: float, **more: object) -> HybridSetpoint:
         """Set-point: press downwards with a force, everything else held where the bench started."""
         setpoint = HybridSetpoint(
-            self.start, Wrench(np.zeros(3), np.array((0.0, 0.0, -force))), PRESS_Z, **more  # type: ignore[arg-type]
+            self.start,
+            Wrench(np.zeros(3), np.array((0.0, 0.0, -force))),
+            PRESS_Z,
+            **more,  # type: ignore[arg-type]
         )
         self.controller.set_setpoint(setpoint, self.t)
         return setpoint

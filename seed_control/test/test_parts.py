@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from seed_control.gravity import GRAVITY, spring_target, weight_about_T
 from seed_control.history import PoseHistory
 from seed_control.lag import LagEstimate
@@ -169,11 +170,11 @@ def test_one_orientation_leaves_the_centre_of_mass_open_along_gravity() -> None:
 
 def test_weighing_nothing_or_too_little_is_refused() -> None:
     weighing = Weighing(Bushing(DEFAULT_STIFFNESS))
-    with pytest.raises(WeighingError, match="0 samples are too few"):
+    with pytest.raises(WeighingError, match=r"0 samples are too few"):
         weighing.result()
     for _ in range(50):
         weighing.add(np.eye(4), make_pose(p=1e-4 * RNG.normal(size=3)))
-    with pytest.raises(WeighingError, match="not distinguishable from nothing"):
+    with pytest.raises(WeighingError, match=r"not distinguishable from nothing"):
         weighing.result()
 
 
@@ -189,5 +190,5 @@ def test_algorithm_one_settles_at_the_force_asked_for_at_any_delay() -> None:
 
 
 def test_algorithm_one_refuses_a_stiffness_of_nothing() -> None:
-    with pytest.raises(SeedError, match="stiffness = 0.0 N/m must be > 0"):
+    with pytest.raises(SeedError, match=r"stiffness = 0.0 N/m must be > 0"):
         motor_position(1.0, 0.0, 0.0)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from seed_control.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_core.spatial import Wrench, make_pose
 
@@ -48,11 +49,11 @@ def test_contradictions_are_refused(code: str, values: dict[str, Any]) -> None:
 
 
 def test_poses_must_be_poses() -> None:
-    with pytest.raises(SetpointError, match="SP04.*not finite"):
+    with pytest.raises(SetpointError, match=r"SP04.*not finite"):
         HybridSetpoint(np.full((4, 4), np.nan))
-    with pytest.raises(SetpointError, match="SP04.*orthonormal"):
+    with pytest.raises(SetpointError, match=r"SP04.*orthonormal"):
         RelativePoseSetpoint(make_pose(1.2 * np.eye(3)))
-    with pytest.raises(SetpointError, match="SP01.*known: world, tool"):
+    with pytest.raises(SetpointError, match=r"SP01.*known: world, tool"):
         WrenchSetpoint(load(), frame="surface")
 
 
@@ -67,7 +68,7 @@ def test_values_are_copied_and_read_only() -> None:
     setpoint = HybridSetpoint(X)
     X[0, 3] = 1.0
     assert setpoint.X_W_tip[0, 3] == 0.0
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError, match=r"read-only"):
         setpoint.X_W_tip[0, 3] = 1.0
 
 
@@ -76,5 +77,5 @@ def test_moved_changes_the_place_alone_and_checks_it() -> None:
     there = setpoint.moved(make_pose(p=(1.0, 0.0, 0.0)), np.array((0.1, 0.0, 0.0)))
     assert_allclose(there.X_W_tip[:3, 3], (1.0, 0.0, 0.0))
     assert there.wrench is setpoint.wrench
-    with pytest.raises(SetpointError, match="SP04"):
+    with pytest.raises(SetpointError, match=r"SP04"):
         setpoint.moved(np.zeros((4, 4)), np.zeros(3))

@@ -60,6 +60,9 @@ class _Node:
         self.value = value
         self.line = line
 
+    def __repr__(self) -> str:
+        return repr(self.value)
+
 
 def _wrap(value: Any) -> Any:
     """Plain data as nodes without lines."""

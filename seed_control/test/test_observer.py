@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The observer of the surface: height, slope, compliance, steps, and directions that turn."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_control.observer import MAX_SHARE, ObserverTuning, SurfaceObserver
+
+TUNING = ObserverTuning(2e-4, 2e-3, 2e-3, 0.03, 0.1)
+UP = np.array((0.0, 0.0, 1.0))
+FRAME = 1.0 / 45.0
+
+
+def wipe(observer: SurfaceObserver, slope: float, seconds: float, noise: float, seed: int = 0) -> np.ndarray:
+    """Move along x at 50 mm/s over a plane that the gripper follows; returns the tip at the last image."""
+    rng = np.random.default_rng(seed)
+    for i in range(round(seconds / FRAME)):
+        x = 0.05 * i * FRAME
+        true = np.array((x, 0.0, slope * x))
+        tip = true + np.array((0.0, 0.0, noise * rng.standard_normal()))
+        undeflected = true + np.array((0.0, 0.0, -0.01))
+        if i == 0:
+            observer.start(0.0, UP, tip, undeflected)
+        observer.update(i * FRAME, UP, tip, undeflected, max(noise, 1e-5) ** 2)
+    return true
+
+
+def test_slope_is_learnt_and_used_ahead_of_the_image() -> None:
+    observer = SurfaceObserver(TUNING)
+    last = wipe(observer, slope=0.03, seconds=3.0, noise=0.0)
+    ahead = last + np.array((0.01, 0.0, 0.0))  # 0.2 s further on
+    target = float(UP @ observer.anchor) + observer.target(UP, ahead, -0.01)
+    assert_allclose(target, 0.03 * ahead[0] - 0.01, atol=2e-5)
+    assert_allclose(observer.slope[0], 0.03, atol=2e-3)
+
+
+def test_noise_is_averaged_well_below_one_frames() -> None:
+    errors = []
+    for seed in range(20):
+        observer = SurfaceObserver(TUNING)
+        last = wipe(observer, slope=0.03, seconds=3.0, noise=3e-4, seed=seed)
+        errors.append(float(UP @ observer.anchor) + observer.target(UP, last, -0.01) - (last[2] - 0.01))
+    assert np.std(errors) < 1.2e-4  # [m], from 0.3 mm per frame
+    assert abs(np.mean(errors)) < 6e-5
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
+def test_compliance_is_learnt_from_pressing(share: float) -> None:
+    observer = SurfaceObserver(TUNING)
+    for i in range(30):
+        c = -0.02 * i / 29.0
+        tip, undeflected = np.array((0.0, 0.0, share * c)), np.array((0.0, 0.0, c))
+        if i == 0:
+            observer.start(0.0, UP, tip, undeflected)
+        observer.update(i * FRAME, UP, tip, undeflected, 1e-9)
+    assert_allclose(observer.share, share, atol=0.02)
+    # the deflection c - y = -10 mm then needs c = -10 mm / (1 - beta)
+    target = float(UP @ observer.anchor) + observer.target(UP, observer.anchor, -0.01)
+    assert_allclose(target, -0.01 / (1.0 - share), rtol=0.05)
+
+
+def test_share_is_bounded_when_nothing_resists() -> None:
+    observer = SurfaceObserver(TUNING)
+    for i in range(60):
+        p = np.array((0.0, 0.0, -0.001 * i))
+        if i == 0:
+            observer.start(0.0, UP, p, p)
+        observer.update(i * FRAME, UP, p, p, 1e-9)
+    assert 0.0 <= observer.share <= MAX_SHARE
+    assert np.isfinite(observer.target(UP, p, -0.01))
+
+
+def test_step_of_the_surface_is_taken_over_within_a_few_images() -> None:
+    observer = SurfaceObserver(TUNING)
+    wipe(observer, slope=0.0, seconds=2.0, noise=0.0)
+    for i in range(4):  # the surface falls by 5 mm; the gripper has not followed yet
+        place = observer.anchor * np.array((1.0, 1.0, 0.0))
+        tip, undeflected = place - 0.005 * UP, place - 0.01 * UP
+        observer.update(2.0 + i * FRAME, UP, tip, undeflected, 9e-8)
+    wanted = float(UP @ observer.anchor) + observer.target(UP, tip, -0.01)
+    assert_allclose(wanted, -0.015, atol=5e-4)
+
+
+def test_estimate_does_not_depend_on_how_the_world_is_turned() -> None:
+    """Frame covariance: the same motion seen along another direction gives the same numbers."""
+    n = np.array((0.6, 0.0, 0.8))
+    across = np.array((0.8, 0.0, -0.6))
+    results = []
+    for up, along in ((UP, np.array((1.0, 0.0, 0.0))), (n, across)):
+        observer = SurfaceObserver(TUNING)
+        for i in range(60):
+            s = 0.05 * i * FRAME
+            tip = s * along + 0.02 * s * up
+            undeflected = tip - 0.01 * up
+            if i == 0:
+                observer.start(0.0, up, tip, undeflected)
+            observer.update(i * FRAME, up, tip, undeflected, 9e-8)
+        results.append((observer.target(up, tip + 0.01 * along, -0.01), observer.slope @ along, observer.share))
+    assert_allclose(results[0], results[1], atol=1e-12)

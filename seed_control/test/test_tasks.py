@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tasks as data: what a file may say, and what the player does with it on the bench."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from quasi_static import DT, Bench
+
+from seed_control.tasks import TaskError, TaskPlayer, TaskStatus, load_task, shipped_tasks
+from seed_control.tasks.font import FontError, strokes_of_text
+from seed_control.tasks.path import Path as Route
+from seed_control.tasks.script import steps_of
+from seed_core.config import ConfigError
+from seed_core.spatial import pose_from_rpy
+
+NAMES = ["peg", "pen", "squeegee", "torque_driver", "write"]
+
+
+def bench_at(task_name: str) -> tuple[Bench, TaskPlayer]:
+    task = load_task(task_name)
+    place = np.array(task.frame.position) + np.array((0.0, 0.0, 0.03))
+    return Bench(start=pose_from_rpy((np.pi, 0.0, 0.0), place)).enabled(), TaskPlayer(task)
+
+
+def play(bench: Bench, player: TaskPlayer, seconds: float, until: str = "") -> TaskStatus:
+    status = player.step(bench.t, bench.state)
+    for _ in range(round(seconds / DT)):
+        if status.setpoint is not None:
+            bench.controller.set_setpoint(status.setpoint, bench.t)
+        bench.step()
+        status = player.step(bench.t, bench.state)
+        if status.done or (until and status.phase == until):
+            break
+    return status
+
+
+def test_every_shipped_task_loads_under_its_name() -> None:
+    assert list(shipped_tasks()) == NAMES
+    for name in NAMES:
+        task = load_task(name)
+        assert task.name == name
+        assert len(steps_of(task)) >= 4
+
+
+def test_squeegee_presses_wipes_and_lifts() -> None:
+    bench, player = bench_at("squeegee")
+    status = play(bench, player, 30.0, until="wipe")
+    began, start = bench.t, bench.X_WE[0, 3]
+    assert_allclose(bench.force, 10.0, atol=1.0)
+    status = play(bench, player, 30.0, until="lift")
+    assert_allclose(bench.X_WE[0, 3] - start, 0.25, atol=2e-3)
+    assert_allclose(bench.t - began, 0.25 / 0.05 + 0.05 / 0.1, atol=0.05)  # 50 mm/s and one ramp at each end
+    held = np.array(bench.forces[-200:])
+    assert_allclose(held, 10.0, atol=0.1)
+    status = play(bench, player, 10.0)
+    assert status.done
+    assert not status.failed
+    assert status.progress == 1.0
+    assert bench.force == 0.0
+
+
+def test_progress_rises_from_nothing_to_one() -> None:
+    bench, player = bench_at("squeegee")
+    seen = [player.step(bench.t, bench.state).progress]
+    while not (status := play(bench, player, 0.2)).done:
+        seen.append(status.progress)
+    assert np.all(np.diff([*seen, status.progress]) >= -1e-12)
+    assert seen[0] < 0.05
+
+
+@pytest.mark.parametrize("phase", ["approach", "press", "wipe", "lift"])
+def test_cancel_at_any_point_leaves_the_tool_lifted(phase: str) -> None:
+    bench, player = bench_at("squeegee")
+    play(bench, player, 30.0, until=phase)
+    play(bench, player, 0.3)
+    player.cancel()
+    status = play(bench, player, 10.0)
+    assert status.done
+    assert status.cancelled
+    assert not status.failed
+    bench.run(0.5)
+    assert bench.force == 0.0
+    assert bench.tip_height() > 0.04
+
+
+def test_cancel_before_the_first_step_does_not_start_the_task() -> None:
+    bench, player = bench_at("squeegee")
+    player.cancel()
+    status = play(bench, player, 10.0)
+    assert status.done
+    assert status.cancelled
+    assert bench.force == 0.0
+
+
+def test_pause_keeps_the_force_and_the_place() -> None:
+    bench, player = bench_at("squeegee")
+    play(bench, player, 30.0, until="wipe")
+    play(bench, player, 1.5)
+    player.pause()
+    status = play(bench, player, 0.5)
+    assert status.message == "paused"
+    x = bench.X_WE[0, 3]
+    play(bench, player, 1.0)
+    assert_allclose(bench.X_WE[0, 3], x, atol=1e-3)
+    assert_allclose(bench.force, 10.0, atol=0.1)
+    player.resume()
+    assert play(bench, player, 30.0).progress == 1.0
+
+
+def test_missing_table_fails_the_task_and_says_why() -> None:
+    bench, player = bench_at("squeegee")
+    bench.table = -0.5
+    status = play(bench, player, 30.0)
+    assert status.done
+    assert status.failed
+    assert "no contact within" in status.message
+
+
+def test_condition_that_never_holds_times_out_and_lifts(tmp_path: Path) -> None:
+    text = shipped_tasks()["squeegee"].read_text().replace("until: settled", "until: settled\n    timeout: 0.5 s")
+    file = tmp_path / "short.yaml"
+    file.write_text(text.replace("to: 0 0 0.015 m", "to: 0 0 0.03 m"))
+    bench, _ = bench_at("squeegee")
+    bench.table = -0.02
+    status = play(bench, TaskPlayer(load_task(file)), 30.0)
+    assert status.done
+    assert status.failed
+    assert "phase 'press' waited 0.5 s for 'settled'" in status.message
+    assert bench.force == 0.0
+
+
+def test_force_can_be_given_and_keeps_its_direction() -> None:
+    task = load_task("squeegee", force=5.0)
+    assert [p.control.force for p in task.phases if p.control] == [(0.0, 0.0, -5.0)] * 2
+    pen = load_task("pen", force=1.5)
+    assert pen.draw is not None
+    assert pen.draw.control.force == (0.0, 0.0, -1.5)
+    assert pen.draw.forces == ()
+    with pytest.raises(TaskError, match=r"must be above 0"):
+        load_task("squeegee", force=-5.0)
+
+
+def test_text_can_be_given_to_a_task_that_writes() -> None:
+    assert len(steps_of(load_task("write", text="I"))) < len(steps_of(load_task("write", text="SEED")))
+    with pytest.raises(TaskError, match=r"does not write"):
+        load_task("squeegee", text="SEED")
+    with pytest.raises(FontError, match=r"no strokes for 'ß'"):
+        steps_of(load_task("write", text="Straße"))
+
+
+def test_letters_have_the_height_asked_for_and_stand_on_the_line() -> None:
+    points = np.array([p for s in strokes_of_text("HEN", 0.02, (0.1, 0.2)) for p in s])
+    assert_allclose((points[:, 1].min(), points[:, 1].max()), (0.2, 0.22), atol=1e-12)
+    assert_allclose(points[:, 0].min(), 0.1, atol=1e-12)
+    with pytest.raises(FontError, match=r"font 'arial' is unknown"):
+        strokes_of_text("H", 0.02, font="arial")
+
+
+def test_route_keeps_speed_and_acceleration_and_arrives() -> None:
+    route = Route([(0, 0, 0), (0.1, 0, 0), (0.1, 0.05, 0)], 0.05, 0.2)
+    t = np.arange(0.0, route.duration + 0.1, 1e-3)
+    speed = np.array([np.linalg.norm(route.at(s)[1]) for s in t])
+    assert speed.max() <= 0.05 + 1e-12
+    assert np.abs(np.diff(speed)).max() <= 0.2e-3 * 1.01
+    assert_allclose(route.at(route.duration)[0], (0.1, 0.05, 0.0))
+    steps = np.array([route.at(s)[0] for s in t])
+    assert_allclose(np.linalg.norm(np.diff(steps, axis=0), axis=1).sum(), 0.15, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "speed: 0.05 m/s",
+            "speed: 50 mm/s",
+            r":24: phases\[2\].speed = '50 mm/s' must be numbers with their unit, m/s",
+        ),
+        ("speed: 0.05 m/s", "speed: 0.05", r":24: .*speed = 0.05 must be numbers with their unit"),
+        ("speed: 0.05 m/s", "speed: 5 m/s", r":24: .*speed = 5 m/s must be within 0.0001 and 0.25 m/s"),
+        ("speed: 0.05 m/s", "velocity: 0.05 m/s", r":24: unknown key 'phases\[2\].velocity'; known here: name, to"),
+        ("force: 0 0 -10 N", "force: 0 -10 N", r":15: .*force has 2 values; it needs 3"),
+        ("force: 0 0 -10 N", "force: 1 0 -10 N", r"1 N along x, which is not among force_directions"),
+        ("force: 0 0 -10 N", "force: 0 0 .nan N", r":15: .*must be numbers with their unit, N"),
+        ("until: settled", "until: done", r":20: .*until = 'done' must be one of: arrived, contact, settled"),
+        ("contact_resists: [x]", "contact_resists: [y]", "nothing would stop the rotation"),
+        ("[z]", "[w]", "force_directions has 'w'; known: x, y, z"),
+        ("tip_rpy: 180 0 0 deg", "tip_rpy: 3.14 0 0 rad", r":7: tip_rpy = .* with their unit, deg"),
+    ],
+)
+def test_errors_in_a_file_name_line_key_value_and_remedy(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = shipped_tasks()["squeegee"].read_text()
+    assert old in text
+    file = tmp_path / "task.yaml"
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=words) as caught:
+        load_task(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_unknown_task_names_the_known_ones() -> None:
+    with pytest.raises(TaskError, match=r"no task 'sweep'.*peg, pen, squeegee, torque_driver, write"):
+        load_task("sweep")

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""stiffness.yaml: there and back, between grips, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_core.config import ConfigError
+from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
+
+LOOSE = Grip(20.0, 0.060, (3.0, 2.0, 3.0), (600.0, 900.0, 600.0), (0.1, 0.1, 0.1), (5.0, 5.0, 5.0))
+FIRM = Grip(40.0, 0.050, (5.0, 4.0, 5.0), (1000.0, 1500.0, 1000.0))
+FILE = StiffnessFile("soft_bubble", "ft_sensor", "2026-01-31", (LOOSE, FIRM))
+
+
+def test_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "stiffness.yaml"
+    save_stiffness(path, FILE)
+    assert load_stiffness(path) == FILE
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_stiffness_is_straight_between_grips_and_constant_beyond() -> None:
+    grip = GripStiffness(FILE)
+    assert grip.at_pressure(20.0) == LOOSE.stiffness
+    assert_allclose(grip.at_pressure(30.0).translation, (800.0, 1200.0, 800.0))
+    assert_allclose(grip.at_width(0.055).rotation, (4.0, 3.0, 4.0))
+    assert grip.at_pressure(5.0) == LOOSE.stiffness
+    assert grip.at_pressure(90.0) == FIRM.stiffness
+    assert grip.at_width(0.04) == FIRM.stiffness
+    assert grip.pressure_range == (20.0, 40.0)
+
+
+def test_one_grip_is_a_constant() -> None:
+    grip = GripStiffness(StiffnessFile("h", "t", "2026-01-31", (FIRM,)))
+    assert grip.at_pressure(0.0) == grip.at_pressure(99.0) == grip.at_width(0.1) == FIRM.stiffness
+
+
+def test_pressure_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ConfigError, match="pressure = nan hPa must be finite"):
+        GripStiffness(FILE).at_pressure(float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("- 3.0", "- -3.0", r"grips\[0\].rotation\[0\] = -3 N m/rad must be within"),
+        ("model: midpoint", "model: cubic", "model = 'cubic' must be one of: midpoint, plain"),
+        ("version: 1", "version: 2", "version = 2 must be within 1 and 1"),
+        ("pressure_hpa: 40.0", "pressure_hpa: 10.0", "rising order of pressure_hpa; 10 hPa follows 20 hPa"),
+        ("hand: soft_bubble\n", "", "'hand' is missing"),
+    ],
+)
+def test_bad_files_are_refused_with_line_and_bound(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = tmp_path / "stiffness.yaml"
+    save_stiffness(path, FILE)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=words) as caught:
+        load_stiffness(path)
+    assert str(caught.value).startswith(f"{path}:")
