@@ -33,5 +33,11 @@ setup(
     description="Identification of the stiffness of a compliant grasp.",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [
+            "identification_cell = seed_sysid.cell_node:main",
+            "identify = seed_sysid.identify:main",
+            "sysid = seed_sysid.node:main",
+        ]
+    },
 )

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live node against the simulated cell, as real nodes: it resumes, finishes, writes, cancels, and refuses in words."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
+
+from seed_core.stiffness_file import load_stiffness  # noqa: E402
+from seed_ros.testing import Bench  # noqa: E402
+from seed_sysid.cell_node import CellNode  # noqa: E402
+from seed_sysid.dataset import Writer, read  # noqa: E402
+from seed_sysid.excitation import design  # noqa: E402
+from seed_sysid.node import LINES, SysidNode  # noqa: E402
+from seed_sysid.procedure import Command, average  # noqa: E402
+from seed_sysid.simulation import SimulatedCell  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+LEFT = 4  # poses that the node has to visit itself
+SENSOR = {"sensor__position": [0.0, 0.0, 0.06], "sensor__rpy_deg": [180.0, 0.0, 30.0]}
+QUICK = {
+    "procedure__widths": [0.05],
+    "procedure__motion__grip_time": 0.2,
+    "procedure__settle__window": 0.4,
+    "procedure__settle__hold": 0.6,
+    "procedure__settle__average": 0.4,
+}
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    b = Bench()
+    yield b
+    b.close()
+
+
+def _nodes(bench: Bench) -> tuple[Any, Any]:
+    return bench.add(CellNode, seed=5), bench.add(SysidNode, **SENSOR, **QUICK)
+
+
+def _begin(cell: Any, node: Any, folder: Path) -> None:
+    """All but the last poses, as an interrupted run of the same grasp leaves them."""
+    from seed_core.hand import Hand
+    from seed_sysid.dataset import Header
+    from seed_sysid.live import Live, Streams
+
+    streams = Streams(X_WE=cell.X_WE, pose_stamp=0.0, wrench_stamp=0.0)
+    head = Header(hand=Hand().name, tool="ft_sensor", sensor_xyz=(0.0, 0.0, 0.06), sensor_rpy=(np.pi, 0.0, np.deg2rad(30.0)))
+    live = Live(node.procedure, head, Hand().X_EC, streams, folder / "samples.jsonl", 0.0, "before")
+    live.close()
+    writer = Writer(folder / "samples.jsonl", live.header)
+    twin, p = SimulatedCell(cell.scenario, 5), node.procedure
+    for i, target in enumerate(design(p.excitation, p.limits, p.fit.model)[:-LEFT]):
+        readings = twin.rest(Command(target.X_TC, 0.05, 1, "measuring"), 20)
+        sample = average(target, 0, readings, 1.0, False)
+        writer.add(replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
+    writer.close()
+
+
+def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench, tmp_path: Path) -> None:
+    cell, node = _nodes(bench)
+    _begin(cell, node, tmp_path)
+    lines: list[str] = []
+    bench.client.create_subscription(String, "identification/samples", lambda m: lines.append(m.data), LINES)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), poses="kinematic")
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    result = bench.result(handle, 120.0).result
+    assert result.success, result.message
+    data = read(tmp_path / "samples.jsonl")
+    assert len(data.samples) == node.procedure.excitation.poses
+    true = cell.cell.truth.stiffness[1]
+    np.testing.assert_allclose([*result.rotation, *result.translation], true, rtol=0.03)
+    grips = load_stiffness(result.stiffness_file).grips
+    np.testing.assert_allclose([*grips[0].rotation, *grips[0].translation], true, rtol=0.03)
+    assert "<svg" in (tmp_path / "report.html").read_text()
+    assert bench.until(lambda: len(lines) == len(data.samples) + 1)
+    away = np.abs(cell.X_WE - cell.settings.flange.pose).max()
+    assert away < 1e-6  # back at the grasp
+
+
+def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Path) -> None:
+    cell, node = _nodes(bench)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    goal = IdentifyStiffness.Goal(output=str(tmp_path))
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    file = tmp_path / "samples.jsonl"
+    assert bench.until(lambda: file.exists() and file.read_text().count('"sample"') >= 2, 60.0)
+    future = handle.cancel_goal_async()
+    assert bench.until(future.done)
+    result = bench.result(handle).result
+    assert not result.success
+    assert "cancelled" in result.message
+    before = cell.X_WE.copy()
+    bench.spin(0.3)
+    np.testing.assert_array_equal(cell.X_WE, before)
+    assert len(read(file).samples) >= 2
+
+
+def test_without_a_sensor_the_goal_is_refused_in_words(bench: Bench, tmp_path: Path) -> None:
+    bench.add(SysidNode, **SENSOR, **QUICK)
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", IdentifyStiffness.Goal(output=str(tmp_path)))
+    result = bench.result(handle).result
+    assert not result.success
+    assert "current_pose never came" in result.message
+    assert not (tmp_path / "samples.jsonl").exists()
