@@ -89,6 +89,19 @@ class MiniRtde:
             data += more
         return data
 
+    def arrived(self, most: int) -> bytes | None:
+        """Bytes that are here already, without waiting; None when the connection is over."""
+        try:
+            return self._socket.recv(most, socket.MSG_DONTWAIT) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._socket.close()
+
     def version(self) -> tuple[int, int, int, int]:
         """Agree on protocol 2; (major, minor, bugfix, build) of PolyScope."""
         if self.ask("V", b"\x00\x02") != b"\x01":

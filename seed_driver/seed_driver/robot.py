@@ -14,51 +14,33 @@ from seed_driver.config import DriverConfig
 from seed_driver.probe import LinkError
 from seed_driver.rotation import Quaternion, Vector, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_driver.shared import Modes, Sample
+from seed_driver.states import StateStream
 
-VARIABLES = [
-    "timestamp",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "robot_mode",
-    "safety_mode",
-    "runtime_state",
-    "robot_status_bits",
-    "safety_status_bits",
-    "speed_scaling",
-    "target_speed_fraction",
-]
 STATE_RATE = 250.0  # [Hz] of the states; the control connection needs the full rate, or servoL waits for it
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 
 
-def load() -> tuple[Any, Any]:
-    """The control and receive classes; raises LinkError naming the pip command when ur_rtde is missing."""
+def load() -> Any:
+    """The control class; raises LinkError naming the pip command when ur_rtde is missing."""
     try:
         from rtde_control import RTDEControlInterface
-        from rtde_receive import RTDEReceiveInterface
     except ImportError as error:
         raise LinkError(f"{INSTALL} [{error}]") from error
-    return RTDEControlInterface, RTDEReceiveInterface
+    return RTDEControlInterface
 
 
 class Robot:
-    """Receive and, once a program is wanted, Control."""
+    """A stream of states and, once a program is wanted, ur_rtde's control interface."""
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
-        self.control_class, receive_class = load()
+        self.control_class = load()
         self.look = probe.look(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.look.version[0] == 3 else 500.0)
-        self.receive = receive_class(config.robot_ip, min(self.rate, STATE_RATE), VARIABLES)
+        self.states = StateStream(config.robot_ip, min(self.rate, STATE_RATE))
         self.control: Any = None
         self._slider: probe.MiniRtde | None = None
         self._set_tcp(config)
-        if not self.receive.isConnected():
-            raise LinkError(f"{config.robot_ip} sends no RTDE data")
 
     def _set_tcp(self, config: DriverConfig) -> None:
         x, y, z, *r = checked_pose(config.tcp, "tcp")
@@ -68,55 +50,43 @@ class Robot:
     @property
     def timestamp(self) -> float:
         """The controller's clock in the newest package [s]."""
-        return float(self.receive.getTimestamp())
+        self.states.poll()
+        return self.states.timestamp
 
     @property
     def connected(self) -> bool:
-        """Whether both connections say so (necessary, not sufficient)."""
-        return bool(self.receive.isConnected()) and (self.control is None or bool(self.control.isConnected()))
+        """Whether both connections stand (necessary, not sufficient)."""
+        return self.states.open and (self.control is None or bool(self.control.isConnected()))
 
     def sample(self) -> Sample:
         """The newest state."""
-        r = self.receive
-        pose, speed = r.getActualTCPPose(), r.getActualTCPSpeed()
-        tcp_orientation = from_rotation_vector((pose[3], pose[4], pose[5]))
-        inverse = (-self.q_tcp[0], -self.q_tcp[1], -self.q_tcp[2], self.q_tcp[3])
-        q = multiply(tcp_orientation, inverse)
+        v = self.states.values
+        tcp_orientation = from_rotation_vector(v[23:26])
+        x, y, z, w = self.q_tcp
+        q = multiply(tcp_orientation, (-x, -y, -z, w))
         arm = rotate(q, self.p_tcp)  # from flange to TCP, in base
-        w = speed[3:]
+        wx, wy, wz = v[29:32]
         twist = (
-            speed[0] - (w[1] * arm[2] - w[2] * arm[1]),
-            speed[1] - (w[2] * arm[0] - w[0] * arm[2]),
-            speed[2] - (w[0] * arm[1] - w[1] * arm[0]),
-            *w,
+            v[26] - (wy * arm[2] - wz * arm[1]),
+            v[27] - (wz * arm[0] - wx * arm[2]),
+            v[28] - (wx * arm[1] - wy * arm[0]),
+            wx,
+            wy,
+            wz,
         )
-        return Sample(
-            tuple(r.getActualQ()),
-            tuple(r.getActualQd()),
-            tuple(r.getActualCurrent()),
-            (pose[0] - arm[0], pose[1] - arm[1], pose[2] - arm[2]),
-            q,
-            twist,
-            tuple(r.getActualTCPForce()),
-            Modes(
-                r.getRobotMode(),
-                r.getSafetyMode(),
-                int(r.getRuntimeState()),
-                r.getSafetyStatusBits(),
-                int(r.getRobotStatus()),
-            ),
-            r.getSpeedScaling() * r.getTargetSpeedFraction(),
-        )
+        p = v[20] - arm[0], v[21] - arm[1], v[22] - arm[2]
+        modes = Modes(v[38], v[39], v[40], v[42], v[41])
+        return Sample(v[2:8], v[8:14], v[14:20], p, q, twist, v[32:38], modes, v[43] * v[44])
 
     def start_program(self) -> None:
         """Get our control script running with nothing in the command register; raises LinkError."""
-        why = link.unable(self.receive.getRobotMode(), self.receive.getSafetyStatusBits())
+        why = link.unable(self.states.robot_mode, self.states.safety_bits)
         if why:
             raise LinkError(why)
         if self.control is None:
             probe.require_control(self.config.robot_ip, self.look.version)
             self._construct()
-        elif int(self.receive.getRuntimeState()) != link.PLAYING:
+        elif self.states.runtime_state != link.PLAYING:
             self._send_again()
         self._wait_playing()
         self._set_up()
@@ -137,11 +107,13 @@ class Robot:
         self.control.reuploadScript()
 
     def _wait_playing(self) -> None:
+        self.states.poll()
         deadline = time.monotonic() + 1.5
-        while int(self.receive.getRuntimeState()) != link.PLAYING:
+        while self.states.runtime_state != link.PLAYING:
             if time.monotonic() > deadline:
                 raise LinkError("the robot does not start our program; look at the pendant")
             time.sleep(0.004)
+            self.states.poll()
 
     def _set_up(self) -> None:
         self.apply_tool(self.config)
@@ -161,7 +133,7 @@ class Robot:
     def set_slider(self, fraction: float) -> None:
         """Move the speed slider, by a connection of its own that stays open."""
         if self._slider is None:
-            if fraction == float(self.receive.getTargetSpeedFraction()):
+            if fraction == self.states.speed_fraction:
                 return
             self._slider = probe.MiniRtde(self.config.robot_ip)
             self._slider.version()
