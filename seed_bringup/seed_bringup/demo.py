@@ -203,7 +203,7 @@ class Demo:
         recording = recording_of(series, self.task, self.scenario.tool.X_Ttip, phases)
         score = live_score(recording, self.task)
         held = (
-            bool(score["finished_samples"] if "finished_samples" in score else score["samples"])
+            score["samples"] > 0
             and score["force_z"]["rmse"] <= FORCE_BOUND
             and score["torque_x"]["rmse"] <= TORQUE_BOUND
         )
@@ -254,6 +254,7 @@ class Demo:
             pose_figure=relative_pose(shifted["relative_pose"].between(*span), shifted["true_relative"].between(*span), local),
             pictures=self.pictures,
             details=self._details(local, scores["seed"]),
+            source="the true pose" if o.estimator == "truth" else f"tactile images ({o.estimator})",
             replay="replay.html" if (self.folder / "replay.html").is_file() else "",
         )  # fmt: skip
         (self.folder / "report.html").write_text(report.html(), encoding="utf-8")

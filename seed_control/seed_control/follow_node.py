@@ -35,6 +35,7 @@ class _Run:
     started: float
     future: Future
     fed_back: float = 0.0
+    phase: str = ""
     refusal: str = ""
     regulating: bool = False
     squares: np.ndarray | None = None  # sums of squared force and torque error
@@ -100,8 +101,8 @@ class FollowServer:
                 self._core.set_setpoint(status.setpoint, now)
             except SeedError as error:
                 self._refused(run, error)
-        if now - run.fed_back >= FEEDBACK_PERIOD:
-            run.fed_back = now
+        if now - run.fed_back >= FEEDBACK_PERIOD or status.phase != run.phase:
+            run.fed_back, run.phase = now, status.phase
             self._feed_back(run, status)
 
     def _refused(self, run: _Run, error: SeedError) -> None:

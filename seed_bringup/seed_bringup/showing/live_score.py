@@ -30,7 +30,8 @@ def recording_of(series: dict[str, Series], task: Task, X_Ttip: Array, phases: l
     truth = series["true_wrench"].between(start, end)
     t = truth.t
     tips, references = _nearest(series["true_tip"], t), _nearest(series["reference"], t)
-    desired = series["state"].at(t)[:, :6]
+    desired = _nearest(series["state"], t)[:, :6]
+    regulating = {p.name for p in task.phases if p.control is not None}
     recording = Recording([p.name for p in phases])
     recording.torque_axes = next(
         (p.control.flags(p.control.torque_axes) for p in task.phases if p.control), (False,) * 3
@@ -40,8 +41,11 @@ def recording_of(series: dict[str, Series], task: Task, X_Ttip: Array, phases: l
     for i, stamp in enumerate(t):
         R_T, R_ref = tips[i][:3, :3] @ R_tipT, references[i][:3, :3] @ R_tipT
         torque, force = truth.values[i][:3], truth.values[i][3:]
+        phase = _phase_at(phases, stamp)
+        if phases[phase].name in regulating and not desired[i].any():
+            phase = -1  # the client learns of a new phase a little late
         recording.add(
-            t=stamp - start, phase=_phase_at(phases, stamp), force=X_work[:3, :3].T @ force,
+            t=stamp - start, phase=phase, force=X_work[:3, :3].T @ force,
             torque=X_work[:3, :3].T @ torque, torque_T=R_T.T @ torque, wanted_force=desired[i][3:],
             wanted_torque_T=R_T.T @ X_work[:3, :3] @ desired[i][:3], tip=(to_work @ tips[i])[:3, 3],
             reference=(to_work @ references[i])[:3, 3], lean=lean_of(R_ref, R_T), X_CT=np.eye(4),

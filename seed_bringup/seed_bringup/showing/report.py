@@ -20,7 +20,7 @@ COLUMNS = (
     ("path error rms", "mm", ("path_rmse_mm",), 1),
 )
 NAMES = {
-    "seed": ("SEED", "this run: tactile images in the loop"),
+    "seed": ("SEED", ""),
     "open_loop": ("open loop", "the taught path, barely touching the table where it should be"),
     "welded": ("welded", "tool bolted to the gripper, ideal force sensor"),
 }
@@ -47,6 +47,7 @@ class Report:
     pictures: Sequence[Picture]
     details: Mapping[str, str]
     replay: str = ""  # name of the file beside this one
+    source: str = "tactile images"  # of the relative pose
 
     def html(self) -> str:
         """The page."""
@@ -61,7 +62,8 @@ class Report:
             cards=_cards(own),
             force_figure=self.force_figure,
             pose_figure=self.pose_figure,
-            table=table(self.scores),
+            table=table(self.scores, f"this run: {self.source} in the loop"),
+            source=escape(self.source),
             pictures="".join(_picture(p) for p in self.pictures) or "<p>None were taken.</p>",
             details=self._details(),
         )
@@ -94,12 +96,13 @@ def _cards(score: Mapping[str, Any]) -> str:
     )
 
 
-def table(scores: Mapping[str, Mapping[str, Any]]) -> str:
+def table(scores: Mapping[str, Mapping[str, Any]], own_words: str) -> str:
     """The scores as an HTML table, the first row being the run's own."""
     head = "".join(f"<th>{name} [{unit}]</th>" for name, unit, _, _ in COLUMNS)
     rows = []
     for i, (key, score) in enumerate(scores.items()):
         name, words = NAMES.get(key, (key, ""))
+        words = words or own_words
         cells = "".join(f"<td>{_number(score, path, digits)}</td>" for _, _, path, digits in COLUMNS)
         own = ' class="own"' if i == 0 else ""
         rows.append(f"<tr{own}><td>{escape(name)}<small>{escape(words)}</small></td>{cells}</tr>")
