@@ -6,6 +6,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+
 from seed_estimation.estimator import Estimator
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.captures import membrane_depth
