@@ -6,8 +6,8 @@ from math import exp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from seed_core.spatial import make_pose, pose_from_rpy, so3_log
 
+from seed_core.spatial import make_pose, pose_from_rpy, so3_log
 from seed_sim.arm import Arm, Repeatability
 from seed_sim.scenario import ServoSection
 

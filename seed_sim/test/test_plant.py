@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from seed_core.bushing import Bushing
 from seed_core.hand import Frame, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_exp, so3_log
-
 from seed_sim.plant import DT, Plant, PlantError
 from seed_sim.scenario import GraspSection, Scenario, ServoSection, TableSection
 
@@ -147,7 +147,8 @@ def test_impossible_grip_is_refused_and_changes_nothing():
     plant = settled(STILL, 0.3, 0.01)
     with pytest.raises(PlantError, match=r"0\.3 to 4 times"):
         plant.set_gripper_width(0.2)
-    assert plant.width == STILL.grasp.nominal_width and plant.stiffness == STILL.grasp.stiffness
+    assert plant.width == STILL.grasp.nominal_width
+    assert plant.stiffness == STILL.grasp.stiffness
 
 
 def test_light_tool_is_cut_into_substeps_and_stays_finite():

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from seed_core.config import ConfigError
 
+from seed_core.config import ConfigError
 from seed_sim.plant import draw_surface
 from seed_sim.scenario import COLUMNS, Scenario, load_scenario, shipped_scenarios
 
@@ -30,7 +30,7 @@ def test_nominal_is_the_default():
 
 
 def test_unknown_name_lists_what_there_is():
-    with pytest.raises(ConfigError, match="'calm' is unknown; shipped: .*nominal"):
+    with pytest.raises(ConfigError, match=r"'calm' is unknown; shipped: .*nominal"):
         load_scenario("calm")
 
 
@@ -62,7 +62,9 @@ def test_tables_are_drawn_within_their_bounds_and_from_the_seed():
     tables = [draw_surface(scenario, np.eye(4), np.random.default_rng([s, 1]), 5).X_WS for s in range(200)]
     heights = np.array([X[2, 3] for X in tables])
     tilts = np.rad2deg(np.arccos([X[2, 2] for X in tables]))
-    assert np.abs(heights).max() <= 3e-3 and np.ptp(heights) > 5e-3
-    assert tilts.max() <= np.hypot(2.0, 2.0) + 1e-3 and tilts.max() > 2.0
+    assert np.abs(heights).max() <= 3e-3
+    assert np.ptp(heights) > 5e-3
+    assert tilts.max() <= np.hypot(2.0, 2.0) + 1e-3
+    assert tilts.max() > 2.0
     again = draw_surface(scenario, np.eye(4), np.random.default_rng([7, 1]), 5).X_WS
     assert_allclose(again, tables[7], rtol=0.0)

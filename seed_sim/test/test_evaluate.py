@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The closed loop without ROS: what it achieves, that it repeats, and what the command line says."""
+
+import contextlib
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_sim import evaluate
+from seed_sim.evaluate import main, run
+from seed_sim.sweep import column_summary, summary
+
+SHORT = """
+name: squeegee
+tool: squeegee
+frame: {position: 0.45 0.0 0.0 m, rpy: 0 0 0 deg}
+phases:
+  - name: approach
+    to: 0 0 0.015 m
+    speed: 0.1 m/s
+  - name: press
+    control: &pressing
+      force: 0 0 -10 N
+      force_directions: [z]
+      torque: 0 0 0 N m
+      torque_axes: [x]
+      contact_resists: [x]
+    until: settled
+    dwell: 0.3 s
+  - name: wipe
+    to: 0.1 0 0 m
+    speed: 0.05 m/s
+    control: *pressing
+  - name: lift
+    to: 0.1 0 0.05 m
+    speed: 0.1 m/s
+"""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A task file whose wipe is short enough for a test: two seconds."""
+    file: Path = tmp_path_factory.mktemp("tasks") / "short.yaml"
+    file.write_text(SHORT)
+    return str(file)
+
+
+def printed(arguments: list[str]) -> dict:
+    """The one JSON object that the command line prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main([*arguments, "--json"]) == 0
+    return json.loads(out.getvalue())
+
+
+@pytest.fixture(scope="module")
+def held(short: str) -> dict:
+    """SEED with exact poses."""
+    return printed([short, "--scenario", "nominal", "--force", "8", "--seed", "1003"])
+
+
+@pytest.fixture(scope="module")
+def swept(short: str, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """The welded baseline over two seeds, as a sweep."""
+    plot = tmp_path_factory.mktemp("plots") / "sweep.png"
+    result = printed([short, "--law", "welded", "--force", "8", "--scenarios", "2", "--seed", "1003", "--column",
+                      "nominal", "--plot", str(plot)])
+    assert plot.stat().st_size > 1000
+    return result["columns"]["nominal"]
+
+
+def test_json_has_the_documented_keys(held):
+    for key in ("force_z", "torque_x"):
+        assert set(held[key]) == {"rmse", "mean", "max_abs_error"}
+    assert set(held["lean_deg"]) == {"rms", "max"}
+    assert {"path_rmse_mm", "real_time_factor", "contact"} <= set(held)
+    assert held["real_time_factor"] > 0.0
+
+
+def test_force_and_equal_pressure_are_held_with_exact_poses(held):
+    assert held["finished"]
+    assert held["contact"]["made"]
+    assert_allclose(held["force_z"]["mean"], -8.0, atol=0.2)
+    assert held["force_z"]["rmse"] < 0.2  # [N]
+    assert held["torque_x"]["rmse"] < 0.04  # [N m]
+
+
+def test_result_repeats_to_the_last_bit_but_for_the_clock(short, held):
+    again = run(short, force=8.0, seed=1003, scenario="nominal").result
+    assert {k: v for k, v in again.items() if k != "real_time_factor"} == {
+        k: v for k, v in held.items() if k != "real_time_factor"
+    }
+
+
+def test_welded_tool_presses_unevenly_where_the_grasp_gives_way(held, swept):
+    welded = swept["runs"][0]
+    assert welded["contact"]["made"]
+    assert welded["seed"] == held["seed"]
+    assert welded["torque_x"]["rmse"] > 5.0 * held["torque_x"]["rmse"]
+
+
+def test_sweep_reports_every_seed_and_summaries(swept):
+    assert [r["seed"] for r in swept["runs"]] == [1003, 1004]
+    assert swept["runs"][0]["contact"]["time"] != swept["runs"][1]["contact"]["time"]  # another seed, another table
+    rmse = [r["force_z"]["rmse"] for r in swept["runs"]]
+    assert_allclose(swept["force_z_rmse"]["mean"], np.mean(rmse))
+    assert_allclose(swept["force_z_rmse"]["max"], max(rmse))
+    assert set(swept["lean_deg_max"]) == {"mean", "p95", "max"}
+
+
+def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_path):
+    file = tmp_path / "arm.yaml"
+    file.write_text("servo: {arm: ur10e}\ntable: {tilt_x: 0.5, tilt_y: 0, height: 1}")
+    done = run(short, estimator="noisy", seed=1000, scenario=file)
+    assert len(done.run.plant.arm.q) == 6
+    assert done.result["finished"]
+    assert 0.01 < done.result["force_z"]["rmse"] < 1.0  # [N]; noise costs something, not contact
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["squeegee", "--scenario", "calm"], "scenario 'calm' is unknown"),
+    (["sqeegee"], "no task 'sqeegee'"),
+    (["squeegee", "--force", "-3"], "force = -3.0 N must be above 0"),
+    (["squeegee", "--scenario", "missing.yaml"], "cannot be read"),
+])
+def test_wrong_arguments_are_named(arguments, words, capsys):
+    assert main(arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["squeegee", "--law", "best"], ["squeegee", "--estimator", "guess"],
+                                       ["squeegee", "--seed", "x"], ["squeegee", "--column", "nominal"]])
+def test_unknown_choices_end_with_usage(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert "usage:" in capsys.readouterr().err
+
+
+def test_summary_of_known_numbers():
+    assert summary([1.0, 2.0, 3.0]) == {"mean": 2.0, "p95": 2.9, "max": 3.0}
+
+
+def test_failed_run_is_told_and_not_averaged():
+    good = {"seed": 1, "finished": True, "force_z": {"rmse": 0.1}, "torque_x": {"rmse": 0.0},
+            "lean_deg": {"rms": 1.0, "max": 2.0}}
+    out = column_summary([good, {"seed": 2, "finished": False, "error": "diverged"}])
+    assert out["failed"] == [2]
+    assert out["force_z_rmse"]["mean"] == 0.1
+    assert len(out["runs"]) == 2
+
+
+def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
+    from seed_control.tasks import load_task
+
+    assert [evaluate.scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg")] == ["wipe", "draw", "press"]
