@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of rendered images, played into a fresh estimator, gives the poses that the bag's own truth says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
+
+from rclpy.serialization import serialize_message
+from seed_msgs.msg import RelativePose
+from std_srvs.srv import Trigger
+
+from seed_bringup.bags import qos
+from seed_bringup.bags.writing import BagWriter
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import Hand
+from seed_core.spatial import pose_from_rpy, rotation_error
+from seed_estimation.node import EstimatorNode
+from seed_ros.cameras import Intrinsics, camera_info
+from seed_ros.conversions import estimate_to_message, pose_to_matrix, seconds
+from seed_ros.images import image_message
+from seed_ros.qos import COMMAND, SENSOR
+from seed_ros.testing import Bench
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]  # slow: three recordings are played in real time
+
+PERIOD = 0.08  # [s]: leaves time to a busy test machine
+START = 1_700_000_000.0  # [s]
+TRUTH = "/sim/ground_truth/relative_pose"
+
+
+def motion(share: float) -> np.ndarray:
+    """There and back over all axes."""
+    s = np.sin(np.pi * share)
+    return pose_from_rpy(np.deg2rad([3.0 * s, -5.0 * s, 3.0 * s]), [1e-3 * s, 4e-4 * s, 2e-3 * s])
+
+
+def write_bag(path: Path, renderer: Any, start: float, poses: list[np.ndarray | None]) -> Path:
+    """Images of both fingers and the truth, one set per pose; None: nothing grasped."""
+    with BagWriter(path) as writer:
+        topics: dict[str, Any] = {}
+
+        def put(topic: str, kind: str, message: Any, t: float, profile: Any) -> None:
+            if topic not in topics:
+                topics[topic] = writer.add_topic(topic, kind, [qos.for_bag(profile)])
+            writer.write(topics[topic], round(t * 1e9), serialize_message(message))
+
+        for i, X in enumerate(poses):
+            t = start + i * PERIOD
+            images = renderer.no_contact(t) if X is None else renderer.render(X, t)
+            truth = RelativePoseEstimate(t, np.eye(4) if X is None else X, valid=X is not None)
+            put(TRUTH, "seed_msgs/msg/RelativePose", estimate_to_message(truth, "compliance", "tool"), t, COMMAND)
+            for finger, pair in images.items():
+                c, frame, bubble = renderer.cameras[finger], f"bubble_{finger}_optical", f"/bubble_{finger}"
+                info = camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), t, frame)
+                put(f"{bubble}/depth/camera_info", "sensor_msgs/msg/CameraInfo", info, t, SENSOR)
+                counts = np.clip(np.rint(pair.ir), 0, 65535).astype(np.uint16)
+                depth = image_message(pair.depth, "32FC1", t, frame)
+                put(f"{bubble}/depth/image_rect_raw", "sensor_msgs/msg/Image", depth, t, SENSOR)
+                put(f"{bubble}/ir/image_rect_raw", "sensor_msgs/msg/Image", image_message(counts, "mono16", t, frame), t, SENSOR)
+    return path
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+def play(bag: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", str(bag), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
+
+
+def test_played_images_give_the_poses_of_the_bag(bench: Bench, tmp_path: Path) -> None:
+    renderer = tactile.TactileRenderer(tactile.TactileParameters(), Hand(), seed=6)
+    node = bench.add(EstimatorNode, reference_frames=6, grasp_frames=4, max_gap=60.0)
+    estimates: list[RelativePose] = []
+    truth: dict[float, np.ndarray] = {}
+    client = bench.client
+    client.create_subscription(RelativePose, "relative_pose", estimates.append, COMMAND)
+    client.create_subscription(
+        RelativePose, TRUTH, lambda m: truth.update({seconds(m.header.stamp): pose_to_matrix(m.pose.pose)}), 20
+    )
+    stages: list[tuple[str, list[np.ndarray | None]]] = [
+        ("capture_reference", [None] * 30),
+        ("initialize_grasp", [np.eye(4)] * 30),
+        ("", [motion(i / 49) for i in range(50)]),
+    ]
+    start = START
+    for number, (service, poses) in enumerate(stages):
+        bag = write_bag(tmp_path / f"stage{number}.mcap", renderer, start, poses)
+        start += len(poses) * PERIOD
+        player = play(bag)
+        try:
+            if service:
+                before = len(truth)
+                assert bench.until(lambda before=before: len(truth) > before, 30.0), "the player does not play"
+                answer = bench.call(Trigger, f"estimator/{service}", Trigger.Request())
+                assert answer.success, answer.message
+            assert bench.until(lambda player=player: player.poll() is not None, 60.0)
+            assert player.returncode == 0
+        finally:
+            player.kill()
+            player.wait()
+    bench.spin(0.3)
+    moved = [e for e in estimates if seconds(e.header.stamp) >= START + 60 * PERIOD - 1e-3]
+    good = [e for e in moved if e.valid]
+    assert len(good) > 30, [e.reason for e in moved if not e.valid][:3]
+    pairs = [(pose_to_matrix(e.pose.pose), truth[seconds(e.header.stamp)]) for e in good if seconds(e.header.stamp) in truth]
+    assert len(pairs) > 20
+    translation = np.array([estimate[:3, 3] - true[:3, 3] for estimate, true in pairs])
+    rotation = np.array([rotation_error(estimate[:3, :3], true[:3, :3]) for estimate, true in pairs])
+    assert np.sqrt((translation**2).mean(axis=0)).max() < 2e-4  # [m]
+    assert np.rad2deg(np.sqrt((rotation**2).mean(axis=0))).max() < 0.8
+    assert node.inputs.counts()["images_out_of_order"] == 0
+
