@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from seed_core.spatial import Array, pose_from_rpy
 
+from seed_core.spatial import Array, pose_from_rpy
 from seed_sysid import checks
 from seed_sysid.dataset import Dataset, DatasetError
 from seed_sysid.diagnostic import Assumption, check_diagonal
@@ -29,7 +29,8 @@ class Analysis:
     Attributes:
         grips: number of each grip, (G,); widths [m] and pressures [hPa] are their means.
         hysteresis: significance of friction per axis (6,), in standard deviations.
-        left_out: rms error of wrenches (6,) predicted for poses that the fit did not see; `left_out_share` of their spread.
+        left_out: rms error of wrenches (6,) predicted for poses that the fit did not see;
+            `left_out_share`: as a share of their spread.
     """
 
     data: Dataset
@@ -131,14 +132,15 @@ def _refuse_nonsense(solution: Solution) -> None:
     if bad.any():
         g, j = np.argwhere(bad)[0]
         raise DatasetError(
-            f"stiffness about {AXES[j]} at grip {g} is {solution.stiffness[g, j]:.3g} {UNITS[j]}, below 0: frames disagree, "
-            "or the sensor's axes are swapped; check sensor_rpy in the header"
+            f"stiffness about {AXES[j]} at grip {g} is {solution.stiffness[g, j]:.3g} {UNITS[j]}, below 0: "
+            "frames disagree, or the sensor's axes are swapped; check sensor_rpy in the header"
         )
     turn, shift = float(np.rad2deg(np.linalg.norm(solution.offset[:3]))), float(np.linalg.norm(solution.offset[3:]))
     if turn > _OFFSET_DEG or shift > _OFFSET:
         raise DatasetError(
             f"frames disagree: sensor and tool seem {turn:.0f} deg and {1e3 * shift:.0f} mm off their nominal pose "
-            f"(at most {_OFFSET_DEG:g} deg and {1e3 * _OFFSET:g} mm pass for a tolerance): correct sensor_xyz, sensor_rpy"
+            f"(at most {_OFFSET_DEG:g} deg and {1e3 * _OFFSET:g} mm pass for a tolerance): "
+            "correct sensor_xyz, sensor_rpy"
         )
 
 
@@ -159,7 +161,7 @@ def _grip_states(data: Dataset, grips: np.ndarray) -> tuple[Array, Array, Array]
 
 
 def cross_validate(problem: Problem) -> tuple[Array, Array]:
-    """Error of predictions on poses left out of the fit: rms (6,) [N m, N] over inliers, and as a share of the spread."""
+    """Error of predictions on poses left out of the fit: rms (6,) [N m, N] of inliers, and its share of the spread."""
     fold = np.arange(len(problem.X_TC)) % _FOLDS
     errors, values = [], []
     for i in range(_FOLDS):

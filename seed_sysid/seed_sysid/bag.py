@@ -25,7 +25,9 @@ def read_bag(path: Path) -> Dataset:
             connections = [c for c in reader.connections if c.topic.endswith(TOPIC)]
             if not connections:
                 topics = ", ".join(sorted({c.topic for c in reader.connections})[:8])
-                raise DatasetError(f"{path} has no topic ending in {TOPIC}; it has: {topics}: record that topic as well")
+                raise DatasetError(
+                    f"{path} has no topic ending in {TOPIC}; it has: {topics}: record that topic as well"
+                )
             lines = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages(connections)]
     except (AnyReaderError, OSError, ValueError) as error:
         raise DatasetError(f"{path} cannot be read as a bag: {error}") from error

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated identification cell as a ROS node: an arm that holds a fixed force/torque sensor, at the topics of a real one."""
+"""The simulated identification cell as a ROS node: an arm on a fixed force/torque sensor, at real topics."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
+from seed_msgs.msg import RelativePose
+from std_msgs.msg import Float32, Float64
+from std_srvs.srv import Trigger
+
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Frame
 from seed_core.spatial import Wrench, inverse_pose
-from seed_msgs.msg import RelativePose
 from seed_ros.conversions import (
     check_frame,
     estimate_to_message,
@@ -29,9 +32,6 @@ from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
-from std_msgs.msg import Float32, Float64
-from std_srvs.srv import Trigger
-
 from seed_sysid.procedure import Command
 from seed_sysid.scenario import load
 from seed_sysid.simulation import SimulatedCell
@@ -99,7 +99,9 @@ class CellNode(Node):
     def _tick(self) -> None:
         t = self.get_clock().now().nanoseconds * 1e-9
         grip = int(np.argmin(np.abs(self.widths - self.width)))
-        reading = self.cell.step(Command(inverse_pose(self.X_WT) @ self.X_WE @ self.X_EC, self.width, grip, "following"))
+        reading = self.cell.step(
+            Command(inverse_pose(self.X_WT) @ self.X_WE @ self.X_EC, self.width, grip, "following")
+        )
         self._last = reading.wrench
         self._pose.publish(pose_stamped(self.X_WE, t, self.frames.base))
         self._wrench.publish(wrench_stamped(Wrench.from_vector(reading.wrench - self._zero), t, "ft_sensor"))

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from seed_core.spatial import Array, inverse_pose, so3_log
 
+from seed_core.spatial import Array, inverse_pose, so3_log
 from seed_sysid.dataset import Dataset, DatasetError
 from seed_sysid.model import AXES, CHANNELS, stiffness_map
 
@@ -24,7 +24,7 @@ def check(data: Dataset, source: str) -> None:
     if not data.samples:
         raise DatasetError("the data hold no finished pose: record again")
     X, w = data.poses(source), data.wrenches()
-    _check_units(X, w, data)
+    _check_units(w, data)
     grips = np.array([s.grip for s in data.samples])
     for grip in np.unique(grips):
         _check_count(int((grips == grip).sum()), int(grip))
@@ -33,7 +33,7 @@ def check(data: Dataset, source: str) -> None:
     _check_frames(data)
 
 
-def _check_units(X: Array, w: Array, data: Dataset) -> None:
+def _check_units(w: Array, data: Dataset) -> None:
     raw = np.array([v for s in data.samples for v in (s.kinematic, s.estimator) if v is not None])
     shift, turn = float(np.abs(raw[:, :3]).max()), float(np.abs(raw[:, 3:]).max())
     if shift > 0.2:
@@ -42,7 +42,9 @@ def _check_units(X: Array, w: Array, data: Dataset) -> None:
             "or like a pose in the world instead of C in T"
         )
     if turn > 1.3:
-        raise DatasetError(f"a rotation of {turn:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad")
+        raise DatasetError(
+            f"a rotation of {turn:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad"
+        )
     torque, force = float(np.ptp(w[:, :3], axis=0).max()), float(np.ptp(w[:, 3:], axis=0).max())
     if torque > 100.0:
         raise DatasetError(f"torques vary by {torque:.3g} N m: that looks like N mm; divide by 1000")
@@ -74,7 +76,8 @@ def _check_sensor(w: Array, data: Dataset) -> None:
         values = w[:, j]
         if np.ptp(values) == 0.0:
             raise DatasetError(
-                f"{name} of the sensor stays at {values[0]:g} at every pose: a dead channel or a frozen stream; check the sensor"
+                f"{name} of the sensor stays at {values[0]:g} at every pose: "
+                "a dead channel or a frozen stream; check the sensor"
             )
         extreme = float(np.abs(values).max())
         times = int((np.abs(values) >= extreme * (1.0 - 1e-9)).sum())
@@ -98,7 +101,8 @@ def _check_frames(data: Dataset) -> None:
     if inverted[0] < 0.5 * _DISAGREE_DEG and inverted[1] < 0.5 * _DISAGREE:
         hint = "the estimator's poses look like X_CT; the file wants X_TC, their inverse"
     raise DatasetError(
-        f"frames disagree: kinematics and estimator differ by {gap[0]:.1f} deg and {1e3 * gap[1]:.1f} mm (median): {hint}"
+        f"frames disagree: kinematics and estimator differ by {gap[0]:.1f} deg and {1e3 * gap[1]:.1f} mm "
+        f"(median): {hint}"
     )
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy, rpy_from_rotation
 
@@ -215,7 +216,9 @@ def parse(lines: Iterable[str], source: str) -> Dataset:
         except (ValueError, RecursionError) as error:
             if number < len(rows):
                 raise DatasetError(f"{source}:{number}: not JSON ({error}); restore the line or remove it") from error
-            warnings.append(f"{source}:{number}: the last line is cut short; that pose is left out (resume to repeat it)")
+            warnings.append(
+                f"{source}:{number}: the last line is cut short; that pose is left out (resume to repeat it)"
+            )
             break
         if isinstance(entry, dict) and "sample" in entry:
             samples.append(_sample(entry["sample"], f"{source}:{number}"))

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from seed_core.spatial import Array, inverse_pose
 
+from seed_core.spatial import Array, inverse_pose
 from seed_sysid.fit import Problem, Solution
 from seed_sysid.model import AXES, offset_pose, skews, stiffness_map, wrench_transform
 
@@ -86,7 +86,7 @@ def _verdict(a: Array, std: Array, solution: Solution) -> Assumption:
         deviation[i, j] = deviation[j, i] = s
     k = solution.stiffness.mean(axis=0)
     root = np.sqrt(np.maximum(k, 0.0))
-    eigenvalues = np.linalg.eigvalsh(np.eye(6) + coupling)
+    eigenvalues = np.asarray(np.linalg.eigvalsh(np.eye(6) + coupling), dtype=float)
     strong = [
         f"{AXES[i]}-{AXES[j]} {coupling[i, j]:+.2f}"
         for i, j in PAIRS
@@ -94,7 +94,11 @@ def _verdict(a: Array, std: Array, solution: Solution) -> Assumption:
     ]
     warnings = []
     if strong:
-        warnings.append(f"Assumption 2 is doubtful: axes are coupled ({', '.join(strong)}); a diagonal stiffness leaves that out")
+        warnings.append(
+            f"Assumption 2 is doubtful: axes are coupled ({', '.join(strong)}); a diagonal stiffness leaves that out"
+        )
     if eigenvalues.min() <= 0.0 or (k <= 0.0).any():
         warnings.append("Assumption 2 fails: the full stiffness is not positive")
-    return Assumption(not warnings, np.outer(root, root) * (np.eye(6) + coupling), coupling, deviation, eigenvalues, tuple(warnings))
+    return Assumption(
+        not warnings, np.outer(root, root) * (np.eye(6) + coupling), coupling, deviation, eigenvalues, tuple(warnings)
+    )

@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from seed_core.bushing import Model
 from seed_core.config import ConfigError
 from seed_core.spatial import Array, pose_from_rpy
-
 from seed_sysid.model import AXES, skews, stiffness_map
 from seed_sysid.parameters import ExcitationParameters, LimitParameters
 
@@ -36,7 +36,7 @@ class Target:
     @property
     def X_TC(self) -> Array:
         """(4, 4)."""
-        return poses(np.array([self.xi]))[0]
+        return pose_from_rpy(self.xi[:3], self.xi[3:])
 
     def scaled(self, factor: float) -> Target:
         """The same direction, nearer to the centre."""
@@ -45,7 +45,7 @@ class Target:
 
 def poses(xi: Array) -> Array:
     """X_TC (n, 4, 4) of xi (n, 6)."""
-    return np.array([pose_from_rpy(v[:3], v[3:]) for v in xi]).reshape(-1, 4, 4)
+    return np.asarray([pose_from_rpy(v[:3], v[3:]) for v in xi]).reshape(-1, 4, 4)
 
 
 def design(parameters: ExcitationParameters, limits: LimitParameters, model: Model = "midpoint") -> list[Target]:

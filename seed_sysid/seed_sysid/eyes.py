@@ -8,6 +8,7 @@ reading, which would cost far more and tell nothing new.
 from __future__ import annotations
 
 import numpy as np
+
 from seed_core.spatial import Array, inverse_pose, so3_log
 
 _STEP, _TURN = 1.5e-3, np.deg2rad(2.5)  # [m], [rad]; motion between images that is followed with ease

@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
-from seed_core.spatial import Array
 
+from seed_core.spatial import Array
 from seed_sysid.analysis import Analysis
 from seed_sysid.fit import Problem
 from seed_sysid.model import AXES, CHANNELS, LOAD_UNITS, UNITS, stiffness_map
@@ -126,7 +126,9 @@ def residuals(a: Analysis) -> str:
         ax.plot(minutes[good], r[good], ".", color=_POINTS, ms=3)
         limit = 5.0 * a.solution.noise[j]
         ax.plot(minutes[~good], np.clip(r[~good], -limit, limit), "x", color=_OUTLIER)
-        ax.set_title(f"{CHANNELS[j]}: {a.solution.noise[j]:.2g} {LOAD_UNITS[j]}, R² {a.solution.r_squared[j]:.5f}", fontsize=9)
+        ax.set_title(
+            f"{CHANNELS[j]}: {a.solution.noise[j]:.2g} {LOAD_UNITS[j]}, R² {a.solution.r_squared[j]:.5f}", fontsize=9
+        )
         ax.set_ylabel(LOAD_UNITS[j])
     for ax in axes[1]:
         ax.set_xlabel("minutes")

@@ -3,12 +3,12 @@
 
 The measured load on the sensor, moved to the nominal tool frame T', is
 
-    w' = Ad(X_T'T) B (K_g xi + h z) + b_g + d s        B, xi: seed_sysid.model;  g: grip;  s: time, -1/2 to 1/2 over the run
+    w' = Ad(X_T'T) B (K_g xi + h z) + b_g + d s        B, xi: seed_sysid.model; g: grip; s: time, -1/2 to 1/2
 
 with the unknown frame offset X_T'T = (exp(phi), t), bias b_g per grip, drift d, and on hysteretic axes friction h z (z:
 seed_sysid.hysteresis). Residuals are divided by their channel's noise, which is estimated from them; a
-soft-L1 loss first, then samples whose six residuals together are less likely than FitParameters.outlier are left out by name
-and plain least squares finishes, so that the covariance (J^T J)^-1 means what it says.
+soft-L1 loss first, then samples whose six residuals together are less likely than FitParameters.outlier are left out
+by name and plain least squares finishes, so that the covariance (J^T J)^-1 means what it says.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student
-from seed_core.spatial import Array, skew, so3_exp
 
+from seed_core.spatial import Array, skew, so3_exp
 from seed_sysid.model import Map, skews, stiffness_map
 from seed_sysid.parameters import FitParameters
 
@@ -198,8 +198,8 @@ def _minimise(model: _Model, theta: Array, noise: Array, inlier: np.ndarray, rob
 def _noise(model: _Model, theta: Array, inlier: np.ndarray, robust: bool) -> Array:
     """(6,) standard deviation of each channel, for the degrees of freedom that the fit has used."""
     r = (model.predict(theta) - model.problem.wrench)[inlier]
-    spread = 1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0))
-    return np.maximum(spread * np.sqrt(len(r) / _degrees(model, inlier)), _FLOOR)
+    spread: Array = 1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0))
+    return np.asarray(np.maximum(spread * np.sqrt(len(r) / _degrees(model, inlier)), _FLOOR))
 
 
 def _degrees(model: _Model, inlier: np.ndarray) -> float:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the grasp changes with the grip: gripper width to pressure (linear), pressure to each stiffness (Fig. 2).
 
-The paper found forces and one torque to grow about linearly with pressure, and no reliable trend in other torques; a trend
-is therefore only claimed where its interval excludes zero, and the band shown is as wide as the data make it.
+The paper found forces and one torque to grow about linearly with pressure, and no reliable trend in other torques; a
+trend is therefore only claimed where its interval excludes zero, and the band shown is as wide as the data make it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
-from seed_core.spatial import Array
 
+from seed_core.spatial import Array
 from seed_sysid.fit import Solution
 from seed_sysid.model import AXES
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from seed_core.spatial import Array
 
+from seed_core.spatial import Array
 from seed_sysid.fit import Problem, Solution, solve
 from seed_sysid.model import stiffness_map
 

@@ -7,12 +7,11 @@ import argparse
 import json
 import sys
 from dataclasses import replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from seed_core.errors import SeedError
-
 from seed_sysid.analysis import Analysis, analyse
 from seed_sysid.dataset import Dataset, read
 from seed_sysid.model import AXES, UNITS
@@ -38,16 +37,20 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sysid/config/identify")
     out.add_argument("--seed", type=int, default=0, help="draws the hidden stiffness and every fault")
     out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
-    out.add_argument("--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor")
+    out.add_argument(
+        "--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor"
+    )
     out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit (default: the scenario's)")
-    out.add_argument("--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again")
+    out.add_argument(
+        "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
+    )
     out.add_argument("--out", type=Path, help="folder for data, stiffness.yaml and report.html")
     out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
     return out
 
 
 def _run(args: argparse.Namespace) -> int:
-    now = datetime.now(timezone.utc)
+    now = datetime.now(UTC)
     if args.procedure == "weight":
         from seed_sysid.weight import run_weight
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy
-
 from seed_sysid.analysis import Analysis, analyse
 from seed_sysid.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
 from seed_sysid.parameters import Procedure
@@ -99,7 +99,9 @@ class Live:
         away = float(np.linalg.norm(X_WC[:3, 3] - self.X_WT[:3, 3]))
         if away > _AWAY:
             self.writer.close()
-            raise LiveError(f"the arm is {1e3 * away:.1f} mm from the grasp of {file}: bring it back, or choose another output")
+            raise LiveError(
+                f"the arm is {1e3 * away:.1f} mm from the grasp of {file}: bring it back, or choose another output"
+            )
         self.run = Run(procedure, {s.key for s in self.samples}, self.header.X_TS)
 
     def lines(self) -> list[str]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
+
 from seed_core.bushing import MODELS, Model
 from seed_core.config import ConfigError
 from seed_core.spatial import Array, make_pose, skew, so3_exp

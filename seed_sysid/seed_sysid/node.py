@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identification as a ROS node with the action ~/identify_stiffness, on the simulated cell and on hardware alike."""
+"""The identification as a ROS node with the action ~/identify_stiffness, on simulated and real cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from concurrent.futures import Future as Job
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,15 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from seed_msgs.action import IdentifyStiffness
+from seed_msgs.msg import RelativePose
+from std_msgs.msg import Float32, Float64, String
+from std_srvs.srv import Trigger
+
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array
-from seed_msgs.action import IdentifyStiffness
-from seed_msgs.msg import RelativePose
 from seed_ros.conversions import check_frame, estimate_from_message, pose_stamped, pose_to_matrix, wrench_to_core
 from seed_ros.counters import Complaints
 from seed_ros.frames import FrameNames
@@ -32,9 +35,6 @@ from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
-from std_msgs.msg import Float32, Float64, String
-from std_srvs.srv import Trigger
-
 from seed_sysid.analysis import Analysis
 from seed_sysid.bag import TOPIC
 from seed_sysid.dataset import Header
@@ -182,14 +182,14 @@ class SysidNode(Node):
             sensor_range=(s.sensor_range_force, s.sensor_range_torque),
         )
         folder = Path(goal.request.output or s.output)
-        live = Live(
-            self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), _date()
-        )
+        live = Live(self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), _date())
         assert self.streams.X_WE is not None
         self._active = _Active(goal, live, folder, source, Future(), self.streams.X_WE)
         for line in live.lines():
             self._lines.publish(String(data=line))
-        self.get_logger().info(f"identification: {live.run.total - live.run.done} of {live.run.total} poses to go, {folder}")
+        self.get_logger().info(
+            f"identification: {live.run.total - live.run.done} of {live.run.total} poses to go, {folder}"
+        )
         return self._active
 
     def _tick(self) -> None:
@@ -275,7 +275,7 @@ class SysidNode(Node):
 
 
 def _date() -> str:
-    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def main(argv: list[str] | None = None) -> int:

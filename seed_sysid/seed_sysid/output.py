@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from seed_core.spatial import Array, inverse_pose
 from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
-
 from seed_sysid.analysis import Analysis
 from seed_sysid.dataset import DatasetError
 from seed_sysid.model import AXES, CHANNELS, wrench_transform

@@ -12,9 +12,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
-from seed_core.spatial import Array, interpolate_pose, so3_log
 from scipy.spatial.transform import Rotation
 
+from seed_core.spatial import Array, interpolate_pose, so3_log
 from seed_sysid.dataset import Sample, flat_pose
 from seed_sysid.excitation import Target, design
 from seed_sysid.model import wrench_transform
@@ -73,7 +73,7 @@ class Run:
     """One identification over all grips; step() with each reading until the command says done."""
 
     def __init__(self, procedure: Procedure, finished: Collection[str] = (), X_TS: Array | None = None) -> None:
-        """Plan every pose that is not among the finished keys ('grip/name'); X_TS (4, 4): nominal place of the sensor."""
+        """Plan every pose that is not among the finished keys ('grip/name'); X_TS (4, 4): the sensor's nominal pose."""
         self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
         self.procedure = procedure
         targets = design(procedure.excitation, procedure.limits, procedure.fit.model)

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from seed_core.spatial import Array
 
+from seed_core.spatial import Array
 from seed_sysid import figures as plots
 from seed_sysid.analysis import Analysis
 from seed_sysid.model import AXES, CHANNELS, LOAD_UNITS, UNITS
 
 _STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums}td,th{padding:.2em .8em;text-align:right;border-bottom:1px solid #ddd}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+td,th{padding:.2em .8em;text-align:right;border-bottom:1px solid #ddd}
 td:first-child,th:first-child{text-align:left}.warn{background:#fff4e0;padding:.4em 1em;border-left:4px solid #e08a00}
 svg{max-width:100%;height:auto}details{margin:1em 0}.small{font-size:12px}"""
 
@@ -32,8 +33,9 @@ def write_report(path: Path, a: Analysis, figures: dict[str, Any]) -> None:
 def render(a: Analysis, figures: dict[str, Any]) -> str:
     """The report as HTML."""
     truth = [_flat(t) for t in figures["truth_all_grips"]] if "truth_all_grips" in figures else None
+    held, dump = a.data.header, escape(json.dumps(figures, indent=1))
     body = [
-        f"<h1>Stiffness of {escape(a.data.header.hand or 'the hand')} holding {escape(a.data.header.tool or 'the sensor')}</h1>",
+        f"<h1>Stiffness of {escape(held.hand or 'the hand')} holding {escape(held.tool or 'the sensor')}</h1>",
         f"<p>{_abstract(a)}</p>",
         *(f'<p class="warn">{escape(w)}</p>' for w in a.warnings),
         "<h2>Stiffness</h2>",
@@ -50,12 +52,12 @@ def render(a: Analysis, figures: dict[str, Any]) -> str:
         f"<p>{_verdict(a)}</p>",
         plots.couplings(a),
         "<h2>Sensor</h2>",
-        _sensor_table(a, figures),
+        _sensor_table(figures),
         f"<details><summary>All samples ({len(a.data.samples)})</summary>{_sample_table(a)}</details>",
-        f"<details><summary>All figures (JSON)</summary><pre class='small'>{escape(json.dumps(figures, indent=1))}</pre></details>",
+        f"<details><summary>All figures (JSON)</summary><pre class='small'>{dump}</pre></details>",
     ]
-    head = f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>Grasp stiffness</title><style>{_STYLE}</style></head>"
-    return f"{head}<body>{''.join(body)}</body></html>\n"
+    head = f"<head><meta charset='utf-8'><title>Grasp stiffness</title><style>{_STYLE}</style></head>"
+    return f"<!DOCTYPE html><html lang='en'>{head}<body>{''.join(body)}</body></html>\n"
 
 
 def _flat(values: dict[str, list[float]]) -> Array:
@@ -66,7 +68,8 @@ def _abstract(a: Analysis) -> str:
     minutes = (a.problem.time[-1] - a.problem.time[0]) / 60.0
     return (
         f"{len(a.data.samples)} poses at {len(a.grips)} grips in {minutes:.0f} min; poses from {a.source}; "
-        f"{a.problem.parameters.model} model; condition number {a.solution.condition:.1f}; {len(a.outliers)} outliers left out. "
+        f"{a.problem.parameters.model} model; condition number {a.solution.condition:.1f}; "
+        f"{len(a.outliers)} outliers left out. "
         f"Recorded {escape(a.data.header.created or 'at an unknown time')}."
     )
 
@@ -85,7 +88,9 @@ def _stiffness_table(a: Analysis, truth: list[Array] | None) -> str:
             k, half = a.solution.stiffness[g, j], a.solution.stiffness_half_width[g, j]
             true = [f"{truth[g][j]:.4g}", f"{k / truth[g][j] - 1.0:+.2%}"] if truth else []
             state = f"{1e3 * a.widths[g]:.1f} mm, {a.pressures[g]:.1f} hPa"
-            rows.append([state if j == 0 else "", axis, f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j], *true])
+            rows.append(
+                [state if j == 0 else "", axis, f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j], *true]
+            )
     head = ["grip", "axis", "stiffness", f"{a.problem.parameters.confidence:.0%} interval", "relative", "unit"]
     return table([*head, "true", "error"] if truth else head, rows)
 
@@ -110,7 +115,7 @@ def _verdict(a: Analysis) -> str:
     return escape(" ".join(a.assumption.warnings)) + "."
 
 
-def _sensor_table(a: Analysis, figures: dict[str, Any]) -> str:
+def _sensor_table(figures: dict[str, Any]) -> str:
     o, bias, drift = figures["frame_offset"], figures["bias"], figures["drift"]
 
     def row(name: str, values: list[float], unit: str) -> list[str]:

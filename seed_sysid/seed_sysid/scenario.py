@@ -9,7 +9,6 @@ from pathlib import Path
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool, Vector
-
 from seed_sysid.model import AXES
 from seed_sysid.parameters import Procedure
 

@@ -9,8 +9,8 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from seed_core.errors import SeedError
 
+from seed_core.errors import SeedError
 from seed_sysid.dataset import Dataset, Header, Sample, Writer
 from seed_sysid.excitation import design
 from seed_sysid.procedure import Command, Run, average

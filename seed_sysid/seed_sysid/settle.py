@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from seed_core.spatial import Array, so3_log
 
+from seed_core.spatial import Array, so3_log
 from seed_sysid.parameters import LimitParameters, SettleParameters
 
 _DEVIATIONS = 3.0  # noise may move the mean of half a window by this many standard deviations

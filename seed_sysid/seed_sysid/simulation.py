@@ -2,8 +2,8 @@
 """A simulated cell for identification: arm, grasp, fixed force/torque sensor and gripper, quasi-static.
 
 The stiffness, the sensor's faults and the arm's repeatability are drawn from the seed; the identification sees readings
-only. The grasp is the bushing of seed_core (checked against Drake in its tests) with a membrane that settles and creeps,
-and, where the scenario asks, elastic-then-sliding friction along single axes.
+only. The grasp is the bushing of seed_core (checked against Drake in its tests) with a membrane that settles and
+creeps, and, where the scenario asks, elastic-then-sliding friction along single axes.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
-
 from seed_sysid.excitation import amplitudes
 from seed_sysid.model import AXES, offset_pose, stiffness_map, wrench_transform
 from seed_sysid.procedure import Command, Reading
@@ -47,7 +47,9 @@ def draw_truth(scenario: IdentificationScenario, rng: np.random.Generator) -> Tr
     base = base * rng.uniform(1.0 - grasp.spread, 1.0 + grasp.spread, 6)
     trend = 1.0 + np.outer(pressures - grasp.pressure, grasp.slope)
     scatter = 1.0 + rng.uniform(-1.0, 1.0, (len(widths), 6)) * np.array(grasp.scatter)
-    offset = np.concatenate([np.deg2rad(sensor.offset_deg) * _direction(rng), 1e-3 * sensor.offset_mm * _direction(rng)])
+    offset = np.concatenate(
+        [np.deg2rad(sensor.offset_deg) * _direction(rng), 1e-3 * sensor.offset_mm * _direction(rng)]
+    )
     uniform = rng.uniform(-1.0, 1.0, (2, 6))
     bias = uniform[0] * np.repeat([sensor.torque_bias, sensor.force_bias], 3)
     drift = uniform[1] * np.repeat([sensor.torque_drift, sensor.force_drift], 3)
@@ -67,7 +69,9 @@ class SimulatedCell:
         self.scenario, self._eyes = scenario, eyes
         self._rng = np.random.default_rng([seed, 0x5EED])
         self.truth = draw_truth(scenario, self._rng)
-        self._bushings = [Bushing(Stiffness(_three(k[:3]), _three(k[3:])), scenario.procedure.fit.model) for k in self.truth.stiffness]
+        self._bushings = [
+            Bushing(Stiffness(_three(k[:3]), _three(k[3:])), scenario.procedure.fit.model) for k in self.truth.stiffness
+        ]
         X_TS = pose_from_rpy(np.deg2rad(scenario.sensor_rpy_deg), scenario.sensor_position)
         nominal_to_true = offset_pose(self.truth.offset[:3], self.truth.offset[3:])
         self._to_sensor = wrench_transform(inverse_pose(X_TS)) @ wrench_transform(nominal_to_true)
@@ -105,7 +109,9 @@ class SimulatedCell:
         X_TC, self._goal = command.X_TC @ self._error, command.X_TC
         self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
         self.stamp += dwell
-        pressures = _all(self.truth.pressures[command.grip] + self.scenario.grasp.pressure_noise * self._rng.normal(size=2))
+        pressures = _all(
+            self.truth.pressures[command.grip] + self.scenario.grasp.pressure_noise * self._rng.normal(size=2)
+        )
         sensed = [self._sensed(self._lag[0]) for _ in range(count)]
         return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]
 
@@ -135,7 +141,8 @@ class SimulatedCell:
         noise = self._rng.normal(size=6) * np.repeat([sensor.torque_noise, sensor.force_noise], 3)
         drift = self.truth.drift * self.stamp / _DRIFT_TIME
         full = np.repeat([sensor.range_torque, sensor.range_force], 3)
-        return np.clip(self._to_sensor @ w_T + self.truth.bias + drift + self._disturbance + noise, -full, full)
+        sensed = self._to_sensor @ w_T + self.truth.bias + drift + self._disturbance + noise
+        return np.asarray(np.clip(sensed, -full, full))
 
 
 def _three(v: Array) -> tuple[float, float, float]:
@@ -144,5 +151,3 @@ def _three(v: Array) -> tuple[float, float, float]:
 
 def _all(v: Array) -> tuple[float, ...]:
     return tuple(float(x) for x in v)
-
-

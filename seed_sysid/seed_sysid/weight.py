@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stiffness without a force sensor: a calibrated weight, held in a few orientations.
 
-At rest the spring carries the weight: w = -(com x m g, m g) about T, in T. With w = B (K xi) each axis is a line through
-its own numbers, xi_j = (B^-1 w)_j / k_j + xi0_j, where xi0 is how the grasp sat at its reference. An axis gets a
+At rest the spring carries the weight: w = -(com x m g, m g) about T, in T. With w = B (K xi) each axis is a line
+through its own numbers, xi_j = (B^-1 w)_j / k_j + xi0_j, where xi0 is how the grasp sat at its reference. An axis gets a
 stiffness only where the weight loads it: a weight whose centre of mass lies at T gives the forces alone.
 """
 
@@ -14,17 +14,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
 from seed_core.bushing import Bushing, Model, Stiffness
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp
-
 from seed_sysid.model import AXES, UNITS, stiffness_map
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s^2]
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis is not given
 _MINIMUM = 4
 _TURNS_DEG = ((0, 0), (90, 0), (-90, 0), (180, 0), (0, 90), (0, -90), (45, 0), (0, 45), (-135, 0), (0, -135))
-_SIM_NOISE = np.array([np.deg2rad(0.1)] * 3 + [5e-5] * 3)  # [rad, m]; an average of some images (math.md of the estimator)
+_SIM_NOISE = np.array(
+    [np.deg2rad(0.1)] * 3 + [5e-5] * 3
+)  # [rad, m]; an average of some images (math.md of the estimator)
 
 
 class WeightError(SeedError):
@@ -56,7 +58,7 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
     if len(X_TC) < _MINIMUM:
         raise WeightError(f"{len(X_TC)} orientations are too few: hold the weight in at least {_MINIMUM}")
     m = stiffness_map(X_TC, model)
-    load = np.linalg.solve(m.B, wrench[:, :, None])[:, :, 0]
+    load = np.asarray(np.linalg.solve(m.B, wrench[:, :, None])[:, :, 0], dtype=float)
     k, std, residual, reasons = np.full(6, np.nan), np.full(6, np.nan), np.zeros(6), {}
     for j, axis in enumerate(AXES):
         k[j], std[j], residual[j] = _line(load[:, j], m.xi[:, j])
@@ -157,5 +159,7 @@ def _text(fit: WeightFit, truth: Array, mass: float) -> str:
             lines.append(f"  {axis:<6} not given: {fit.undetermined[axis]}")
         else:
             k, s = fit.stiffness[j], fit.std[j]
-            lines.append(f"  {axis:<6}{k:9.2f} +- {2 * s:6.2f} {UNITS[j]:<8} true {truth[j]:9.2f}  error {abs(k / truth[j] - 1):6.2%}")
+            lines.append(
+                f"  {axis:<6}{k:9.2f} +- {2 * s:6.2f} {UNITS[j]:<8} true {truth[j]:9.2f}  error {abs(k / truth[j] - 1):6.2%}"
+            )
     return "\n".join(lines)

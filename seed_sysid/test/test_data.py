@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from seed_core.spatial import inverse_pose
 from seed_sysid import identify
 from seed_sysid.analysis import analyse
@@ -88,10 +89,19 @@ BAD: dict[str, tuple[Callable[[Dataset], Dataset], str]] = {
         lambda d: replace(d, samples=[s for s in d.samples if s.kind in ("home", "x", "y", "roll", "pitch", "yaw")]),
         "z was never excited",
     ),
-    "constant channel": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1, 0, 1, 1, 1, 1])), "torque y .* stays"),
+    "constant channel": (
+        lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1, 0, 1, 1, 1, 1])),
+        "torque y .* stays",
+    ),
     "saturated": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: np.clip(w, -9, 4.0))), "saturates at"),
-    "mm": (lambda d: _changed(d, lambda s: replace(s, kinematic=(*(1e3 * v for v in s.kinematic[:3]), *s.kinematic[3:]))), "mm"),
-    "degrees": (lambda d: _changed(d, lambda s: replace(s, kinematic=(*s.kinematic[:3], *np.rad2deg(s.kinematic[3:])))), "degrees"),
+    "mm": (
+        lambda d: _changed(d, lambda s: replace(s, kinematic=(*(1e3 * v for v in s.kinematic[:3]), *s.kinematic[3:]))),
+        "mm",
+    ),
+    "degrees": (
+        lambda d: _changed(d, lambda s: replace(s, kinematic=(*s.kinematic[:3], *np.rad2deg(s.kinematic[3:])))),
+        "degrees",
+    ),
     "N mm": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1e3, 1e3, 1e3, 1, 1, 1])), "N mm"),
     "reaction": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: -w)), "turn its sign"),
     "turned sensor": (
@@ -99,7 +109,9 @@ BAD: dict[str, tuple[Callable[[Dataset], Dataset], str]] = {
         "frames disagree",
     ),
     "inverse poses": (
-        lambda d: _changed(d, lambda s: replace(s, estimator=flat_pose(inverse_pose(Dataset(d.header, [s]).poses("kinematic")[0])))),
+        lambda d: _changed(
+            d, lambda s: replace(s, estimator=flat_pose(inverse_pose(Dataset(d.header, [s]).poses("kinematic")[0])))
+        ),
         "look like X_CT",
     ),
 }
@@ -132,7 +144,18 @@ FILES = {
     '{"format": "seed-stiffness-samples", "version": 1}\n{"sample": {"name": "a"}}\n': "lacks kind",
     '{"format": "seed-stiffness-samples", "version": 1}\n{"sam\n{"event": {}}\n': ":2: not JSON",
     '{"format": "seed-stiffness-samples", "version": 1}\n'
-    + json.dumps({"sample": {"name": "a", "kind": "x", "grip": 0, "stamp": 0.0, "kinematic": [0] * 6, "wrench": [float("nan")] * 6}})
+    + json.dumps(
+        {
+            "sample": {
+                "name": "a",
+                "kind": "x",
+                "grip": 0,
+                "stamp": 0.0,
+                "kinematic": [0] * 6,
+                "wrench": [float("nan")] * 6,
+            }
+        }
+    )
     + "\n": "wrench = .* finite",
 }
 
@@ -145,7 +168,9 @@ def test_broken_files_are_refused_by_name(text: str, tmp_path: Path) -> None:
         read(file)
 
 
-def test_data_are_fitted_again_from_their_file(data: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_data_are_fitted_again_from_their_file(
+    data: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file, out = tmp_path / "samples.jsonl", tmp_path / "out"
     file.write_text("\n".join(_lines(data)) + "\n")
     assert identify.main(["--from", str(file), "--json", "--out", str(out)]) == 0
@@ -153,5 +178,7 @@ def test_data_are_fitted_again_from_their_file(data: Dataset, tmp_path: Path, ca
     assert set(printed["stiffness"]) == {"rotation", "translation"}
     report = (out / "report.html").read_text()
     assert report.count("<svg") == 5
-    assert "http://" not in report.replace("http://www.w3.org", "").replace("http://purl.org", "").replace("http://creativecommons.org", "")
+    assert "http://" not in report.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
     assert "src=" not in report

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fit finds what the plant hides: stiffness, frame offset, bias, outliers, friction; and says what it cannot know."""
+"""The fit finds what the plant hides: stiffness, frame offset, bias, outliers, friction."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
@@ -50,7 +51,9 @@ def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
 def test_without_noise_the_fit_is_exact() -> None:
     scenario = IdentificationScenario(
         grasp=Grasp(pressure_noise=0.0),
-        sensor=SensorFaults(force_noise=0.0, torque_noise=0.0, force_bias=3.0, torque_bias=0.1, force_drift=0.0, torque_drift=0.0),
+        sensor=SensorFaults(
+            force_noise=0.0, torque_noise=0.0, force_bias=3.0, torque_bias=0.1, force_drift=0.0, torque_drift=0.0
+        ),
         repeatability=0.0,
         repeatability_deg=0.0,
     )
@@ -148,7 +151,7 @@ def test_an_axis_that_hardly_moves_is_reported_as_undetermined() -> None:
     assert "x" not in a.undetermined
 
 
-def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> None:  # noqa: ANN001
+def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> None:
     from seed_core.stiffness_file import GripStiffness, load_stiffness
     from seed_sysid.output import stiffness_file, write_stiffness
 

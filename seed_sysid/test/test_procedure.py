@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The run keeps its limits, waits for rest, ends on slip; the weight procedure gives forces and says what it cannot give."""
+"""The run keeps its limits, waits for rest, ends on slip; a weight gives forces and says what it cannot give."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_sysid import identify
 from seed_sysid.parameters import Procedure
@@ -47,13 +48,15 @@ def test_slip_ends_the_run() -> None:
 def test_a_creeping_grasp_is_waited_for() -> None:
     """The wrench is still moving 1 s after the arm stopped: no pose is measured before the change is small."""
     scenario = load("default")
-    slow = replace(scenario, grasp=replace(scenario.grasp, settle_time=0.8), procedure=replace(scenario.procedure, widths=[0.05]))
+    slow = replace(
+        scenario, grasp=replace(scenario.grasp, settle_time=0.8), procedure=replace(scenario.procedure, widths=[0.05])
+    )
     quick, slow_cell = simulate(slow, 2201, None)
     error = np.abs(_stiffness(quick) / slow_cell.truth.stiffness - 1.0)
     assert error.max() < 0.02
 
 
-def _stiffness(data):  # noqa: ANN001, ANN202
+def _stiffness(data):
     from seed_sysid.analysis import analyse
 
     return analyse(data, "kinematic").solution.stiffness

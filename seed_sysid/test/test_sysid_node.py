@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live node against the simulated cell, as real nodes: it resumes, finishes, writes, cancels, and refuses in words."""
+"""The live node against the simulated cell: it resumes, finishes, writes, cancels, and refuses in words."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
 
+from std_msgs.msg import String  # noqa: E402
+
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sysid.cell_node import CellNode  # noqa: E402
@@ -23,7 +25,6 @@ from seed_sysid.excitation import design  # noqa: E402
 from seed_sysid.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.procedure import Command, average  # noqa: E402
 from seed_sysid.simulation import SimulatedCell  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -56,7 +57,9 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
     from seed_sysid.live import Live, Streams
 
     streams = Streams(X_WE=cell.X_WE, pose_stamp=0.0, wrench_stamp=0.0)
-    head = Header(hand=Hand().name, tool="ft_sensor", sensor_xyz=(0.0, 0.0, 0.06), sensor_rpy=(np.pi, 0.0, np.deg2rad(30.0)))
+    head = Header(
+        hand=Hand().name, tool="ft_sensor", sensor_xyz=(0.0, 0.0, 0.06), sensor_rpy=(np.pi, 0.0, np.deg2rad(30.0))
+    )
     live = Live(node.procedure, head, Hand().X_EC, streams, folder / "samples.jsonl", 0.0, "before")
     live.close()
     writer = Writer(folder / "samples.jsonl", live.header)
@@ -110,7 +113,9 @@ def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Pa
 
 def test_without_a_sensor_the_goal_is_refused_in_words(bench: Bench, tmp_path: Path) -> None:
     bench.add(SysidNode, **SENSOR, **QUICK)
-    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", IdentifyStiffness.Goal(output=str(tmp_path)))
+    handle = bench.send_goal(
+        IdentifyStiffness, "sysid/identify_stiffness", IdentifyStiffness.Goal(output=str(tmp_path))
+    )
     result = bench.result(handle).result
     assert not result.success
     assert "current_pose never came" in result.message
