@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -110,6 +111,15 @@ def test_slides_begin_at_rest_and_go_on():
     assert_allclose(slide.slid(1.1)[:3, 3], (0.005, 0, 0))
     kinds = {tuple(np.nonzero(random_slide(np.random.default_rng(i)).speed)[0]) for i in range(30)}
     assert kinds == {(1,), (3,), (5,)}
+
+
+def test_scenario_file_of_the_documentation_loads(tmp_path):
+    text = Path(__file__).parents[2].joinpath("docs", "tactile_simulation.md").read_text(encoding="utf-8")
+    file = tmp_path / "my_tool.yaml"
+    file.write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    scenario = run.load(file)
+    assert run.tactile_of(scenario).tool.kind == "box"
+    assert scenario.trajectory.rotation_deg == (5.0, 10.0, 5.0)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
