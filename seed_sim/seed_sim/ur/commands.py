@@ -91,7 +91,7 @@ def _goal(box: Controller, kind: str, target: list[float]) -> list[float]:
 
 
 def _path(box: Controller, program: Program) -> Job | None:
-    moves = []
+    moves: list[Callable[[], Move]] = []
     for kind, target, acceleration, speed in program.path:
 
         def make(k: str = kind, t: list[float] = target, a: float = acceleration, v: float = speed) -> Move:

@@ -52,8 +52,10 @@ class Controller:
     """The robot behind the ports. Time is passed in, in seconds."""
 
     def __init__(self, options: Options) -> None:
-        self.options, self.faults, self.recorder = options, Faults(), Recorder()
-        self.arm = Arm(URKinematics.for_model(options.model), options.home)
+        self.options: Options = options
+        self.faults: Faults = Faults()
+        self.recorder: Recorder = Recorder()
+        self.arm: Arm = Arm(URKinematics.for_model(options.model), options.home)
         self.in_int, self.in_double = [0] * 48, [0.0] * 48
         self.values: dict[str, wire.Value] = _initial_values()
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
@@ -61,8 +63,8 @@ class Controller:
         self.pending: tuple[float, Program] | None = None  # starts at this time
         self.payload, self.payload_cog = 0.0, [0.0, 0.0, 0.0]
         self.freedrive = self.force_mode = False
-        self.wrench_E = (0.0,) * 6  # (fx fy fz tx ty tz) of the environment on the flange, in E [N, N m]
-        self.zero_W = (0.0,) * 6  # what zero_ftsensor subtracts
+        self.wrench_E: tuple[float, ...] = (0.0,) * 6  # (fx fy fz tx ty tz) of the environment on the flange, in E [N, N m]
+        self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot = -1.0  # [s] time of the first cycle
         self.send_text: Callable[[str], None] = lambda _: None
