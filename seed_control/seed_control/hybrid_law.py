@@ -70,6 +70,7 @@ class HybridLaw:
         self.deflections = np.zeros(0)  # (m,) wanted along the normals [m]
         self.observers: list[SurfaceObserver] = []
         self.contacts_lost = 0
+        self.loop_time = 0.1  # [s] from an image to the arm's answer, set by whoever knows
         self._seen: list[int] = [0, 0]  # images in a row above and below the thresholds of contact
         self._lever = np.zeros(3)
         self._tipping_gain = 1.0
@@ -148,8 +149,9 @@ class HybridLaw:
         dt, p = m.stamp - self.measured.stamp, self.parameters
         R = m.X_WT[:3, :3]
         self.R_WT = self.R_WT @ so3_exp(self._share(dt, p.rotation_filter) * so3_log(self.R_WT.T @ R))
-        self.q = self.q + share_of(dt, p.angle_feedforward * self._tipping_gain) * (q - self.q)
-        self.offset = self.offset + share_of(dt, p.position_feedforward) * (offset - self.offset)
+        slowest = p.feedforward_ratio * self.loop_time
+        self.q = self.q + share_of(dt, max(p.angle_feedforward, slowest) * self._tipping_gain) * (q - self.q)
+        self.offset = self.offset + share_of(dt, max(p.position_feedforward, slowest)) * (offset - self.offset)
         a = share_of(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)

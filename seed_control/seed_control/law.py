@@ -201,7 +201,7 @@ class Controller:
         if self._relative is not None:
             p_WC, R_WC = self._relative_target(self._relative)
         else:
-            lead = self._lag.lag + 2.0 / BANDWIDTH
+            lead = self._lead()
             p_WC = self.law.target(dt, lead, lead + t - self._measured.stamp + 0.02)
             R_WC = self.law.R_WC
         limits = self.law.limits if self._relative is None else ()
@@ -215,6 +215,10 @@ class Controller:
         if limiter.angular.limited:
             limits += ("max_angular_speed",)
         return limits
+
+    def _lead(self) -> float:
+        """By how long the arm trails what the law asks for [s]: its own lag, and the smoothing of the command."""
+        return self._lag.lag + 2.0 / BANDWIDTH
 
     def _relative_target(self, setpoint: RelativePoseSetpoint) -> tuple[Array, Array]:
         law, X_TC = self.law, setpoint.X_TC
@@ -237,6 +241,8 @@ class Controller:
             return
         self._pending = None
         self._arrived = t
+        frame = stamp - self._measured.stamp if self._measured is not None else 0.0
+        self.law.loop_time = min(t - stamp + 0.5 * frame + self._lead(), 0.5)
         self._measured = m = self.gauge.measure(estimate, X_WE @ self._X_EC)
         self.law.image(m)
         self.counters = self.counters._replace(contacts_lost=self.law.contacts_lost)
