@@ -122,6 +122,12 @@ class Demo:
             session = Session(lambda: self._watch(launch))
             stack.callback(session.close)
             self._prepare(session)
+            heard = session.node.count_subscribers
+            session.until(
+                lambda: all(heard(topic) for topic in TOPICS.values() if topic.startswith("/sim")),
+                40.0,
+                "the recorder did not start",
+            )
             self._play(session)
             if self._replays:
                 with contextlib.suppress(SeedError):
@@ -154,7 +160,7 @@ class Demo:
         }  # fmt: skip
 
     def _prepare(self, session: Any) -> None:
-        """What one does with a real gripper: picture the empty bubbles, close, picture the grasp, enable."""
+        """What one does with a real gripper: picture the empty bubbles, close, picture the grasp."""
         images = self.options.estimator != "truth"
         if images:
             session.trigger("estimator/capture_reference", patience=40.0)
@@ -164,7 +170,6 @@ class Demo:
             session.spin(0.3)
             session.trigger("estimator/initialize_grasp")
         say("tool grasped")
-        session.enable()
 
     def _play(self, session: Any) -> None:
         camera = _Camera(session, self.pictures) if self.options.estimator != "truth" else None
@@ -175,6 +180,7 @@ class Demo:
             if camera is not None:
                 camera.consider(feedback)
 
+        session.enable()
         overrides = "" if self.options.force is None else f"force: {self.options.force}"
         try:
             session.play(self._task_source(), overrides, tell, TASK_PATIENCE)
