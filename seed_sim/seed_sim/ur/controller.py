@@ -153,7 +153,8 @@ class Controller:
     def _safety_stop(self, mode: int) -> None:
         if self.safety_mode == NORMAL:
             self.stopped_at = self.now
-        self.safety_mode = mode
+        if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
+            self.safety_mode = mode
         self.arm.stop(BRAKE)
         if self.program is not None and self.options.program_on_stop != "playing":
             self.runtime_state = PAUSED
