@@ -63,7 +63,7 @@ class Controller:
         self.pending: tuple[float, Program] | None = None  # starts at this time
         self.payload, self.payload_cog = 0.0, [0.0, 0.0, 0.0]
         self.freedrive = self.force_mode = False
-        self.wrench_E: tuple[float, ...] = (0.0,) * 6  # (fx fy fz tx ty tz) of the environment on the flange, in E [N, N m]
+        self.wrench_E: tuple[float, ...] = (0.0,) * 6  # environment on flange, (force, torque) in E
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot = -1.0  # [s] time of the first cycle

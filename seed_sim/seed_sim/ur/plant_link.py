@@ -64,7 +64,7 @@ class PlantLink:
                     raise SeedError(f"no stand-in UR controller at {self._address[0]}:{SIDE_PORT} ({error})") from error
                 time.sleep(0.1)
         if not reply["ok"]:
-            raise SeedError(f"the stand-in UR controller at {self._address[0]} refuses the start pose: {reply['error']}")
+            raise SeedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
 
     def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:
         """Report the wrench of the environment on the flange, about its origin, in E [N, N m]; the newest arm state.
