@@ -16,6 +16,8 @@ ELBOW_UP = (pi, -1.7, 1.9, -1.8, -0.5 * pi, 0.0)  # a UR in front of its table
 _MAX_JOINT_SPEED = 3.14  # [rad/s]
 _WANDERS = (0.05, 0.5)  # [Hz] range of the frequencies at which the repeatability error wanders
 _SINES = 4
+_TURNED = 1e-24  # [rad^2] below which a turn is over
+_STILL = np.zeros(3)
 
 
 class Repeatability:
@@ -49,6 +51,8 @@ class Arm:
         """Rest at X_WE (4, 4). Raises KinematicsError when it is out of reach."""
         self.reported = X_WE.copy()
         self._target = self.reported
+        self._left = np.zeros(3)  # rotation vector from the target to where it is, in the target's axes
+        self.turned = np.zeros(3)  # rotation vector of the last step, in the world
         self._queue.clear()
         self._error = self._repeatability.at(0.0)
         self.q = self._kinematics.inverse(X_WE, ELBOW_UP) if self._kinematics else np.zeros(0)
@@ -73,24 +77,30 @@ class Arm:
 
     def _take(self, X_WE: Array) -> None:
         self._target = X_WE
-        if self._kinematics:
+        if not self._kinematics:
+            self._left = so3_log(X_WE[:3, :3].T @ self.reported[:3, :3])
+        else:
             try:
                 self._q_target = np.array(self._kinematics.follow(X_WE, self._q_target.tolist()))
             except KinematicsError:
                 self.unreachable += 1
 
     def _follow_pose(self, share: float) -> None:
-        R, R_target, p = self.reported[:3, :3], self._target[:3, :3], self.reported[:3, 3]
-        if not np.array_equal(R, R_target):
-            turn = so3_log(R.T @ R_target)
-            R = R_target if float(turn @ turn) < 1e-20 else R @ so3_exp(share * turn)
+        R_target, p = self._target[:3, :3], self.reported[:3, 3]
+        if float(self._left @ self._left) > _TURNED:
+            self.turned = -share * (R_target @ self._left)
+            self._left = (1.0 - share) * self._left
+            R = R_target @ so3_exp(self._left)
+        else:
+            self.turned, R = _STILL, R_target
         self.reported = make_pose(R, p + share * (self._target[:3, 3] - p))
 
     def _follow_joints(self, share: float, dt: float) -> None:
         assert self._kinematics is not None
         bound = _MAX_JOINT_SPEED * dt
         self.q = self.q + np.clip(share * (self._q_target - self.q), -bound, bound)
-        self.reported = self._kinematics.forward(self.q)
+        before, self.reported = self.reported, self._kinematics.forward(self.q)
+        self.turned = so3_log(self.reported[:3, :3] @ before[:3, :3].T)
 
     @property
     def actual(self) -> Array:

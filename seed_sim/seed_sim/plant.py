@@ -102,7 +102,8 @@ class Plant:
         if not outside:
             self.arm.advance(self.time + DT, DT)
         after = self.arm.actual @ self._X_EC
-        self._place_gripper(before, after)
+        turned = so3_log(after[:3, :3] @ before[:3, :3].T) if outside else self.arm.turned
+        self._place_gripper(before, (after[:3, 3] - before[:3, 3]) / DT, turned / DT)
         context, drake = self._cell.context, self._cell.plant
         for _ in range(self._substeps):
             context.SetDiscreteState(self._state)
@@ -115,12 +116,11 @@ class Plant:
         if self._meshcat is not None and self.time >= self._drawn + _FRAME:
             self._publish()
 
-    def _place_gripper(self, X_WC: Array, after: Array) -> None:
-        """Position and velocity of the gripper at the beginning of a step that ends at `after`."""
+    def _place_gripper(self, X_WC: Array, velocity: Array, angular_velocity: Array) -> None:
+        """Pose and velocity (world) of the gripper at the beginning of a step."""
         state, (q, v) = self._state, self._cell.gripper_at
         state[q : q + 4], state[q + 4 : q + 7] = _quaternion_wxyz(X_WC[:3, :3]), X_WC[:3, 3]
-        state[v : v + 3] = _small_rotation(after[:3, :3], X_WC[:3, :3]) / DT
-        state[v + 3 : v + 6] = (after[:3, 3] - X_WC[:3, 3]) / DT
+        state[v : v + 3], state[v + 3 : v + 6] = angular_velocity, velocity
 
     def reset(self, X_WE: Array | None = None) -> None:
         """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest, time 0."""
@@ -130,7 +130,7 @@ class Plant:
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._cell.plant.GetPositionsAndVelocities(self._cell.context)
         self._state[self._cell.plant.num_positions() :] = 0.0
-        self._place_gripper(self._X_WC, self._X_WC)
+        self._place_gripper(self._X_WC, np.zeros(3), np.zeros(3))
         self.grasp()
         if self._meshcat is not None:
             self._publish()
@@ -310,13 +310,6 @@ def _rotation_of(q: Array) -> Array:
         (n * (x * y + w * z), 1.0 - n * (x * x + z * z), n * (y * z - w * x)),
         (n * (x * z - w * y), n * (y * z + w * x), 1.0 - n * (x * x + y * y)),
     ))
-
-
-def _small_rotation(R_new: Array, R_old: Array) -> Array:
-    """Rotation vector (3,) from R_old to R_new, in the world; exact zero when nothing turned."""
-    if R_new is R_old or np.array_equal(R_new, R_old):
-        return np.zeros(3)
-    return so3_log(R_new @ R_old.T)
 
 
 def save_replay(meshcat: Any, path: Path) -> None:
