@@ -167,9 +167,12 @@ def solve(problem: Problem) -> Solution:
     noise = _noise(model, theta, inlier, robust=True)
     theta = _minimise(model, theta, noise, inlier, True)
     noise = _noise(model, theta, inlier, robust=True)
-    bound = float(chi2.isf(problem.parameters.outlier, 6))
+    bound, whole = (
+        float(chi2.isf(problem.parameters.outlier, 6)),
+        noise,
+    )  # of the bulk: the gate does not close on itself
     for _ in range(_ROUNDS):
-        now = _distance(model, theta, noise) < bound
+        now = _distance(model, theta, np.maximum(noise, whole)) < bound
         settled = bool((now == inlier).all())
         inlier = now
         theta = _minimise(model, theta, noise, inlier, False)

@@ -44,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
     )
+    out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
     out.add_argument("--out", type=Path, help="folder for data, stiffness.yaml and report.html")
     out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
     return out
@@ -82,6 +83,11 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
         "simulated_minutes": cell.stamp / 60.0,
         "outliers_made": cell.outliers,
     }
+    if args.in_the_loop:
+        from seed_sysid.in_the_loop import compare
+
+        g = analysis.nominal
+        figures["in_the_loop"] = compare(analysis.solution.stiffness[g], cell.truth.stiffness[g], args.seed)
     return analysis, figures
 
 
@@ -118,6 +124,10 @@ def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
     for j, axis in enumerate(AXES):
         note = f"   true {truth[j]:9.3f}  error {abs(k[g, j] / truth[j] - 1):6.2%}" if truth else ""
         lines.append(f"  {axis:<6}{k[g, j]:9.3f} +- {half[g, j]:7.3f} {UNITS[j]:<8}{note}")
+    if "in_the_loop" in figures:
+        loop = figures["in_the_loop"]
+        errors = [f"{name} {score['rmse']:.4f} N" for name, score in loop["force_z"].items()]
+        lines.append(f"squeegee, rms force error: {', '.join(errors)} (allowed {loop['allowed_rmse']:.4f} N)")
     lines += [f"warning: {w}" for w in a.warnings]
     if folder is not None:
         lines.append(f"left in {folder}: stiffness.yaml, report.html, summary.json")

@@ -71,7 +71,7 @@ class FitParameters:
 class Procedure:
     """One identification, on hardware or simulated."""
 
-    widths: list[float] = field([0.056, 0.050, 0.044], unit="m", low=0.0, high=0.2, doc="gripper widths to visit")
+    widths: list[float] = field([0.026, 0.020, 0.014], unit="m", low=0.0, high=0.2, doc="gripper widths to visit")
     excitation: ExcitationParameters = field(ExcitationParameters())
     limits: LimitParameters = field(LimitParameters())
     settle: SettleParameters = field(SettleParameters())

@@ -45,8 +45,8 @@ class Grasp:
         (0.025, 0.0, 0.0, 0.025, 0.02, 0.025), unit="1/hPa", low=-0.2, high=0.2, doc="relative, per axis"
     )
     scatter: Vector6 = field((0.0, 0.06, 0.06, 0.0, 0.0, 0.0), low=0.0, high=0.5, doc="from grip to grip, drawn")
-    pressure: float = field(1020.0, unit="hPa", low=1.0, high=5000.0, doc="at the middle width")
-    pressure_per_width: float = field(-1200.0, unit="hPa/m", low=-1e5, high=0.0, doc="closing squeezes the bubbles")
+    pressure: float = field(1030.0, unit="hPa", low=1.0, high=5000.0, doc="at the middle width")
+    pressure_per_width: float = field(-1500.0, unit="hPa/m", low=-1e5, high=0.0, doc="closing squeezes the bubbles")
     pressure_noise: float = field(0.054, unit="hPa", low=0.0, high=10.0, doc="of each reading")
     settle_time: float = field(0.25, unit="s", low=0.001, high=10.0, doc="time constant of the membrane")
     creep: float = field(0.0, low=0.0, high=0.5, doc="share of the load that settles five times more slowly")
@@ -93,12 +93,44 @@ def load(name: str) -> IdentificationScenario:
         ConfigError: no such scenario, or a bad one.
     """
     if Path(name).suffix in (".yaml", ".yml") or Path(name).is_file():
-        return load_file(name, IdentificationScenario)
+        return _load_file(Path(name))
     file = config_folder() / f"{name}.yaml"
     if not file.is_file():
         known = ", ".join(sorted(f.stem for f in config_folder().glob("*.yaml")))
         raise ConfigError(f"scenario '{name}' is neither a YAML file nor one of: {known}")
     return load_file(file, IdentificationScenario)
+
+
+def _load_file(file: Path) -> IdentificationScenario:
+    """A scenario of identification, or what one of seed_sim says about hand and grasp."""
+    try:
+        return load_file(file, IdentificationScenario)
+    except ConfigError:
+        try:
+            return from_simulation(file)
+        except (ConfigError, ImportError):
+            pass  # neither: the first message is the one to show
+        raise
+
+
+def from_simulation(file: Path) -> IdentificationScenario:
+    """The identification of the hand and grasp in a scenario of seed_sim, other things at their defaults.
+
+    Raises:
+        ConfigError: it is no such scenario.
+    """
+    from seed_sim.scenario import load_scenario
+
+    sim = load_scenario(file)
+    middle = sim.grasp.nominal_width
+    widths = [w for w in (middle + 0.006, middle, middle - 0.006) if w >= 0.0]
+    pressures = {"pressure": sim.grasp.nominal_pressure, "pressure_per_width": -sim.grasp.pressure_slope}
+    return IdentificationScenario(
+        name=sim.name,
+        grasp=Grasp(stiffness=sim.grasp.stiffness, **pressures),
+        hand=sim.hand,
+        procedure=Procedure(widths=widths),
+    )
 
 
 def config_folder() -> Path:

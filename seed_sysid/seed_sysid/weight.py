@@ -2,7 +2,7 @@
 """Stiffness without a force sensor: a calibrated weight, held in a few orientations.
 
 At rest the spring carries the weight: w = -(com x m g, m g) about T, in T. With w = B (K xi) each axis is a line
-through its own numbers, xi_j = (B^-1 w)_j / k_j + xi0_j, where xi0 is how the grasp sat at its reference. An axis gets a
+through its own numbers, xi_j = (B^-1 w)_j / k_j + xi0_j; xi0 is how the grasp sat at its reference. An axis gets a
 stiffness only where the weight loads it: a weight whose centre of mass lies at T gives the forces alone.
 """
 
@@ -159,7 +159,6 @@ def _text(fit: WeightFit, truth: Array, mass: float) -> str:
             lines.append(f"  {axis:<6} not given: {fit.undetermined[axis]}")
         else:
             k, s = fit.stiffness[j], fit.std[j]
-            lines.append(
-                f"  {axis:<6}{k:9.2f} +- {2 * s:6.2f} {UNITS[j]:<8} true {truth[j]:9.2f}  error {abs(k / truth[j] - 1):6.2%}"
-            )
+            value = f"{k:9.2f} +- {2 * s:6.2f} {UNITS[j]:<8}"
+            lines.append(f"  {axis:<6}{value} true {truth[j]:9.2f}  error {abs(k / truth[j] - 1):6.2%}")
     return "\n".join(lines)

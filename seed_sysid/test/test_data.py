@@ -60,7 +60,7 @@ def test_a_crash_loses_the_running_sample_only(data: Dataset, tmp_path: Path) ->
 
 def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) -> None:
     scenario = load("default")
-    procedure = replace(scenario.procedure, widths=[0.05])
+    procedure = replace(scenario.procedure, widths=[0.02])
     scenario = replace(scenario, procedure=procedure)
     file = tmp_path / "samples.jsonl"
     whole, _ = simulate(scenario, 2101, file)

@@ -23,7 +23,7 @@ def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
     """A grasp a third stiffer than guessed meets the wrench limit: poses are drawn back, none is lost."""
     scenario = load("default")
     limits = replace(scenario.procedure.limits, force=8.0, planned_share=1.0)
-    scenario = replace(scenario, procedure=replace(scenario.procedure, widths=[0.05], limits=limits))
+    scenario = replace(scenario, procedure=replace(scenario.procedure, widths=[0.02], limits=limits))
     data, cell = simulate(scenario, 2200, None)
     assert cell.stamp / 60.0 < 20.0 / 3.0
     assert any(s.clipped for s in data.samples)
@@ -35,7 +35,7 @@ def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
 def test_slip_ends_the_run() -> None:
     scenario = load("default")
     cell, run = SimulatedCell(scenario, 1), Run(scenario.procedure)
-    command = Command(np.eye(4), 0.05, 0, "start")
+    command = Command(np.eye(4), 0.02, 0, "start")
     for i in range(400):
         reading = cell.step(command)
         command = run.step(replace(reading, slip=0.5 if i > 300 else 0.0))
@@ -49,7 +49,7 @@ def test_a_creeping_grasp_is_waited_for() -> None:
     """The wrench is still moving 1 s after the arm stopped: no pose is measured before the change is small."""
     scenario = load("default")
     slow = replace(
-        scenario, grasp=replace(scenario.grasp, settle_time=0.8), procedure=replace(scenario.procedure, widths=[0.05])
+        scenario, grasp=replace(scenario.grasp, settle_time=0.8), procedure=replace(scenario.procedure, widths=[0.02])
     )
     quick, slow_cell = simulate(slow, 2201, None)
     error = np.abs(_stiffness(quick) / slow_cell.truth.stiffness - 1.0)

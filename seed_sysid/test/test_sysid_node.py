@@ -31,7 +31,7 @@ pytestmark = pytest.mark.ros
 LEFT = 4  # poses that the node has to visit itself
 SENSOR = {"sensor__position": [0.0, 0.0, 0.06], "sensor__rpy_deg": [180.0, 0.0, 30.0]}
 QUICK = {
-    "procedure__widths": [0.05],
+    "procedure__widths": [0.02],
     "procedure__motion__grip_time": 0.2,
     "procedure__settle__window": 0.4,
     "procedure__settle__hold": 0.6,
@@ -65,7 +65,7 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
     writer = Writer(folder / "samples.jsonl", live.header)
     twin, p = SimulatedCell(cell.scenario, 5), node.procedure
     for i, target in enumerate(design(p.excitation, p.limits, p.fit.model)[:-LEFT]):
-        readings = twin.rest(Command(target.X_TC, 0.05, 1, "measuring"), 20)
+        readings = twin.rest(Command(target.X_TC, 0.02, 1, "measuring"), 20)
         sample = average(target, 0, readings, 1.0, False)
         writer.add(replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
     writer.close()
