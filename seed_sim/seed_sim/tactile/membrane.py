@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
-from seed_sim.tactile.geometry import Image, Rays, dome_depth, tool_depth, turned
+from seed_sim.tactile.geometry import FAR, Image, Rays, dome_depth, tool_depth, turned
 from seed_sim.tactile.parameters import TactileParameters
 
 _CELL = 0.001  # [m] of the grid on which the share of displacement is stored
 _LATERAL = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # x and z of C
 _STEPS = 3  # of the search for the material; inside the patch one is enough
-_PEELED = 0.0015  # [m]; gap over which material comes off the tool
+_PEELED = 0.004  # [m]; gap over which material comes off the tool
 _TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
 _REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
 _FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
@@ -68,8 +68,11 @@ class Membrane:
         free[contact > 0.5] = 0.0  # what touches well inside the patch neither lags nor lifts
         level = np.maximum(raw, np.float32(0.0))
         imprint = np.maximum(level, level + free * (self._lagging(skirt, X_CT) - level))
-        depth = np.minimum(self.dome + self._amount(imprint) * self._growth - imprint, tool)
-        return Shape(depth, imprint, self._material(depth, tool - depth, X_stuck))
+        rounded = cv2.GaussianBlur(imprint, (0, 0), 1.3)  # rubber does not follow a sharp edge
+        imprint = np.where(contact > 0.5, imprint, np.maximum(imprint, rounded))
+        off = self._distance(contact)
+        depth = np.minimum(self.dome + self._bulge(imprint, off) - imprint, tool)
+        return Shape(depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck))
 
     def _imprint(self, X_CT: Array) -> tuple[Image, Image, Image, Image]:
         """Tool's depth, skirt, how far the tool passes the dome, and where it touches (0, 1); each (h, w)."""
@@ -87,10 +90,23 @@ class Membrane:
         skirt = np.maximum(cv2.GaussianBlur(skirt, (0, 0), 1.2), raw)
         return tool, skirt, raw, contact.astype(np.float32)
 
-    def _amount(self, imprint: Image) -> np.float32:
-        """Growth of the dome's height [m] that makes up for the volume of the imprint (2/3 pi a b per metre)."""
-        volume = float((imprint * self._area).sum())
-        return np.float32(self.p.bulge * volume / (2.0 / 3.0 * math.pi * self.p.rim_x * self.p.rim_z))
+    def _distance(self, contact: Image) -> Image:
+        """From each pixel to the nearest that touches, (h, w) [m]; far where nothing does."""
+        if not contact.any():
+            return np.full(contact.shape, FAR, np.float32)
+        pixels = cv2.distanceTransform((contact < 0.5).astype(np.uint8), cv2.DIST_L2, 3)
+        return np.asarray(pixels * np.float32(self._pixel), np.float32)
+
+    def _bulge(self, imprint: Image, off: Image) -> Image:
+        """Outward displacement (h, w) [m]: growth of the dome by the imprint's volume, held down near the contact.
+
+        An imprint decays from contact relative to the grown dome, so growth comes in as 1 - exp(-distance / decay).
+        """
+        held = np.exp(off * np.float32(-1.0 / self.p.decay))
+        whole = 2.0 / 3.0 * math.pi * self.p.rim_x * self.p.rim_z  # [m^2], volume per growth in height
+        free = max(whole - float((self._growth * self._area * held).sum()), 0.2 * whole)
+        height = self.p.bulge * float((imprint * self._area).sum()) / free
+        return np.asarray(np.float32(height) * self._growth * (1.0 - held), np.float32)
 
     def _lagging(self, skirt: Image, X_CT: Array) -> Image:
         """The skirt where softness leaves it: behind the tool, or dragged along by a round tool that spins."""
