@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`./seed reproduce fig4|fig6|fig7`: the paper's figures as figures and tables, from simulation."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from seed_core.errors import SeedError
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Command line. Returns the exit code: 0 done, 2 when it could not be done."""
+    args = _parser().parse_args(argv)
+    folder = args.out or Path("results") / args.figure
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text, files = _make(args, folder)
+    except (SeedError, OSError) as error:
+        print(f"seed reproduce: {error}", file=sys.stderr)
+        return 2
+    print(text)
+    print("\nwritten: " + ", ".join(str(f) for f in files))
+    return 0
+
+
+def _make(args: argparse.Namespace, folder: Path) -> tuple[str, list[Path]]:
+    if args.figure == "fig4":
+        from seed_sim.validate import figure4
+
+        return "Fig. 4: relative pose, truth and estimates", figure4(folder, args.seed)
+    if args.figure == "fig6":
+        from seed_bringup.reproducing import fig6
+
+        return fig6.reproduce(folder, args.seed, args.force)
+    from seed_bringup.reproducing import fig7
+
+    return fig7.reproduce(folder, args.seed, args.text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="seed reproduce", formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee: "
+        "SEED, open loop, welded), fig7 (pen strokes and writing). A few minutes each.",
+    )
+    parser.add_argument("figure", choices=("fig4", "fig6", "fig7"))
+    parser.add_argument("--seed", type=int, default=1000, help="draws table, arm and noise")
+    parser.add_argument("--force", type=float, default=10.0, help="[N] of the squeegee (fig6)")
+    parser.add_argument("--text", default="SEED", help="what the pen writes (fig7)")
+    parser.add_argument("--out", type=Path, default=None, help="folder (default: results/FIGURE)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiments of the paper, done again in simulation: one module per figure."""
