@@ -20,7 +20,7 @@ from seed_sim.scenario import Scenario
 DT = 0.004  # [s] of a control step
 _TOUCH = -1e-4  # [m] depth of the taught path: the arm's repeatability
 _APPROACH = 0.03  # [m/s]
-_ADMITTANCE = 5e-4  # [m/s per N] of the welded tool along z
+_ADMITTANCE = 1.5e-3  # [m/s per N] of the welded tool along z
 _ROLL_ADMITTANCE = 0.3  # [rad/s per N m] of the welded tool about x, with roll control
 
 
