@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from seed_core.errors import SeedError
 
 Array = NDArray[np.float64]

@@ -68,7 +68,9 @@ def mean_depth(frames: Sequence[Image], near: float, far: float) -> tuple[Image,
 class PatchFinder:
     """Finds the contact patch of one finger, against one no-contact reference."""
 
-    def __init__(self, finger: str, camera: Camera, X_CX: Array, frames: Sequence[Image], p: EstimatorParameters) -> None:
+    def __init__(
+        self, finger: str, camera: Camera, X_CX: Array, frames: Sequence[Image], p: EstimatorParameters
+    ) -> None:
         """frames: depth images (H, W) [m] without contact; X_CX: pose of the optical frame in C.
 
         Raises:

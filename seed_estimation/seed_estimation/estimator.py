@@ -19,8 +19,7 @@ import numpy as np
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
-from seed_core.spatial import Array
-from seed_estimation import finger_model, identity, reporting
+from seed_estimation import calibration, finger_model, identity, reporting
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import ContactPatch, Mask, PatchFinder, mean_depth
 from seed_estimation.frame import prepare
@@ -54,15 +53,17 @@ class Estimator:
 
         Raises:
             EstimatorError: no camera, or a finger of another name.
+            ConfigError: the calibration file cannot be used.
         """
         unknown = [f for f in cameras if f not in FINGERS]
         if unknown or not cameras:
             raise EstimatorError(f"cameras of {sorted(cameras) or 'no finger'}: give 'left', 'right' or both")
-        self.parameters, self.hand = parameters, hand
+        known = calibration.load(parameters.calibration) if parameters.calibration else None
+        self.parameters, self.hand = parameters, known.hand(hand) if known else hand
         self.fingers = tuple(f for f in FINGERS if f in cameras)
         self.full_cameras = dict(cameras)
         self.cameras = {f: cameras[f].decimated(parameters.decimate) for f in self.fingers}
-        self.X_CX = {"left": hand.X_CL, "right": hand.X_CR}
+        self.X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
         self.range_offset: dict[str, Image] = {}
         self.patterns: dict[str, Image] = {}
         self.patches: dict[str, ContactPatch] = {}
@@ -70,6 +71,8 @@ class Estimator:
         self._finders: dict[str, PatchFinder] = {}
         self._images: Mapping[str, TactileImages] = {}
         self._forget_grasp()
+        if known:
+            self.use_calibration(known.range_offsets())
 
     def _forget_grasp(self) -> None:
         self._tracker: Tracker | None = None
@@ -116,7 +119,9 @@ class Estimator:
                     f"range offset of {finger} has shape {offset.shape}; its camera has {self.full_cameras[finger].shape}"
                 )
         self.range_offset = {
-            f: np.nan_to_num(np.asarray(range_offset[f], np.float32)[::n, ::n]) for f in self.fingers if f in range_offset
+            f: np.nan_to_num(np.asarray(range_offset[f], np.float32)[::n, ::n])
+            for f in self.fingers
+            if f in range_offset
         }
         self._finders = {}
         self._forget_grasp()
@@ -232,7 +237,9 @@ class Estimator:
         if not np.isfinite(stamp):
             return f"stamp {stamp} is not a time"
         if stamp <= self._stamp:
-            return f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
+            return (
+                f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
+            )
         missing = [f for f in self.fingers if f not in images]
         if missing:
             return f"no image of the {' and '.join(missing)} finger: is the camera running?"

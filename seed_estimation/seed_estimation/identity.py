@@ -49,7 +49,9 @@ def mistaken(finger: str, ir: Image, known: Mapping[str, Image]) -> str:
         return ""
     turned = correlation(np.ascontiguousarray(seen[::-1, ::-1]), known[finger])
     if turned > max(SAME, own + MARGIN):
-        return f"{finger} image is rotated by 180 degrees against the saved dot pattern: check how the camera is mounted"
+        return (
+            f"{finger} image is rotated by 180 degrees against the saved dot pattern: check how the camera is mounted"
+        )
     for other, image in known.items():
         if other != finger and correlation(seen, image) > max(SAME, own + MARGIN):
             return f"{finger} image shows the {other} bubble's dots: left and right are swapped"

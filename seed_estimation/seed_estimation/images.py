@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from seed_core.errors import SeedError
 
 Image = NDArray[np.float32]

@@ -16,6 +16,7 @@ class EstimatorParameters:
     """
 
     method: str = field("rigid_fit", choices=("rigid_fit", "published"), doc="which estimator gives relative_pose")
+    calibration: str = field("", doc="file written by ./seed calibrate; without it the hand's drawing and raw range")
     decimate: int = field(1, low=1, high=8, doc="use every n-th pixel and line")
 
     # what counts as membrane
@@ -40,12 +41,14 @@ class EstimatorParameters:
     depth_points: int = field(1000, low=100, high=20000, doc="depth pixels followed per finger")
     depth_noise: float = field(0.0005, unit="m", low=1e-5, high=0.01, doc="deviation of one depth pixel in one frame")
     iterations: int = field(8, low=1, high=50, doc="most Gauss-Newton steps of one frame")
-    lock: float = field(0.75, low=0.1, high=0.999, doc="share of the image explained by the motion below which it is lost")
+    lock: float = field(
+        0.75, low=0.1, high=0.999, doc="share of the image explained by the motion below which it is lost"
+    )
     learn_slip: bool = field(True, doc="estimate the share of motion that the membrane does not follow")
     max_slip: float = field(0.5, low=0.0, high=0.9, doc="largest micro-slip that is corrected")
 
     # published method
-    curl_gain: float = field(0.69, low=0.05, high=10.0, doc="pitch over the mean curl; 0.5 but for the flow's smoothing")
+    curl_gain: float = field(1.0, low=0.05, high=10.0, doc="pitch over the mean curl: see published.fitted_gain")
     flow_window: int = field(50, unit="px", low=5, high=101, doc="Farneback's window")
 
     # time and trust

@@ -13,7 +13,7 @@ curl of 2 sin(phi), and the two axes point along -y_C and +y_C.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sin
 
@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from seed_core.errors import SeedError
 from seed_core.spatial import inverse_pose, make_pose
 from seed_estimation.camera import Array
 from seed_estimation.contact_patch import ContactPatch, Mask
@@ -54,7 +55,16 @@ def dense_flow(before: NDArray[np.uint8], after: NDArray[np.uint8], settings: Fl
     s = settings
     return np.asarray(
         cv2.calcOpticalFlowFarneback(
-            before, after, None, s.pyramid, s.levels, s.window, s.iterations, s.poly_n, s.poly_sigma, 0  # type: ignore[call-overload]
+            before,
+            after,
+            None,
+            s.pyramid,
+            s.levels,
+            s.window,
+            s.iterations,
+            s.poly_n,
+            s.poly_sigma,
+            0,  # type: ignore[call-overload]
         )
     )
 
@@ -64,6 +74,22 @@ def mean_curl(flow: Image, mask: Mask) -> float:
     dv_dx = cv2.Sobel(flow[..., 1], cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / 8.0)
     du_dy = cv2.Sobel(flow[..., 0], cv2.CV_32F, 0, 1, ksize=3, scale=1.0 / 8.0)
     return float(cv2.mean(dv_dx - du_dy, mask)[0])
+
+
+def fitted_gain(curls: Sequence[float], pitches: Sequence[float]) -> float:
+    """The method's one constant, from mean curls at known pitches [rad] (the sign of the finger's axis taken out).
+
+    A rigid turn seen without blur has 1/2; the skirt of the patch that does not turn, and the flow's window, make it more.
+
+    Raises:
+        SeedError: the pitches do not move the curl.
+    """
+    c, p = np.asarray(curls, float), np.asarray(pitches, float)
+    if not float(c @ c) > 1e-6 or not np.isfinite(p).all():
+        raise SeedError(
+            f"{c.size} curls of {np.abs(c).max(initial=0.0):.4f} at most tell no gain: turn the tool by 2 to 8 degrees"
+        )
+    return float(c @ p / (c @ c))
 
 
 def patch_frame(p_L: Array, p_R: Array, pitch: float) -> Array | None:
@@ -83,7 +109,11 @@ class PublishedMethod:
     """Sec. VII, from the moment of grasp on."""
 
     def __init__(
-        self, patches: Mapping[str, ContactPatch], ir: Mapping[str, Image], X_CX: Mapping[str, Array], gain: float,
+        self,
+        patches: Mapping[str, ContactPatch],
+        ir: Mapping[str, Image],
+        X_CX: Mapping[str, Array],
+        gain: float,
         settings: FlowSettings,
     ) -> None:
         """patches, ir and X_CX (poses of the optical frames in C) of 'left' and 'right' at the moment of grasp."""

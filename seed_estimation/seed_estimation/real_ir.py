@@ -59,12 +59,16 @@ class WarpedImage:
         c, s = cos(radians(motion.turn)), sin(radians(motion.turn))
         du, dv = self._u - self.centre[0] - motion.right, self._v - self.centre[1] - motion.down
         u, v = c * du + s * dv, -s * du + c * dv
-        ir = map_coordinates(self._spline, (v + self.centre[1], u + self.centre[0]), order=3, mode="mirror", prefilter=False)
+        ir = map_coordinates(
+            self._spline, (v + self.centre[1], u + self.centre[0]), order=3, mode="mirror", prefilter=False
+        )
         inside = u * u + v * v < self._radius**2
         if motion != Motion():
             ir = ir * (1.0 + self._brightness * np.exp(-(u * u + v * v) / (2.0 * (0.8 * self._radius) ** 2)))
             if self._spot:
-                ir += 1500.0 * np.exp(-((self._u - self.centre[0] - 12) ** 2 + (self._v - self.centre[1] + 9) ** 2) / 18.0)
+                ir += 1500.0 * np.exp(
+                    -((self._u - self.centre[0] - 12) ** 2 + (self._v - self.centre[1] + 9) ** 2) / 18.0
+                )
         ir += self._rng.normal(0.0, 0.01, ir.shape) * ir
         depth = np.where(inside & contact, PRESSED, REST) + self._rng.normal(0.0, 5e-4, ir.shape)
         return TactileImages(depth.astype(np.float32), ir.astype(np.float32), stamp)
@@ -104,13 +108,16 @@ def path_to(end: Motion) -> list[Motion]:
 def to_and_fro(turn: float, shift: float, frames: int) -> list[Motion]:
     """Many frames of turning and shifting, ending at rest; steps stay below 3 degrees and 3 px."""
     period = int(np.ceil(2.0 * np.pi * max(turn, shift) / 2.5))
-    phase = 2.0 * np.pi * np.arange(1, frames + 1) / period
+    whole = -(-frames // period) * period  # ends where it began
+    phase = 2.0 * np.pi * np.arange(1, whole + 1) / period
     path = [Motion(turn * sin(a), shift * sin(a), 0.5 * shift * sin(2.0 * a) / 2.0) for a in phase]
     return [*path, *([Motion()] * 3)]
 
 
 TURNS = tuple(Motion(turn=sign * a) for a in (5.0, 10.0, 15.0, 20.0, 30.0) for sign in (1.0, -1.0))
-SHIFTS = tuple(Motion(right=r * a, down=d * a) for a in (5.0, 10.0, 20.0) for r, d in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+SHIFTS = tuple(
+    Motion(right=r * a, down=d * a) for a in (5.0, 10.0, 20.0) for r, d in ((1, 0), (-1, 0), (0, 1), (0, -1))
+)
 
 
 def relative_error(end: Motion, found: Motion) -> float:
@@ -140,7 +147,9 @@ def load(path: Path) -> tuple[Image, Array]:
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise SeedError(f"{path}: {path.stat().st_size} bytes are too many for infrared images (at most {MAX_BYTES})")
+            raise SeedError(
+                f"{path}: {path.stat().st_size} bytes are too many for infrared images (at most {MAX_BYTES})"
+            )
         with np.load(path, allow_pickle=False) as data:
             return np.asarray(data["ir_mono16"], np.float32), np.asarray(data["K"], float)
     except (OSError, KeyError, ValueError) as error:

@@ -112,4 +112,10 @@ def _draw_motion(panel: NDArray[np.uint8], finger: str, tracker: Tracker | None)
         after = project32(m.camera, (X[:3, :3] @ p + X[:3, 3:]).astype(np.float32))
         for a, b in zip(before.T, after.T, strict=True):
             if np.isfinite([*a, *b]).all():
-                cv2.line(panel, (round(float(a[0])), round(float(a[1]))), (round(float(b[0])), round(float(b[1]))), (60, 160, 255), 1)
+                cv2.line(
+                    panel,
+                    (round(float(a[0])), round(float(a[1]))),
+                    (round(float(b[0])), round(float(b[1]))),
+                    (60, 160, 255),
+                    1,
+                )

@@ -162,9 +162,7 @@ def fit(
     return _summary(image, depth, orthonormalised(X), prior, count + fine)
 
 
-def _descend(
-    blocks: Sequence[_ImageBlock | _DepthBlock], X: Array, prior: Array, steps: int
-) -> tuple[Array, int]:
+def _descend(blocks: Sequence[_ImageBlock | _DepthBlock], X: Array, prior: Array, steps: int) -> tuple[Array, int]:
     for i in range(steps):
         H, g = prior.copy(), np.zeros(6)
         for block in blocks:
@@ -178,9 +176,7 @@ def _descend(
     return X, i + 1
 
 
-def _summary(
-    image: Sequence[_ImageBlock], depth: Sequence[_DepthBlock], X: Array, prior: Array, count: int
-) -> Fit:
+def _summary(image: Sequence[_ImageBlock], depth: Sequence[_DepthBlock], X: Array, prior: Array, count: int) -> Fit:
     """Information of image, depth and slip from the last evaluation."""
     motion = motion_vector(X).astype(np.float32)
     H_image, g_image = sum((b.H for b in image), np.zeros((6, 6))), sum((b.g for b in image), np.zeros(6))

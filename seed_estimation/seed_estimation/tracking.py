@@ -20,7 +20,7 @@ PRIOR = np.diag([1 / 0.5**2] * 3 + [1 / 0.02**2] * 3)
 COARSE_STEPS = 6
 SURE = 0.05  # a track that was lost must explain this much more of the image to count as found
 SURE_FRAMES = 2  # and do so this many frames in a row
-STARTS = 6  # places tried per frame while lost: one camera period is not enough for all of them
+STARTS = 3  # places tried per frame while lost: one camera period is not enough for all of them
 REACH = 0.35, 0.012  # [rad], [m] no tool jumps further than this between two frames
 
 
@@ -69,10 +69,10 @@ class Tracker:
         steps = (COARSE_STEPS, p.iterations) if self.lost else (0, p.iterations)
         best = self._fit(frames, start, steps)
         if self._quality(best) < p.lock:
-            for other in (start, self.X_CT) if not self.lost else self._next_starts():
-                best = max(best, self._fit(frames, other, (COARSE_STEPS, p.iterations)), key=self._quality)
-                if self._quality(best) > p.lock + SURE:
-                    break
+            others = self._next_starts() if self.lost else [start, self.X_CT]
+            looked = [self._fit(frames, other, (COARSE_STEPS, 1)) for other in others]
+            nearest = max(looked, key=self._quality)
+            best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
         self._accept(best, stamp)
         return best
 

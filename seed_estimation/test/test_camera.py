@@ -4,13 +4,17 @@
 import cv2
 import numpy as np
 import pytest
+
 from seed_estimation.camera import Camera, CameraError
 
 PICOFLEXX = Camera.from_info(
     224, 171, [214.06, 0, 116.25, 0, 214.06, 87.57, 0, 0, 1], [0.368, -4.494, 0, 0, 7.971], "plumb_bob"
 )
 D405 = Camera.from_info(
-    640, 480, [384.0, 0, 320.5, 0, 384.0, 239.0, 0, 0, 1], [-0.054, 0.057, 0.0003, 0.0006, -0.018],
+    640,
+    480,
+    [384.0, 0, 320.5, 0, 384.0, 239.0, 0, 0, 1],
+    [-0.054, 0.057, 0.0003, 0.0006, -0.018],
     "inverse_brown_conrady",
 )
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration gives back the range errors and camera poses that the images were made with."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seed_core.errors import SeedError
+from seed_core.hand import Hand
+from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
+from seed_estimation import calibration as cal
+from seed_estimation.contact_patch import mean_depth
+from seed_sim.tactile.captures import captures, membrane_depth
+from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.tactile.renderer import TactileRenderer
+
+
+@pytest.fixture(scope="module")
+def bubbles() -> TactileRenderer:
+    return TactileRenderer(TactileParameters(range_offset=1.0), Hand(), 7)
+
+
+@pytest.fixture(scope="module")
+def shown(bubbles: TactileRenderer) -> dict:
+    c = captures(bubbles, frames=20, per_pose=4)
+    mean = {f: [mean_depth([i[f].depth for i in pose], 0.03, 0.15)[0] for pose in c.grasped] for f in bubbles.cameras}
+    return {
+        "cameras": bubbles.cameras,
+        "no_contact": {f: [i[f].depth for i in c.no_contact] for f in bubbles.cameras},
+        "grasped": {f: [m.astype(np.float32) for m in mean[f]] for f in mean},
+        "shape": {f: membrane_depth(bubbles, f) for f in bubbles.cameras},
+        "radius": c.radius,
+    }
+
+
+def test_the_smooth_range_error_is_found(bubbles: TactileRenderer, shown: dict) -> None:
+    found = cal.calibrate(**shown, hand=Hand())
+    for finger, one in found.fingers.items():
+        truth = -bubbles.fingers[finger].noise.offset
+        error = (one.offset_map() - truth)[25:155, 30:180]
+        assert np.abs(error).mean() < 0.15e-3  # the error itself is 3 to 17 mm
+
+
+def test_a_camera_that_sits_askew_is_found(shown: dict) -> None:
+    """The drawing is wrong by 1 degree and 1.2 mm in roll, yaw, x and y, equal and opposite on both sides."""
+    wrong = make_pose(so3_exp(np.deg2rad((1.0, 0.0, 1.0))), (0.0012, 0.0012, 0.0))
+    truth = Hand()
+    X_CL, X_CR = wrong @ truth.X_CL, inverse_pose(wrong) @ truth.X_CR
+    drawing = Hand(C_L=cal.frame_of(X_CL), C_R=cal.frame_of(X_CR))
+    found = cal.calibrate(**shown, hand=drawing).hand(drawing)
+    relative = inverse_pose(found.X_CL) @ found.X_CR @ inverse_pose(inverse_pose(truth.X_CL) @ truth.X_CR)
+    assert np.rad2deg(np.linalg.norm(so3_log(relative[:3, :3]))) < 1.0  # it was 2.8
+    y = (found.X_CL[:3, 3] - found.X_CR[:3, 3])[1] - (truth.X_CL[:3, 3] - truth.X_CR[:3, 3])[1]
+    assert abs(y) < 0.5e-3  # it was 2.4 mm
+
+
+def test_a_calibration_survives_its_file(tmp_path: Path, shown: dict) -> None:
+    found = cal.calibrate(**{**shown, "grasped": {}}, hand=Hand())
+    cal.save(found, tmp_path / "c.yaml")
+    again = cal.load(tmp_path / "c.yaml")
+    for finger in found.fingers:
+        np.testing.assert_array_equal(again.fingers[finger].offset_map(), found.fingers[finger].offset_map())
+        np.testing.assert_allclose(again.hand(Hand()).X_CL, found.hand(Hand()).X_CL, atol=1e-12)
+
+
+def test_the_command_says_what_is_wrong_with_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.npz").write_bytes(b"nothing")
+    assert cal.main([str(tmp_path / "x.npz")]) == 2
+    assert "x.npz" in capsys.readouterr().err
+
+
+def test_a_membrane_elsewhere_is_refused(shown: dict) -> None:
+    with pytest.raises(SeedError, match="shape and distance"):
+        cal.calibrate(**{**shown, "shape": cal.MembraneShape(apex=0.2)}, hand=Hand())
