@@ -60,8 +60,8 @@ def cores(root: Path) -> list[Path]:
 
 
 def is_edge(file: Path) -> bool:
-    """Whether a module may know ROS: nodes, the helpers of seed_ros, the bag tools."""
-    return file.name == "node.py" or file.stem.endswith("_node") or file.parent.name in ("seed_ros", "bags")
+    """Whether a module may know ROS: nodes, the helpers of seed_ros, what reads and writes bags."""
+    return file.stem.split("_")[-1] in ("node", "bag") or file.parent.name in ("seed_ros", "bags")
 
 
 def shell(argv: list[str]) -> int:
