@@ -31,6 +31,7 @@ from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND
 from seed_sim.arm import ELBOW_UP
+from seed_sim.cell import GRAVITY
 from seed_sim.closed_loop import start_pose
 from seed_sim.outputs_node import Outputs
 from seed_sim.plant import DT, Plant, PlantError, save_replay
@@ -38,6 +39,8 @@ from seed_sim.scenario import load_scenario
 from seed_sim.ur.plant_link import PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
+MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
+LETTING_DOWN = 0.4  # [s]
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -75,6 +78,7 @@ class SimNode(Node):
         self.grasped = False
         self.in_holder = True
         self._held_at = self._X_WE_start
+        self._let_down = 0.0  # share of its weight that the holder has given to the grasp
         self._heard = -np.inf  # when the last usable target came, in steady time
         self.real_time_factor = 1.0
         self._link = self._join_robot()
@@ -134,11 +138,16 @@ class SimNode(Node):
         else:
             while self.plant.time < t - DT:
                 self.plant.advance(self.plant.time + DT)
-                self.plant.grasp()
-        if not self.in_holder:
-            return
+                self.plant.grasp(self._let_down * self._sag())
+        if self.in_holder:
+            self._hold_tool()
+
+    def _hold_tool(self) -> None:
+        """The holder carries the tool, and lets it down gently once the arm moves."""
         moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
-        self.in_holder = not (self.grasped and moved > 5e-4)
+        if self.grasped and (moved > MOVED or self._let_down > 0.0):
+            self._let_down += 1.0 / (self.settings.rate * LETTING_DOWN)
+            self.in_holder = self._let_down < 1.0
 
     def _follow_robot(self, link: PlantLink, t: float) -> None:
         """The flange goes where the stand-in's arm is, which feels what the tool does to it."""
@@ -146,7 +155,13 @@ class SimNode(Node):
         state = link.exchange(load.force, load.torque)
         self.plant.drive(self.plant.X_WE if state is None else state.X_WE, t)
         if self.in_holder:
-            self.plant.grasp()
+            self.plant.grasp(self._let_down * self._sag())
+
+    def _sag(self) -> Array:
+        """Where the tool hangs in the grasp: p_CT (3,) [m]."""
+        mass = self.scenario.true_mass if self.scenario.true_mass is not None else self.scenario.tool.mass
+        weight_C = self.plant.X_WC[:3, :3].T @ np.array((0.0, 0.0, -mass * GRAVITY))
+        return np.asarray(weight_C / np.array(self.plant.stiffness.translation))
 
     def _rate_it(self) -> None:
         now, then = (time.monotonic(), self.plant.time), self._rated
@@ -185,13 +200,14 @@ class SimNode(Node):
             return response
         self.plant.grasp()
         self.grasped, self.in_holder, self._held_at = True, True, self.plant.X_WE.copy()
+        self._let_down = 0.0
         response.success = True
         response.message = f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
         return response
 
     def _release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.plant.grasp()
-        self.grasped, self.in_holder = False, True
+        self.grasped, self.in_holder, self._let_down = False, True, 0.0
         response.success, response.message = True, "released; the tool stands in its holder"
         return response
 
@@ -201,6 +217,7 @@ class SimNode(Node):
             return response
         self.plant.reset(self._X_WE_start)
         self.grasped, self.in_holder, self._held_at = False, True, self._X_WE_start
+        self._let_down = 0.0
         self._outputs.restart()
         self._start_clock()
         response.success, response.message = True, "arm at its start, tool in its holder, gripper open"

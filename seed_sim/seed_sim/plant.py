@@ -135,12 +135,14 @@ class Plant:
         if self._meshcat is not None:
             self._publish()
 
-    def grasp(self) -> None:
-        """Take the tool anew: T coincides with C and rests relative to it."""
+    def grasp(self, p_CT: Array | None = None) -> None:
+        """Take the tool anew: T coincides with C, or lies at p_CT (3,) [m] in it, and rests relative to it."""
         self._X_WT = None
         if not self.welded:
             q, v = self._cell.tool_at
-            self._state[q : q + 4], self._state[q + 4 : q + 7] = _quaternion_wxyz(self._X_WC[:3, :3]), self._X_WC[:3, 3]
+            R, p = self._X_WC[:3, :3], self._X_WC[:3, 3]
+            self._state[q : q + 4] = _quaternion_wxyz(R)
+            self._state[q + 4 : q + 7] = p if p_CT is None else p + R @ p_CT
             self._state[v : v + 6] = 0.0
         self._cell.context.SetDiscreteState(self._state)
 
