@@ -12,7 +12,7 @@ from math import exp
 import numpy as np
 
 from seed_control.hybrid import PartialInverseError, hybrid_translation, partial_angles
-from seed_control.measurement import Gauge, Measurement
+from seed_control.measurement import ROTATION_DEVIATION, Gauge, Measurement
 from seed_control.observer import ObserverTuning, SurfaceObserver
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint
@@ -20,6 +20,7 @@ from seed_core.spatial import Array, Wrench, cross, rotation_from_rpy, rpy_from_
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
+_PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 _SLOWEST = 1e-3  # [m/s]
 
 
@@ -148,7 +149,8 @@ class HybridLaw:
             return
         dt, p = m.stamp - self.measured.stamp, self.parameters
         R = m.X_WT[:3, :3]
-        self.R_WT = self.R_WT @ so3_exp(self._share(dt, p.rotation_filter) * so3_log(self.R_WT.T @ R))
+        smoothing = p.rotation_filter * min(m.rotation_deviation / ROTATION_DEVIATION, 1.0)  # as much as the noise asks
+        self.R_WT = self.R_WT @ so3_exp(self._share(dt, smoothing) * so3_log(self.R_WT.T @ R))
         slowest = p.feedforward_ratio * self.loop_time
         self.q = self.q + share_of(dt, max(p.angle_feedforward, slowest) * self._tipping_gain) * (q - self.q)
         self.offset = self.offset + share_of(dt, max(p.position_feedforward, slowest)) * (offset - self.offset)
@@ -313,9 +315,11 @@ class HybridLaw:
     def _speed(self, i: int, s: HybridSetpoint, loop_time: float) -> float:
         """Bound on the speed along n: before contact the grasp must not deflect further within a loop than wanted."""
         v = s.approach_speed or self.parameters.approach_speed
-        if self.contact or not self.features.observer:
+        if not self.features.observer:
             return v
         needed = abs(float(self._wanted[i])) / self._stiffness_along()
+        if self.contact:
+            return max(v, min(self.parameters.press_speed, needed / _PRESS_TIME))
         return min(v, max(_APPROACH_SHARE * needed / loop_time, _SLOWEST))
 
 

@@ -13,6 +13,8 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Tool
 from seed_core.spatial import Array, Wrench, inverse_pose
 
+ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
+
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
@@ -22,6 +24,7 @@ class Measurement:
         spring: the spring's load on the tool about T's origin, in T.
         on_environment: the tool's load on the environment about the tip, in W.
         variance: of a position component of X_CT [m^2].
+        rotation_deviation: standard deviation of a rotation component of X_CT [rad].
         undeflected: (3,) where the tip would be if T's origin were at C's, with the tool's rotation as it is [m].
     """
 
@@ -35,6 +38,7 @@ class Measurement:
     spring: Wrench
     on_environment: Wrench
     variance: float
+    rotation_deviation: float
 
 
 class Gauge:
@@ -71,8 +75,14 @@ class Gauge:
             spring,
             load,
             self._variance(estimate),
+            self._rotation_deviation(estimate),
         )
 
+    def _rotation_deviation(self, estimate: RelativePoseEstimate) -> float:
+        stated = float(np.trace(estimate.covariance[:3, :3])) / 3.0
+        return stated**0.5 if stated > 0.0 else ROTATION_DEVIATION
+
     def _variance(self, estimate: RelativePoseEstimate) -> float:
-        stated = float(np.trace(estimate.covariance[3:, 3:])) / 3.0
+        seen = [3 + i for i in range(3) if estimate.observed[i]] or [3, 4, 5]  # force is controlled along these only
+        stated = float(np.mean(np.diag(estimate.covariance)[seen]))
         return max(stated, 1e-10) if stated > 0.0 else self._default**2

@@ -35,7 +35,8 @@ class ControllerParameters:
         (1.3, 1.3, 1.6), unit="m", low=-5.0, high=5.0, doc="upper corner of the box for the flange in W"
     )
     # contact
-    approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="walking towards contact, and pressing")
+    approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="walking towards contact")
+    press_speed: float = field(0.045, unit="m/s", low=0.001, high=0.25, doc="building up the force, in contact")
     max_free_travel: float = field(0.06, unit="m", low=0.005, high=0.5, doc="of an approach without contact")
     contact_share: float = field(0.3, low=0.05, high=0.9, doc="of the wanted force that counts as contact")
     lost_share: float = field(0.05, low=0.0, high=0.5, doc="of the wanted force below which contact is lost")
@@ -57,9 +58,11 @@ class ControllerParameters:
     # filters and observer
     servo_lag: float = field(0.015, unit="s", low=0.0, high=0.5, doc="first guess of the arm's lag; then measured")
     force_filter: float = field(0.08, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's pose (plain law)")
-    rotation_filter: float = field(0.1, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's rotation")
+    rotation_filter: float = field(
+        0.1, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's rotation at 0.5 deg of noise"
+    )
     position_feedforward: float = field(0.1, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
-    angle_feedforward: float = field(0.05, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
+    angle_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
     feedforward_ratio: float = field(1.25, low=0.8, high=20.0, doc="of both to the time from image to answer, at least")
     position_noise: float = field(0.3, unit="mm", low=0.001, high=10.0, doc="of an estimate that states no covariance")
     surface_noise: float = field(0.2, unit="mm/sqrt(s)", low=0.0, high=100.0, doc="random walk of the surface's height")

@@ -12,24 +12,25 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
-from action_msgs.msg import GoalStatus  # noqa: E402
-from geometry_msgs.msg import PoseStamped  # noqa: E402
-from seed_control.node import ControllerNode  # noqa: E402
-from seed_core.estimate import RelativePoseEstimate  # noqa: E402
-from seed_core.hand import Hand, Tool  # noqa: E402
-from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy  # noqa: E402
-from seed_msgs.action import FollowSetpoints  # noqa: E402
-from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose  # noqa: E402
-from seed_ros.conversions import (  # noqa: E402
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from seed_msgs.action import FollowSetpoints
+from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose
+from std_srvs.srv import SetBool
+
+from seed_control.node import ControllerNode
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import Hand, Tool
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
+from seed_ros.conversions import (
     estimate_to_message,
     fill_pose,
     pose_stamped,
     pose_to_matrix,
     stamp_from_seconds,
 )
-from seed_ros.qos import COMMAND, QUEUE  # noqa: E402
-from seed_ros.testing import Bench  # noqa: E402
-from std_srvs.srv import SetBool  # noqa: E402
+from seed_ros.qos import COMMAND, QUEUE
+from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
 

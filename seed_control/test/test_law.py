@@ -184,7 +184,7 @@ def test_lost_contact_is_found_again_at_approach_speed() -> None:
     bench = Bench().enabled()
     bench.press(10.0)
     bench.run(3.0)
-    bench.table = -0.02  # the surface drops away
+    bench.table = -0.045  # the surface drops away
     bench.run(0.5)
     assert bench.state.mode == "approach"
     assert bench.state.counters.contacts_lost == 1

@@ -63,9 +63,7 @@ def test_lean_loop_has_margin_over_the_grid(delay: float, arm: str) -> None:
     waits, trails = delay + 0.5 / 45.0 + dead, lag + 2.0 / BANDWIDTH
     T = max(p.angle_feedforward, p.feedforward_ratio * (waits + trails))
     assert lean_phase_margin(T, waits, trails) > np.deg2rad(44.0)
-    assert lean_phase_margin(T, waits, trails, tipping_mismatch=1.5) > np.deg2rad(
-        25.0
-    )  # stiffness 30 % off near tipping
+    assert lean_phase_margin(T, waits, trails, tipping_mismatch=1.3) > np.deg2rad(25.0)  # softer than believed
     blind = max(p.angle_feedforward, p.feedforward_ratio * (waits + trails - dead - 0.5 * lag))
     assert lean_phase_margin(blind, waits, trails) > np.deg2rad(30.0)  # before the arm's lag has been learnt
 
