@@ -39,13 +39,3 @@ def captures(renderer: TactileRenderer, start: float = 0.0, frames: int = 150, p
     X_CT = [pose_from_rpy(np.deg2rad(turn), (0.0, 0.0, 0.0)) for turn in turns]
     held = [[renderer.render(X, float(next(stamps))) for _ in range(per_pose)] for X in X_CT]
     return Captures(still, held, X_CT, renderer.parameters.tool.radius)
-
-
-def membrane_depth(renderer: TactileRenderer, finger: str) -> np.ndarray:
-    """Depth (H, W) [m] of the undeformed membrane's known shape, without any error of the camera."""
-    one = renderer.fingers[finger]
-    depth, _, _ = one.clean(one.membrane.rest, 0.0)
-    return depth
-
-
-__all__ = ["Captures", "captures", "membrane_depth"]

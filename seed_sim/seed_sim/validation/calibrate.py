@@ -1,29 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrates an estimator's range from rendered captures, as one does with a real bubble before the first grasp."""
+"""The suite's calibration of range and cameras, from rendered captures: free membranes, a cylinder held in poses."""
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from seed_estimation.estimator import Estimator
+from seed_core.hand import Hand
+from seed_estimation.calibration import Calibration, MembraneShape, calibrate
+from seed_estimation.contact_patch import mean_depth
 from seed_sim.tactile import TactileRenderer
-from seed_sim.tactile.captures import membrane_depth
+from seed_sim.tactile.captures import captures
 
-FRAMES = 150
 _START = -60.0  # [s]; before everything else of a run
-_RATE = 45.0  # [Hz]
+_NEAR, _FAR = 0.03, 0.15  # [m]; an uncalibrated range reads up to 20 mm far
 
 
-def calibrate(estimator: Estimator, renderer: TactileRenderer) -> None:
-    """Gives the estimator the offset of each pixel's range: known shape of the free membrane minus its mean image."""
-    frames = [renderer.no_contact(_START + i / _RATE) for i in range(FRAMES)]
-    offsets = {}
-    for finger in renderer.cameras:
-        stack = np.stack([f[finger].depth for f in frames])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # corners never have depth
-            measured = np.nanmean(stack, axis=0)
-        offsets[finger] = np.asarray(membrane_depth(renderer, finger) - measured, np.float32)
-    estimator.use_calibration(offsets)
+def known_shape(renderer: TactileRenderer) -> MembraneShape:
+    """The membrane at rest, as the renderer's parameters have it; the cameras must look straight at it."""
+    p = renderer.parameters
+    apex = abs(float(renderer.hand.X_CL[1, 3])) - p.tool.radius + p.squeeze
+    return MembraneShape(p.rim_x, p.rim_z, p.height, apex)
+
+
+def calibration(renderer: TactileRenderer, hand: Hand) -> Calibration:
+    """Range offsets and camera poses, started from the believed `hand`, with the renderer's tool as the cylinder."""
+    taken = captures(renderer, _START)
+    still = {f: [frame[f].depth for frame in taken.no_contact] for f in renderer.cameras}
+    held = {
+        f: [np.asarray(mean_depth([frame[f].depth for frame in pose], _NEAR, _FAR)[0]) for pose in taken.grasped]
+        for f in renderer.cameras
+    }
+    return calibrate(renderer.cameras, still, held, known_shape(renderer), taken.radius, hand)

@@ -54,16 +54,23 @@ def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) ->
     """An estimator as the scenario configures it, with reference and grasp taken. Raises SeedError."""
     given = {**scenario.estimator, "method": method}
     parameters = from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
-    estimator = Estimator(parameters, scenario.hand, renderer.cameras)
-    if scenario.calibrate:
-        from seed_sim.validation.calibrate import calibrate
-
-        calibrate(estimator, renderer)
+    estimator = _estimator(parameters, scenario, renderer)
     step = 1.0 / scenario.trajectory.rate
     still = [-_LEAD + step * i for i in range(REFERENCE_FRAMES)]
     estimator.capture_reference([renderer.no_contact(t) for t in still])
     held = [-step * (GRASP_FRAMES - i) for i in range(GRASP_FRAMES)]
     estimator.initialize_grasp([renderer.render(np.eye(4), t) for t in held])
+    return estimator
+
+
+def _estimator(parameters: EstimatorParameters, scenario: Scenario, renderer: TactileRenderer) -> Estimator:
+    if not scenario.calibrate:
+        return Estimator(parameters, scenario.hand, renderer.cameras)
+    from seed_sim.validation.calibrate import calibration
+
+    found = calibration(renderer, scenario.hand)
+    estimator = Estimator(parameters, found.hand(scenario.hand), renderer.cameras)
+    estimator.use_calibration(found.range_offsets())
     return estimator
 
 
