@@ -64,7 +64,8 @@ def _info(store, press: Press, stamp: int, finger: str):  # type: ignore[no-unty
     P[:, :3] = camera.K
     return store.types["sensor_msgs/msg/CameraInfo"](
         header=_header(store, stamp, finger), height=camera.height, width=camera.width, distortion_model=camera.model,
-        d=camera.D.copy(), k=camera.K.ravel().copy(), r=np.eye(3).ravel(), p=P.ravel(), binning_x=0, binning_y=0, roi=roi,
+        d=camera.D.copy(), k=camera.K.ravel().copy(), r=np.eye(3).ravel(), p=P.ravel(), binning_x=0,
+        binning_y=0, roi=roi,
     )  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an estimate costs: the rigid fit beside the published method with the public kit's Farneback settings.
 
-CPU time of this process on one core, over the same pairs of frames; images are those of the caller, or flat patches with
-random dots that turn and shift.
+CPU time of this process on one core, over the same pairs of frames; images are those of the caller, or flat
+patches with random dots that turn and shift.
 """
 
 from __future__ import annotations

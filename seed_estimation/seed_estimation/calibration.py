@@ -3,9 +3,9 @@
 
     ./seed calibrate CAPTURE.npz --out calibration.yaml [--membrane membrane.yaml] [--radius 0.012]
 
-CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,), `<finger>_no_contact` (n, H, W) depth
-[m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses (at
-least three, tilted against each other).
+CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,), `<finger>_no_contact` (n, H, W)
+depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
+(at least three, tilted against each other).
 
 Range: the membrane's shape at rest is known, so the smooth part of (known - measured) depth is the correction.
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
@@ -97,9 +97,10 @@ class Calibration:
 
     def hand(self, hand: Hand) -> Hand:
         """The hand with the calibrated camera poses."""
-        for finger, name in (("left", "C_L"), ("right", "C_R")):
+        for finger in ("left", "right"):
             if finger in self.fingers:
-                hand = replace(hand, **{name: self.fingers[finger].pose})
+                pose = self.fingers[finger].pose
+                hand = replace(hand, C_L=pose) if finger == "left" else replace(hand, C_R=pose)
         return hand
 
     def range_offsets(self) -> dict[str, Image]:
@@ -171,7 +172,7 @@ def cylinder_axis(points: Array, radius: float) -> tuple[Array, Array]:
 def extrinsics(
     left: Sequence[tuple[Array, Array]], right: Sequence[tuple[Array, Array]], X_CL: Array, X_CR: Array
 ) -> tuple[Array, Array]:
-    """X_CL and X_CR (4, 4), corrected by equal and opposite steps, that make both cameras' axes of each pose one line."""
+    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each pose one line."""
 
     def corrected(q: Array) -> tuple[Array, Array]:
         half = 0.5 * q * PRIOR
@@ -275,7 +276,8 @@ def main(argv: list[str] | None = None) -> int:
     for finger, one in calibration.fingers.items():
         median = float(np.median(one.offset_map())) * 1e3
         print(
-            f"{finger}: range offset median {median:.1f} mm; camera at {np.round(one.pose.position, 4)} m, rpy {np.round(one.pose.rpy_deg, 2)} deg"
+            f"{finger}: range offset median {median:.1f} mm; camera at {np.round(one.pose.position, 4)} m, "
+            f"rpy {np.round(one.pose.rpy_deg, 2)} deg"
         )
     print(f"written to {options.out}; set the estimator's parameter `calibration` to it")
     return 0

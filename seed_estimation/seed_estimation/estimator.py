@@ -116,7 +116,8 @@ class Estimator:
         for finger, offset in range_offset.items():
             if finger in self.fingers and offset.shape != self.full_cameras[finger].shape:
                 raise EstimatorError(
-                    f"range offset of {finger} has shape {offset.shape}; its camera has {self.full_cameras[finger].shape}"
+                    f"range offset of {finger} has shape {offset.shape}; "
+                    f"its camera has {self.full_cameras[finger].shape}"
                 )
         self.range_offset = {
             f: np.nan_to_num(np.asarray(range_offset[f], np.float32)[::n, ::n])
@@ -161,11 +162,12 @@ class Estimator:
         p, patches, masks, ir, depth = self.parameters, {}, {}, {}, {}
         for f in self.fingers:
             depth[f], _ = mean_depth([i.depth for i in series[f]], p.near, p.far)
-            ir[f] = np.mean([i.ir for i in series[f]], axis=0, dtype=np.float32)
+            ir[f] = np.asarray(np.mean([i.ir for i in series[f]], axis=0), np.float32)
             masks[f], patches[f] = self._finders[f].find(depth[f])
             if not patches[f].in_contact:
                 raise EstimatorError(
-                    f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; close the gripper"
+                    f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
+                    "close the gripper"
                 )
         self.patches, self.masks = patches, masks
         if p.method == "published":
@@ -249,7 +251,8 @@ class Estimator:
                 return problem
         stamps = [images[f].stamp for f in self.fingers]
         if not max(stamps) - min(stamps) <= self.parameters.max_skew:
-            return f"images of left and right are {max(stamps) - min(stamps):.3f} s apart (at most {self.parameters.max_skew:g} s)"
+            skew = max(stamps) - min(stamps)
+            return f"images of left and right are {skew:.3f} s apart (at most {self.parameters.max_skew:g} s)"
         if not self.has_reference:
             return "no reference: capture_reference has not been called"
         return ""

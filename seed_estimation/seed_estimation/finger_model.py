@@ -82,7 +82,7 @@ def surface_normals(points: NDArray[np.float32]) -> NDArray[np.float32]:
 def build(
     finger: str, camera: Camera, X_CX: Array, depth: Image, image: Image, mask: Mask, p: EstimatorParameters
 ) -> FingerModel | None:
-    """The model from mean depth (H, W) [m], normalised infrared image and contact mask; None when the mask is too small."""
+    """The model from mean depth (H, W) [m], normalised infrared image and contact mask; None when it is too small."""
     # beyond the patch's edge the surface is another one: it must not leak in
     valid = np.isfinite(depth) & (depth > p.near) & (depth < p.far) & (mask > 0)
     surface = smooth_depth(depth, valid, SURFACE_BLUR)

@@ -63,13 +63,13 @@ def project32(camera: Camera, p: Vec) -> Vec:
         if abs(p1) > 1e-9 or abs(p2) > 1e-9:
             xy = np.float32(2.0) * out[0] * out[1]
             shift = np.stack((p1 * xy + p2 * (r2 + 2 * square[0]), p1 * (r2 + 2 * square[1]) + p2 * xy))
-            out = out * c + shift
+            out = np.asarray(out * c + shift, np.float32)
         else:
             out *= c
     K = camera.K.astype(np.float32)
     out *= K[(0, 1), (0, 1)][:, None]
     out += K[:2, 2:]
-    return out
+    return np.asarray(out, np.float32)
 
 
 def sample(image: Image, pixels: Vec, origin: tuple[int, int]) -> Vec:

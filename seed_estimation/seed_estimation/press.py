@@ -71,7 +71,7 @@ def metres(depth: NDArray[np.uint16]) -> Image:
 
 
 def registered(grey: NDArray[np.uint8], shape: tuple[int, int]) -> Image:
-    """A smaller grey image on depth's pixels (H, W): centre of pixel (u, v) lies at depth pixel (s u + (s - 1)/2, ...)."""
+    """A smaller grey image on depth's pixels (H, W): pixel (u, v) lies at depth pixel (s u + (s - 1)/2, ...)."""
     return np.asarray(cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 

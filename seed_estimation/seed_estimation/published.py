@@ -47,7 +47,7 @@ class FlowSettings:
 def eight_bit(ir: Image) -> NDArray[np.uint8]:
     """Infrared (H, W) [counts] as 8 bits, from black to its 99th percentile."""
     top = float(np.percentile(ir[::4, ::4], 99.0))
-    return cv2.convertScaleAbs(cv2.max(ir, 0.0), alpha=230.0 / max(top, 1.0))
+    return np.asarray(cv2.convertScaleAbs(cv2.max(ir, 0.0), alpha=230.0 / max(top, 1.0)), np.uint8)
 
 
 def dense_flow(before: NDArray[np.uint8], after: NDArray[np.uint8], settings: FlowSettings) -> Image:
@@ -64,7 +64,7 @@ def dense_flow(before: NDArray[np.uint8], after: NDArray[np.uint8], settings: Fl
             s.iterations,
             s.poly_n,
             s.poly_sigma,
-            0,  # type: ignore[call-overload]
+            0,
         )
     )
 
@@ -79,7 +79,7 @@ def mean_curl(flow: Image, mask: Mask) -> float:
 def fitted_gain(curls: Sequence[float], pitches: Sequence[float]) -> float:
     """The method's one constant, from mean curls at known pitches [rad] (the sign of the finger's axis taken out).
 
-    A rigid turn seen without blur has 1/2; the skirt of the patch that does not turn, and the flow's window, make it more.
+    A rigid turn seen sharply has 1/2; the patch's skirt, which does not turn, and the flow's window make it more.
 
     Raises:
         SeedError: the pitches do not move the curl.

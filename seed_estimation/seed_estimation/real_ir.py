@@ -46,7 +46,7 @@ class WarpedImage:
     def __init__(
         self, ir: Image, K: Array, radius: float = 42.0, brightness: float = 0.0, spot: bool = False, seed: int = 0
     ) -> None:
-        """radius [px] of the patch; brightness: share by which the patch brightens once it moves; spot: a reflection."""
+        """radius [px] of the patch; brightness: share by which it brightens once it moves; spot: a reflection."""
         self.camera = Camera(ir.shape[1], ir.shape[0], K)
         self._spline = spline_filter(ir.astype(float), order=3)
         self._v, self._u = np.mgrid[: ir.shape[0], : ir.shape[1]].astype(float)

@@ -169,7 +169,7 @@ def _descend(blocks: Sequence[_ImageBlock | _DepthBlock], X: Array, prior: Array
             block.evaluate(X, rescale=i < 2)
             H += block.H
             g += block.g
-        xi = np.linalg.solve(H, g)
+        xi = np.asarray(np.linalg.solve(H, g), float)
         X = composed(X, xi)
         if np.abs(xi[:3]).max() < DONE_ROTATION and np.abs(xi[3:]).max() < DONE_TRANSLATION:
             break

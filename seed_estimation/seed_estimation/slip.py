@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 START_DEVIATION = 0.10  # [1] bubbles stick, as a rule
-WANDER = 0.015  # [1/sqrt(s)] how fast the share may change
+WANDER = 0.008  # [1/sqrt(s)] how fast the share may change
 DOUBT = 20.0  # frames are not independent: one frame's information counts this much less
 SYSTEMATIC = 0.05  # [1] what depth's own errors pretend in one frame, however sure it is
 ON, OFF = 0.06, 0.04  # [1] shares from which the correction is applied, and below which it is left again

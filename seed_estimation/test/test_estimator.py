@@ -30,7 +30,7 @@ def held(p: TactileParameters, seed: int, method: str = "rigid_fit") -> tuple[Es
 
 
 def errors(p: TactileParameters, seed: int, seconds: float, size: float = 1.0) -> tuple[np.ndarray, float]:
-    """RMSE (6,) of rotation vector [deg] and translation [mm] over a motion in all axes, and the share of valid ones."""
+    """RMSE (6,) of rotation vector [deg] and translation [mm] over a motion in all axes, share of valid ones."""
     estimator, bubbles = held(p, seed)
     out, valid, frames = [], 0, int(seconds / PERIOD)
     for i in range(1, frames):

@@ -27,7 +27,7 @@ def recorded() -> press.Press:
 @needs_press
 @pytest.mark.parametrize("decimate", [1, 2])
 def test_a_recorded_press_is_found_and_held(recorded: press.Press, decimate: int) -> None:
-    """No contact in frames 0-58, contact from 64 at the latest to the end, centroid steady from 72, depth follows force."""
+    """No contact in frames 0-58, contact from 64 at the latest, centroid steady from 72, depth follows force."""
     p = load_file(ROOT / "seed_estimation" / "config" / "d405.yaml", EstimatorParameters)
     p = EstimatorParameters(**{**p.__dict__, "decimate": decimate})
     found = press.patches(recorded, p)
