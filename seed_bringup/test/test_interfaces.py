@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
-from seed_bringup.interfaces_node import NODES, entries_of, parameters_of  # noqa: E402
-from seed_ros.testing import Bench  # noqa: E402
+from seed_bringup.interfaces_node import NODES, entries_of, parameters_of
+from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
 DOCUMENT = Path(__file__).parents[2] / "docs" / "interfaces.md"

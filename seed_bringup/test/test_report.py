@@ -79,7 +79,7 @@ def test_numbers_stand_where_they_belong_and_missing_ones_are_dashes(report: Rep
     html = report.html()
     assert "<b>0.12 N</b><span>force error rms</span>" in html
     assert "<td>9.00</td>" in html
-    assert "<td>–</td>" in html  # the path error is not a number
+    assert "<td>-</td>" in html  # the path error is not a number
     assert "Squeegee &lt;b&gt;" in html
     assert "force held" in html
     lines = text_table(report.scores).splitlines()

@@ -27,7 +27,9 @@ def hybrid_setpoint(message: HybridMsg, frames: FrameNames) -> HybridSetpoint:
     frame = message.task_frame or HybridMsg.TASK_FRAME_WORLD
     R = _task_orientation(message.task_orientation)
     if frame == HybridMsg.TASK_FRAME_TOOL and np.abs(R - np.eye(3)).max() > 1e-6:
-        raise SetpointError("SP01", "task_orientation is for task_frame 'surface'; 'tool' has the axes of the tip frame")
+        raise SetpointError(
+            "SP01", "task_orientation is for task_frame 'surface'; 'tool' has the axes of the tip frame"
+        )
     return HybridSetpoint(
         X_W_tip=pose_to_matrix(message.pose, "setpoint.pose"),
         wrench=wrench_to_core(message.wrench, "setpoint.wrench"),
@@ -58,7 +60,9 @@ def relative_pose_setpoint(message: RelativePoseMsg, frames: FrameNames) -> Rela
         raise SetpointError(
             "SP01", f"relative_pose_setpoint.child_frame_id = '{message.child_frame_id}'; known: {frames.compliance}"
         )
-    return RelativePoseSetpoint(pose_to_matrix(message.pose, "relative_pose_setpoint.pose"), _stamp(message.header.stamp))
+    return RelativePoseSetpoint(
+        pose_to_matrix(message.pose, "relative_pose_setpoint.pose"), _stamp(message.header.stamp)
+    )
 
 
 def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoint | None) -> StateMsg:
@@ -85,7 +89,7 @@ def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoi
 
 
 def regulated_error(setpoint: HybridSetpoint, desired: Wrench, measured: Wrench, state: ControllerState) -> Wrench:
-    """measured - desired along the force-controlled directions and about the torque-controlled axes, in the task frame."""
+    """measured - desired on the force-controlled directions and the torque-controlled axes, in the task frame."""
     off = measured.minus(desired)
     axes = (state.R_W_task.T @ state.X_W_tip[:3, :3]) if state.X_W_tip is not None else np.eye(3)
     about = axes @ np.diag(np.array(setpoint.torque_axes, dtype=float)) @ axes.T

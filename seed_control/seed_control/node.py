@@ -179,14 +179,14 @@ class ControllerNode(Node):
     def _may_send(self, output: ControlOutput) -> bool:
         """From the first enable on; no more once an arm at rest was moved by something else."""
         assert output.X_WE is not None
+        away = float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY
         if output.state.enabled:
             self._was_enabled = True
-        elif self._was_enabled:
-            if float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY:
-                self._was_enabled = False
-                self.complaints.add(
-                    "moved_by_others", "the arm was moved by something else; target_frame pauses until enable"
-                )
+        elif self._was_enabled and away:
+            self._was_enabled = False
+            self.complaints.add(
+                "moved_by_others", "the arm was moved by something else; target_frame pauses until enable"
+            )
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:

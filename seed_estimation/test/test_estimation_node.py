@@ -11,18 +11,19 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
-from seed_core.hand import Hand  # noqa: E402
-from seed_core.spatial import pose_from_rpy, rotation_error  # noqa: E402
-from seed_estimation.images import TactileImages  # noqa: E402
-from seed_estimation.node import EstimatorNode  # noqa: E402
-from seed_msgs.msg import ContactPatches, RelativePose  # noqa: E402
-from seed_ros.cameras import Intrinsics, camera_info  # noqa: E402
-from seed_ros.conversions import pose_to_matrix  # noqa: E402
-from seed_ros.images import image_message  # noqa: E402
-from seed_ros.qos import COMMAND, SENSOR  # noqa: E402
-from seed_ros.testing import Bench  # noqa: E402
-from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from seed_msgs.msg import ContactPatches, RelativePose
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from seed_core.hand import Hand
+from seed_core.spatial import pose_from_rpy, rotation_error
+from seed_estimation.images import TactileImages
+from seed_estimation.node import EstimatorNode
+from seed_ros.cameras import Intrinsics, camera_info
+from seed_ros.conversions import pose_to_matrix
+from seed_ros.images import image_message
+from seed_ros.qos import COMMAND, SENSOR
+from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")

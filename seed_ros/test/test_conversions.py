@@ -95,7 +95,7 @@ def test_padded_rows_and_big_endian_bytes_are_understood() -> None:
 
 def test_images_that_cannot_be_depth_are_refused_with_the_remedy() -> None:
     colour = image_message(np.zeros((4, 5, 3), dtype=np.uint8), "rgb8", 0.0, "cam")
-    with pytest.raises(SeedError, match="'rgb8' is none of 32FC1, 16UC1, mono16: .* switch the colorizer .* off"):
+    with pytest.raises(SeedError, match=r"'rgb8' is none of 32FC1, 16UC1, mono16: .* switch the colorizer .* off"):
         depth_from_message(colour, "bubble_left/depth")
     short = image_message(np.zeros((4, 5), dtype=np.float32), "32FC1", 0.0, "cam")
     short.data = short.data[:-4]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated cell as a ROS node: takes target_frame, publishes what an arm, a gripper and sensors would, and the truth."""
+"""The simulated cell as a ROS node: target_frame in; what an arm, a gripper and sensors publish, and the truth, out."""
 
 from __future__ import annotations
 

@@ -12,14 +12,15 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
-from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
-from seed_msgs.msg import RelativePose  # noqa: E402
-from seed_msgs.srv import SetGripperWidth  # noqa: E402
-from seed_ros.conversions import pose_stamped, pose_to_matrix  # noqa: E402
-from seed_ros.qos import COMMAND, QUEUE  # noqa: E402
-from seed_ros.testing import Bench  # noqa: E402
-from seed_sim.node import SimNode  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from seed_msgs.msg import RelativePose
+from seed_msgs.srv import SetGripperWidth
+from std_srvs.srv import Trigger
+
+from seed_ros.conversions import pose_stamped, pose_to_matrix
+from seed_ros.qos import COMMAND, QUEUE
+from seed_ros.testing import Bench
+from seed_sim.node import SimNode
 
 pytestmark = pytest.mark.ros
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture on the README's first screen, from the headless evaluation: python -m seed_bringup.showing.picture FILE.svg"""
+"""The README's picture, from the headless evaluation: python -m seed_bringup.showing.picture docs/images/demo.svg"""
 
 from __future__ import annotations
 

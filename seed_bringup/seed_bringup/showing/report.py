@@ -85,7 +85,7 @@ def value(score: Mapping[str, Any], path: Sequence[str]) -> float | None:
 
 def _number(score: Mapping[str, Any], path: Sequence[str], digits: int) -> str:
     number = value(score, path)
-    return "–" if number is None or number != number else f"{number:.{digits}f}"
+    return "-" if number is None or number != number else f"{number:.{digits}f}"
 
 
 def _cards(score: Mapping[str, Any]) -> str:
