@@ -152,8 +152,9 @@ class HybridLaw:
         smoothing = p.rotation_filter * min(m.rotation_deviation / ROTATION_DEVIATION, 1.0)  # as much as the noise asks
         self.R_WT = self.R_WT @ so3_exp(self._share(dt, smoothing) * so3_log(self.R_WT.T @ R))
         slowest = p.feedforward_ratio * self.loop_time
-        self.q = self.q + share_of(dt, max(p.angle_feedforward, slowest) * self._tipping_gain) * (q - self.q)
-        self.offset = self.offset + share_of(dt, max(p.position_feedforward, slowest)) * (offset - self.offset)
+        gain = self._tipping_gain  # of both loops: a tool near tipping gives way to a side force as well
+        self.q = self.q + share_of(dt, max(p.angle_feedforward, slowest) * gain) * (q - self.q)
+        self.offset = self.offset + share_of(dt, max(p.position_feedforward, slowest) * gain) * (offset - self.offset)
         a = share_of(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)

@@ -61,7 +61,7 @@ class ControllerParameters:
     rotation_filter: float = field(
         0.1, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's rotation at 0.5 deg of noise"
     )
-    position_feedforward: float = field(0.1, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
+    position_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
     angle_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
     feedforward_ratio: float = field(1.25, low=0.8, high=20.0, doc="of both to the time from image to answer, at least")
     position_noise: float = field(0.3, unit="mm", low=0.001, high=10.0, doc="of an estimate that states no covariance")

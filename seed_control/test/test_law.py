@@ -191,7 +191,9 @@ def test_lost_contact_is_found_again_at_approach_speed() -> None:
     first = len(bench.commands)
     bench.run(3.0)
     speeds = np.abs(np.diff([X[2, 3] for X in bench.commands[first:]])) / DT
-    assert speeds.max() < 0.035
+    free = np.array(bench.forces[first + 1 :]) == 0.0
+    assert speeds[free].max() < 0.031  # approach
+    assert speeds.max() < 0.046  # building up the force
     assert_allclose(bench.force, 10.0, atol=TIGHT)
 
 
