@@ -16,7 +16,7 @@ from seed_core.errors import SeedError
 from seed_sim.baselines import run_baseline
 from seed_sim.closed_loop import Progress, Run, run_closed_loop
 from seed_sim.recording import score
-from seed_sim.scenario import COLUMNS, Scenario, load_scenario, shipped_scenarios
+from seed_sim.scenario import Scenario, load_scenario, shipped_scenarios
 from seed_sim.sources import ESTIMATORS
 
 LAWS = ("seed", "plain", "published", "open_loop", "welded", "welded_roll")
@@ -33,11 +33,16 @@ class Evaluation:
 
 
 def scored_phase(task: Task) -> str:
-    """The phase that is scored: the named 'wipe', a drawing's strokes, or the last one under force control."""
-    names = [p.name for p in task.phases if p.control is not None]
+    """The phase that is scored: the named 'wipe', strokes, the one with the largest torque, or the last with force."""
     if task.draw is not None:
         return "draw"
-    return "wipe" if "wipe" in names else names[-1]
+    controls = {p.name: p.control for p in task.phases if p.control is not None}
+    if not controls:
+        raise SeedError(f"task '{task.name}' controls no force in any phase: there is nothing to score")
+    largest = max(controls, key=lambda name: sum(t * t for t in controls[name].torque))
+    if "wipe" in controls or not any(controls[largest].torque):
+        return "wipe" if "wipe" in controls else list(controls)[-1]
+    return largest
 
 
 def run(
@@ -90,7 +95,8 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=7, help="draws table and errors; first seed of a sweep")
     p.add_argument("--scenario", default=None, help=f"one of {', '.join(shipped_scenarios())}, or a file")
     p.add_argument("--scenarios", type=int, default=0, metavar="N", help="sweep: seeds per column")
-    p.add_argument("--column", action="append", choices=COLUMNS, help="sweep: only this column (may be repeated)")
+    p.add_argument("--column", action="append", choices=shipped_scenarios(), metavar="NAME",
+                   help="sweep: only this column, any shipped scenario (may be repeated)")
     p.add_argument("--jobs", type=int, default=1, metavar="J", help="sweep: processes")
     p.add_argument("--plot", type=Path, default=None, help="sweep: where to write the plot (PNG)")
     p.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
@@ -111,10 +117,15 @@ def _print_result(r: dict[str, Any]) -> None:
     print(f"{r['task']}, scenario {r['scenario']}, seed {r['seed']}, law {r['law']}, estimator {r['estimator']}")
     print(f"  force z    rmse {f['rmse']:8.3f} N     mean {f['mean']:8.3f} N     worst {f['max_abs_error']:8.3f} N")
     print(f"  torque x   rmse {x['rmse']:8.3f} N m   mean {x['mean']:8.3f} N m   worst {x['max_abs_error']:8.3f} N m")
+    z = r.get("torque_z")
+    if z is not None and z["mean"]:
+        worst = z["max_abs_error"]
+        print(f"  torque z   rmse {z['rmse']:8.3f} N m   mean {z['mean']:8.3f} N m   worst {worst:8.3f} N m")
     print(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
     print(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
     made = r["contact"]
-    print(f"  contact    {'at %.2f s' % made['time'] if made['made'] else 'never'}; {r['message'] or 'no end'}")
+    when = f"at {made['time']:.2f} s" if made["made"] else "never"
+    print(f"  contact    {when}; {r['message'] or 'no end'}")
     print(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
 
 

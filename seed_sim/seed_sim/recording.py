@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seed_core.spatial import Array, so3_log
 
@@ -51,7 +52,7 @@ class Recording:
         touching = np.flatnonzero(np.abs(self["force"][:, 2]) > CONTACT_FORCE)
         return float(self["t"][touching[0]]) if len(touching) else None
 
-    def scored(self, phase: str) -> Array:
+    def scored(self, phase: str) -> NDArray[np.bool_]:
         """Mask (n,) of the rows that count: in the named phase, from 2 s after first contact."""
         t, start = self["t"], self.contact_time
         named = np.isin(self["phase"], [i for i, name in enumerate(self.phases) if _matches(name, phase)])
@@ -84,20 +85,22 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
         size = float(np.abs(wanted[:, 2]).max(initial=0.0))
         none = {"rmse": size, "mean": 0.0, "max_abs_error": size}
         return out | {
-            "force_z": none, "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0},
+            "force_z": none, "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0}, "torque_z": None,
             "lean_deg": {"rms": 0.0, "max": 0.0}, "path_rmse_mm": float("nan"), "samples": 0,
         }
     force = recording["force"][keep][:, 2]
     error = force - recording["wanted_force"][keep][:, 2]
-    torque = recording["torque_T"][keep][:, 0]
-    torque_error = torque - recording["wanted_torque_T"][keep][:, 0]
+    torque = recording["torque_T"][keep]
+    torque_error = torque - recording["wanted_torque_T"][keep]
+    turning = recording.torque_axes[2]
     held = [i for i in range(3) if not recording.torque_axes[i]]
     lean = np.rad2deg(np.linalg.norm(recording["lean"][keep][:, held], axis=1))
     off = recording["tip"][keep] - recording["reference"][keep]
     off = off @ (np.eye(3) - recording.force_directions)
     return out | {
         "force_z": _errors(error) | {"mean": float(force.mean())},
-        "torque_x": _errors(torque_error) | {"mean": float(torque.mean())},
+        "torque_x": _errors(torque_error[:, 0]) | {"mean": float(torque[:, 0].mean())},
+        "torque_z": _errors(torque_error[:, 2]) | {"mean": float(torque[:, 2].mean())} if turning else None,
         "lean_deg": {"rms": float(np.sqrt(np.mean(lean**2))), "max": float(lean.max())},
         "path_rmse_mm": float(1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1)))),
         "samples": int(keep.sum()),

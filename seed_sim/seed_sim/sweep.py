@@ -76,7 +76,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for axis, key, sub, label in zip(axes, ("force_z", "lean_deg"), ("rmse", "max"),
                                      ("force error, RMSE [N]", "largest lean [deg]"), strict=True):
-        for i, (name, column) in enumerate(result["columns"].items()):
+        for i, column in enumerate(result["columns"].values()):
             values = [r[key][sub] for r in column["runs"] if key in r]
             axis.plot([i] * len(values), values, "o", alpha=0.5)
             axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-")
@@ -104,7 +104,9 @@ def sweep_command(args: argparse.Namespace) -> int:
     """`./seed evaluate TASK --scenarios N`."""
     if args.scenarios < 1 or args.jobs == 0:
         raise SeedError(f"--scenarios {args.scenarios} and --jobs {args.jobs} must be at least 1")
-    columns = args.column or ([args.scenario] if args.scenario else list(COLUMNS))
+    images = args.estimator in ("published", "rigid_fit")  # micro-slip of the membrane exists in images only
+    usual = [*COLUMNS, "slip20"] if images else list(COLUMNS)
+    columns = args.column or ([args.scenario] if args.scenario else usual)
     seeds = list(range(args.seed, args.seed + args.scenarios))
     result = sweep(args.task, columns, seeds, law=args.law, estimator=args.estimator, force=args.force, jobs=args.jobs)
     if args.json:

@@ -156,4 +156,5 @@ def test_failed_run_is_told_and_not_averaged():
 def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
     from seed_control.tasks import load_task
 
-    assert [evaluate.scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg")] == ["wipe", "draw", "press"]
+    assert [evaluate.scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg", "torque_driver")] == [
+        "wipe", "draw", "press", "tighten"]
