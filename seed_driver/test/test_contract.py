@@ -22,7 +22,7 @@ from seed_driver import contract_node
 from seed_driver.contract_node import Limits
 from seed_sim.ur.client import StandIn
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]  # half a minute of motion
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a minute of motion
 PATIENT = Limits(pose_rate=50.0, pose_age=0.2, stop_within=0.9)  # a test machine may be loaded
 
 

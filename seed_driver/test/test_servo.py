@@ -12,6 +12,8 @@ from seed_core.ur_pose import pose_from_matrix
 from seed_driver.rig import Rig
 from seed_driver.rotation import pose_matrix, turned
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
 

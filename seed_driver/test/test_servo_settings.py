@@ -13,6 +13,8 @@ from seed_driver.rig import Rig
 from seed_driver.rotation import turned
 from seed_driver.supervisor import leftover_processes
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
 

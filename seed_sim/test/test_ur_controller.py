@@ -11,6 +11,7 @@ import pytest
 from seed_core.errors import SeedError
 from seed_sim.ur.client import StandIn
 
+pytestmark = pytest.mark.realtime
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
 HEAD = """

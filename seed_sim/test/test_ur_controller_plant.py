@@ -4,11 +4,14 @@
 import time
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.ur_kinematics import URKinematics
 from seed_sim.ur.client import StandIn
 from seed_sim.ur.plant_link import ArmState, PlantLink
+
+pytestmark = pytest.mark.realtime
 
 
 def wait_for_state(link: PlantLink, force: np.ndarray, seconds: float) -> ArmState:
