@@ -45,8 +45,6 @@ BASELINES = ("open_loop", "welded")
 TASK_PATIENCE = 75.0  # [s]
 RECORDED = [
     *TOPICS.values(),
-    "/current_pose",
-    "/target_frame",
     "/contact_patches",
     "/wrench_estimate",
     "/ft_sensor/wrench",
@@ -60,7 +58,7 @@ RECORDED = [
     "/tf_static",
     "/diagnostics",
 ]
-IMAGES = [
+IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a playback needs
     f"/bubble_{f}/{t}"
     for f in ("left", "right")
     for t in ("depth/image_rect_raw", "ir/image_rect_raw", "depth/camera_info")

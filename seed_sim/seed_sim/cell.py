@@ -72,7 +72,7 @@ class Cell:
         self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, dt_step)
         self.plant.SetUseSampledOutputPorts(False)
         self.plant.set_contact_model(dp.ContactModel.kPoint)
-        self.plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kLagged)
+        self.plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kTamsi)
         self.gripper_model = self.plant.AddModelInstance("gripper")
         self.tool_model = self.plant.AddModelInstance("tool") if inertia else self.gripper_model
         self.gripper = self.plant.AddRigidBody(

@@ -95,7 +95,7 @@ class SimNode(Node):
         self.create_service(SetGripperWidth, "~/set_gripper_width", self._set_width)
         self._diagnostics = diagnostics.Diagnostics(self, f"scenario {self.scenario.name}", self._report)
         if self._meshcat is not None:
-            self._meshcat.StartRecording(frames_per_second=30.0, set_visualizations_while_recording=False)
+            self._meshcat.StartRecording(frames_per_second=10.0, set_visualizations_while_recording=False)
         self._start_clock()
         self.create_timer(1.0, self._rate_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

@@ -22,7 +22,7 @@ from seed_sim.tools import damping_of, fastest_rate, inertia_of, shape_of
 
 DT = 1e-3  # [s] of a plant step
 _MOST_SUBSTEPS = 10
-_FRAME = 1.0 / 30.0  # [s] between pictures of a replay
+_FRAME = 0.1  # [s] between pictures of a replay
 
 
 class PlantError(SeedError):

@@ -86,9 +86,9 @@ class Images(Source):
         super().__init__(scenario, seed, _IMAGE_DELAY)
         from seed_estimation.estimator import Estimator, EstimatorParameters
         from seed_sim.tactile import TactileRenderer
+        from seed_sim.validation.run import tactile_of
 
-        tactile = scenario.tactile
-        self.renderer = TactileRenderer(tactile, scenario.hand, seed)
+        self.renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
         self.estimator = Estimator(EstimatorParameters(method=method), scenario.hand, self.renderer.cameras)
         still = [-self.period * (_REFERENCE_FRAMES + _GRASP_FRAMES - i) for i in range(_REFERENCE_FRAMES)]
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
