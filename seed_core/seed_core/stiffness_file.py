@@ -24,7 +24,7 @@ HEADER = (
 class Grip:
     """Stiffness at one grip, with standard deviations (0 where unknown)."""
 
-    pressure_hpa: float = field(unit="hPa", low=0.0, high=2000.0, doc="mean gauge pressure of both bubbles")
+    pressure_hpa: float = field(unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles")
     width_m: float = field(unit="m", low=0.0, high=1.0, doc="gripper width")
     rotation: Vector = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
     translation: Vector = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
