@@ -28,6 +28,7 @@ STEP = 0.01  # [m] the largest motion asked for is twice this
 SETTLE = 1.5  # [s]
 
 
+LOOK_BACK = 0.05  # [s] before what is done to a motion: an arm may obey before its next pose
 OWN_PAUSE = 0.05  # [s] a pause of this program longer than this makes a broken clause doubtful
 ATTEMPTS = 4  # at a doubtful clause
 
@@ -188,7 +189,7 @@ def _move_then(peer: Peer, after: Callable[[], None]) -> tuple[np.ndarray, float
     peer.stream(lambda t: ((x, y + STEP * (1 - math.cos(3 * t)), z), q), 0.6)
     start = time.monotonic()
     after()
-    return _track(peer, start), start
+    return _track(peer, start - LOOK_BACK), start
 
 
 def _rests(track: np.ndarray, start: float, limits: Limits) -> tuple[bool, str]:

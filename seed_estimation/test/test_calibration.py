@@ -11,9 +11,10 @@ from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation import calibration as cal
 from seed_estimation.contact_patch import mean_depth
-from seed_sim.tactile.captures import captures, membrane_depth
+from seed_sim.tactile.captures import captures
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
+from seed_sim.validation.calibrate import known_shape
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def shown(bubbles: TactileRenderer) -> dict:
         "cameras": bubbles.cameras,
         "no_contact": {f: [i[f].depth for i in c.no_contact] for f in bubbles.cameras},
         "grasped": {f: [m.astype(np.float32) for m in mean[f]] for f in mean},
-        "shape": {f: membrane_depth(bubbles, f) for f in bubbles.cameras},
+        "shape": known_shape(bubbles),
         "radius": c.radius,
     }
 
