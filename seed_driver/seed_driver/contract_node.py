@@ -242,7 +242,7 @@ def _stays(peer: Peer, clause: Callable[..., Verdict], **how: object) -> Verdict
     while time.monotonic() - start < 1.0:
         peer.send((x, y + STEP, z), q, **how)  # type: ignore[arg-type]
         peer.spin(0.01)
-    moved = 1e3 * float(np.ptp(_track(peer, start)[:, 1:], axis=0).max())
+    moved = 1e3 * float(np.ptp(_track(peer, start - LOOK_BACK)[:, 1:], axis=0).max())
     return _verdict(clause, moved < 0.3, f"moved {moved:.3f} mm")
 
 
