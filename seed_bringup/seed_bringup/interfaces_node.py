@@ -4,36 +4,73 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import rclpy
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.context import Context
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from seed_control.node import ControllerNode
+from seed_driver.guard_node import GuardNode
+from seed_driver.node import DriverNode
 from seed_estimation.node import EstimatorNode
-from seed_ros.testing import Bench
 from seed_sim.bubbles_node import BubblesNode
 from seed_sim.node import SimNode
+from seed_sysid.cell_node import CellNode
+from seed_sysid.node import SysidNode
 
+# Each node, and the parameters with which it offers everything it can.
 NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "estimator": (EstimatorNode, {}),
     "controller": (ControllerNode, {}),
+    "driver": (DriverNode, {"robot_ip": "127.0.0.254"}),  # nobody is there; what it offers does not depend on that
+    "guard": (GuardNode, {}),
     "sim": (SimNode, {"relative_pose": True}),
     "bubbles": (BubblesNode, {}),
+    "sysid": (SysidNode, {}),
+    "identification_cell": (CellNode, {}),
 }
 HEADING = "## Parameters\n"
 COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these
+COMMON_TYPES = ("rcl_interfaces", "type_description", "lifecycle_msgs")
 Entry = tuple[str, str, str]  # what, name, type
 
 
+@contextmanager
+def alive(name: str, **given: Any) -> Iterator[Node]:
+    """A node of NODES with these parameters, configured and active if it has a lifecycle and may be."""
+    context = Context()
+    rclpy.init(args=[], context=context)
+    try:
+        node = NODES[name][0](
+            context=context, parameter_overrides=[Parameter(key, value=value) for key, value in given.items()]
+        )
+        if given and isinstance(node, LifecycleNode):
+            node.trigger_configure()
+            node.trigger_activate()
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
 def entries_of(node: Node) -> set[Entry]:
-    """Topics, services and actions of a node, named relative to it."""
+    """Topics, services and actions of a node, and services that it calls, named relative to it."""
     found = {("out", _name(node, p.topic_name), _type(p.msg_type)) for p in node.publishers}
     found |= {("in", _name(node, s.topic_name), _type(s.msg_type)) for s in node.subscriptions}
     found |= {("service", _name(node, s.srv_name), _type(s.srv_type)) for s in node.services}
-    found = {e for e in found if e[1] not in COMMON and not e[2].startswith(("rcl_interfaces", "type_description"))}
-    follow = getattr(node, "follow", None)
-    return found | ({("action", "~/follow_setpoints", "seed_msgs/action/FollowSetpoints")} if follow else set())
+    found |= {("calls", _name(node, c.service_name.lstrip("/")), _type(c.srv_type)) for c in node.clients}
+    found = {e for e in found if e[1] not in COMMON and not e[2].startswith(COMMON_TYPES)}
+    actions = get_action_server_names_and_types_by_node(node, node.get_name(), node.get_namespace())
+    return found | {("action", _name(node, action), kinds[0]) for action, kinds in actions}
 
 
 def _name(node: Node, name: str) -> str:
@@ -63,15 +100,12 @@ def parameters_of(node: Node) -> list[str]:
 
 def parameter_section() -> str:
     """The tables of all nodes."""
-    bench = Bench()
-    try:
-        parts = []
-        for name, (kind, given) in NODES.items():
-            rows = parameters_of(bench.add(kind) if name == "sim" else bench.add(kind, **given))
-            parts.append("\n".join([f"### {name}", "| parameter | default | meaning |", "|---|---|---|", *rows]))
-        return "\n\n".join(parts) + "\n"
-    finally:
-        bench.close()
+    parts = []
+    for name in NODES:
+        with alive(name) as node:
+            head = [f"### {name}", "| parameter | default | meaning |", "|---|---|---|"]
+            parts.append("\n".join(head + parameters_of(node)))
+    return "\n\n".join(parts) + "\n"
 
 
 def main() -> int:

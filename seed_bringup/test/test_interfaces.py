@@ -11,12 +11,11 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
-from seed_bringup.interfaces_node import NODES, entries_of, parameters_of
-from seed_ros.testing import Bench
+from seed_bringup.interfaces_node import NODES, alive, entries_of, parameters_of
 
 pytestmark = pytest.mark.ros
 DOCUMENT = Path(__file__).parents[2] / "docs" / "interfaces.md"
-ROW = re.compile(r"^\| (in|out|service|action) \| `([^`]+)` \| (\S+) \| .+ \|$", re.MULTILINE)
+ROW = re.compile(r"^\| (in|out|service|calls|action) \| `([^`]+)` \| (\S+) \| .+ \|$", re.MULTILINE)
 
 
 def section(name: str, level: str) -> str:
@@ -28,23 +27,15 @@ def section(name: str, level: str) -> str:
 
 @pytest.mark.parametrize("name", NODES)
 def test_topics_services_and_actions_are_those_of_the_document(name: str) -> None:
-    kind, given = NODES[name]
-    bench = Bench()
-    try:
-        there = entries_of(bench.add(kind, **given))
-    finally:
-        bench.close()
+    with alive(name, **NODES[name][1]) as node:
+        there = entries_of(node)
     assert there == set(ROW.findall(section(name, "##")))
 
 
 @pytest.mark.parametrize("name", NODES)
 def test_parameters_are_those_of_the_document(name: str) -> None:
-    kind, _ = NODES[name]
-    bench = Bench()
-    try:
-        rows = parameters_of(bench.add(kind))
-    finally:
-        bench.close()
+    with alive(name) as node:
+        rows = parameters_of(node)
     written = re.findall(r"^\| `([^`]+)` \|", section(name, "###"), re.MULTILINE)
     there = [row.split("`")[1] for row in rows]
     assert written == there, "run: python -m seed_bringup.interfaces_node docs/interfaces.md"

@@ -23,8 +23,8 @@ from seed_ros.qos import COMMAND, LATCHED, QUEUE
 class GuardNode(Node):
     """Topics: target_frame and current_pose in, guarded_frame and ~/hold_reason out. Services as the driver's."""
 
-    def __init__(self) -> None:
-        super().__init__("guard")
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("guard", **arguments)
         self.guard = Guard(declare(self, GuardConfig()))
         self._said: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)

@@ -112,10 +112,11 @@ class DriverNode(LifecycleNode):
             future.set_result((False, "the driver was deactivated"))
         self._waiting.clear()
 
-    def close(self) -> None:
-        """End everything, also after half a construction."""
+    def destroy_node(self) -> None:
+        """End the servo process too, also after half a construction."""
         self._release()
         self._thread.shutdown(wait=False, cancel_futures=True)
+        super().destroy_node()
 
     # parameters
     def _settings(self) -> dict[str, Any]:
@@ -286,7 +287,6 @@ def main() -> None:
         pass
     finally:
         if node is not None:
-            node.close()
             node.destroy_node()
         rclpy.try_shutdown()
 
