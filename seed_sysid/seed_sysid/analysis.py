@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seed_core.spatial import Array, pose_from_rpy
+from seed_core.spatial import Array, interpolate_pose, pose_from_rpy
 from seed_sysid import checks
 from seed_sysid.dataset import Dataset, DatasetError
 from seed_sysid.diagnostic import Assumption, check_diagonal
@@ -20,6 +20,7 @@ from seed_sysid.parameters import FitParameters
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis counts as undetermined
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
 _FOLDS = 5
+_WAY = (0.25, 0.5, 0.75)  # a straight way in space is curved in the axes of the stiffness map
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
         DatasetError: the data cannot give a stiffness; the message says why and what to do.
     """
     fit = parameters or FitParameters()
+    data = data.with_poses(source)
     checks.check(data, source)
     problem = make_problem(data, source, fit)
     solution, significance = solve(problem), np.zeros(6)
@@ -112,12 +114,14 @@ def make_problem(data: Dataset, source: str, fit: FitParameters) -> Problem:
 
 
 def _path(data: Dataset, X_TC: Array) -> tuple[Array, np.ndarray]:
-    """Every point where the arm turned (m, 4, 4), and which of them are the samples (n,)."""
-    points, index = [], []
+    """Points along the arm's way (m, 4, 4), close enough to show its curve, and which of them are the samples (n,)."""
+    points, index = [np.eye(4)], []
     for sample, X in zip(data.samples, X_TC, strict=True):
-        points += [pose_from_rpy(v[3:], v[:3]) for v in sample.via]
-        index.append(len(points))
-        points.append(X)
+        for turn in (*(pose_from_rpy(v[3:], v[:3]) for v in sample.via), X):
+            start = points[-1]
+            points += [interpolate_pose(start, turn, share) for share in _WAY]
+            points.append(turn)
+        index.append(len(points) - 1)
     return np.array(points), np.array(index)
 
 

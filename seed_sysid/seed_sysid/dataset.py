@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -115,6 +115,28 @@ class Dataset:
         if missing:
             raise DatasetError(f"{len(missing)} of {len(values)} samples have no {source} pose (first: {missing[0]})")
         return np.array([pose_from_rpy(v[3:], v[:3]) for v in values]).reshape(-1, 4, 4)
+
+    def with_poses(self, source: str) -> Dataset:
+        """Only the samples that have a pose from source; the others stay as points that the arm came through.
+
+        Raises:
+            DatasetError: no sample has one.
+        """
+        kept: list[Sample] = []
+        missing: list[str] = []
+        way: tuple[tuple[float, ...], ...] = ()
+        for s in self.samples:
+            if getattr(s, source) is not None:
+                kept.append(replace(s, via=(*way, *s.via)))
+                way = ()
+            else:
+                missing.append(s.key)
+                way = (*way, *s.via, *((s.kinematic,) if s.kinematic else ()))
+        if self.samples and not kept:
+            raise DatasetError(f"no sample has an {source} pose: choose the other source with --poses, or record again")
+        named = [f"without {source} pose, left out: {', '.join(missing)}"] if missing else []
+        header = replace(self.header, planned=max(0, self.header.planned - len(missing)))
+        return Dataset(header, kept, self.warnings + named)
 
     def wrenches(self) -> Array:
         """(n, 6) about S, in S."""

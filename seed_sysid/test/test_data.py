@@ -73,6 +73,19 @@ def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) ->
     assert np.abs(error).max() < 0.02
 
 
+def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dataset) -> None:
+    blind = {"0/010-pitch", "1/050-combination", "2/003-roll"}
+    seen = _changed(data, lambda s: replace(s, estimator=None if s.key in blind else s.kinematic))
+    result = analyse(seen, "estimator")
+    assert len(result.data.samples) == len(data.samples) - len(blind)
+    assert any(all(key in w for key in blind) for w in result.warnings)
+    assert not any("resume" in w for w in result.warnings)
+    whole = analyse(data, "kinematic").solution
+    assert np.abs(result.solution.stiffness / whole.stiffness - 1.0).max() < 0.01
+    with pytest.raises(DatasetError, match="no sample has an estimator pose"):
+        analyse(data, "estimator")
+
+
 def test_another_runs_file_is_left_alone(data: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "samples.jsonl"
     Writer(file, data.header).close()

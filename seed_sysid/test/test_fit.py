@@ -8,10 +8,11 @@ import pytest
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
+from seed_core.spatial import interpolate_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sysid.analysis import analyse, make_problem
 from seed_sysid.excitation import condition_number, design
 from seed_sysid.fit import _Model
+from seed_sysid.hysteresis import stop_states
 from seed_sysid.model import AXES, stiffness_map
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
 from seed_sysid.scenario import Grasp, IdentificationScenario, SensorFaults, load
@@ -46,6 +47,21 @@ def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
         d[i] = step
         numeric = (model.predict(theta + d) - model.predict(theta - d)).ravel() / (2 * step)
         np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()))
+
+
+def test_friction_follows_the_way_between_poses() -> None:
+    """Straight in space is curved in the axes of the map: against the same way in steps of a percent."""
+    data, _ = at_rest(load("default"), 6)
+    problem = make_problem(data, "kinematic", FitParameters())
+    fine, index = [np.eye(4)], []
+    for X in problem.X_TC:
+        start = fine[-1]
+        fine += [interpolate_pose(start, X, share) for share in np.linspace(0.01, 1.0, 100)]
+        index.append(len(fine) - 1)
+    xi, xi_fine = (stiffness_map(np.array(way)).xi for way in (problem.path, fine))
+    yields = 0.1 * np.abs(xi_fine).max(axis=0)
+    states = stop_states(xi, problem.index, yields), stop_states(xi_fine, np.array(index), yields)
+    np.testing.assert_allclose(*states, atol=0.05)  # of a friction that is at most 1
 
 
 def test_without_noise_the_fit_is_exact() -> None:
