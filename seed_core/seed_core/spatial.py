@@ -20,6 +20,7 @@ from seed_core.errors import SeedError
 Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-6  # [rad]; below it two terms of each series are exact to rounding
+_IDENTITY = np.eye(4)
 _UNIT_TOLERANCE = 1e-3  # how far a quaternion's norm may be from one before it is refused
 
 
@@ -104,30 +105,39 @@ def rpy_from_rotation(R: Array) -> Array:
 
 def so3_exp(rotation_vector: ArrayLike) -> Array:
     """R (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
-    v = np.asarray(rotation_vector, dtype=float)
-    angle = float(np.sqrt(v @ v))
-    K = skew(v)
+    x, y, z = np.asarray(rotation_vector, dtype=float).tolist()
+    angle = sqrt(x * x + y * y + z * z)
     if angle < _SMALL_ANGLE:
-        return np.eye(3) + K + 0.5 * (K @ K)
-    half = sin(0.5 * angle) / angle
-    return np.eye(3) + (sin(angle) / angle) * K + (2.0 * half * half) * (K @ K)
+        a, b = 1.0, 0.5
+    else:
+        half = sin(0.5 * angle) / angle
+        a, b = sin(angle) / angle, 2.0 * half * half
+    bx, by, bz = b * x, b * y, b * z  # R = 1 + a skew(v) + b skew(v)^2, entry by entry: this runs at every step
+    xy, xz, yz, ax, ay, az = bx * y, bx * z, by * z, a * x, a * y, a * z
+    return np.array(
+        (
+            (1.0 - by * y - bz * z, xy - az, xz + ay),
+            (xy + az, 1.0 - bx * x - bz * z, yz - ax),
+            (xz - ay, yz + ax, 1.0 - bx * x - by * y),
+        )
+    )
 
 
 def so3_log(R: Array) -> Array:
     """Rotation vector (3,) [rad], of length at most pi, of R."""
-    sine = 0.5 * np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
-    s = float(np.sqrt(sine @ sine))
-    cosine = 0.5 * (float(R[0, 0] + R[1, 1] + R[2, 2]) - 1.0)
-    if s < _SMALL_ANGLE and cosine > 0.0:
-        return sine * (1.0 + s * s / 6.0)
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R.tolist()
+    x, y, z = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
+    s = sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (r00 + r11 + r22 - 1.0)
     if cosine < -0.99:  # the sine is ill-conditioned near pi
         return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=float)
-    return sine * (atan2(s, cosine) / s)
+    k = 1.0 + s * s / 6.0 if s < _SMALL_ANGLE else atan2(s, cosine) / s
+    return np.array((k * x, k * y, k * z))
 
 
 def make_pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     """X (4, 4) from R (3, 3) and p (3,) [m]; identity where left out."""
-    X = np.eye(4)
+    X = _IDENTITY.copy()
     if R is not None:
         X[:3, :3] = R
     if p is not None:
@@ -142,7 +152,7 @@ def pose_from_rpy(rpy: ArrayLike, p: ArrayLike) -> Array:
 
 def inverse_pose(X_AB: Array) -> Array:
     """X_BA (4, 4)."""
-    X_BA = np.eye(4)
+    X_BA = _IDENTITY.copy()
     R_BA = X_AB[:3, :3].T
     X_BA[:3, :3] = R_BA
     X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
@@ -213,10 +223,20 @@ def check_pose(X: ArrayLike, name: str = "pose") -> Array:
         raise SpatialError(f"{name} has shape {out.shape}; a pose is (4, 4)")
     if not np.isfinite(out).all():
         raise SpatialError(f"{name} has a value that is not finite")
-    R = out[:3, :3]
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(out[3] != (0, 0, 0, 1)):
+    x, y, z, last = out.tolist()
+    if last != [0.0, 0.0, 0.0, 1.0] or not _orthonormal(x[:3], y[:3], z[:3]):
         raise SpatialError(f"{name} is no pose: its rotation is not orthonormal or its last row is not 0 0 0 1")
     return out
+
+
+def _orthonormal(x: list[float], y: list[float], z: list[float]) -> bool:
+    """Whether three rows make a rotation to 1e-6."""
+    (a, b, c), (d, e, f), (g, h, i) = x, y, z
+    products = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
+    )
+    return max(products) <= 1e-6 and min(products) >= -1e-6 and g * (b * f - c * e) + h * (c * d - a * f) > 0.0
 
 
 def orthonormalised(X: Array) -> Array:
