@@ -8,7 +8,7 @@ Angles `rpy` are fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) (RE
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, sin, sqrt
+from math import asin, atan2, cos, isfinite, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +81,7 @@ def skew(v: ArrayLike) -> Array:
 
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
     """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll) of rpy (3,) [rad]."""
-    r, p, y = (float(a) for a in np.asarray(rpy, dtype=float))
+    r, p, y = np.asarray(rpy, dtype=float).tolist()
     cr, sr, cp, sp, cy, sy = cos(r), sin(r), cos(p), sin(p), cos(y), sin(y)
     return np.array(
         (
@@ -94,13 +94,8 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
 
 def rpy_from_rotation(R: Array) -> Array:
     """Roll, pitch, yaw (3,) [rad] of R, pitch within +-pi/2; at +-pi/2 only roll and yaw together are determined."""
-    return np.array(
-        (
-            atan2(R[2, 1], R[2, 2]),
-            asin(max(-1.0, min(1.0, -float(R[2, 0])))),
-            atan2(R[1, 0], R[0, 0]),
-        )
-    )
+    (r00, _, _), (r10, _, _), (r20, r21, r22) = R.tolist()
+    return np.array((atan2(r21, r22), asin(max(-1.0, min(1.0, -r20))), atan2(r10, r00)))
 
 
 def so3_exp(rotation_vector: ArrayLike) -> Array:
@@ -152,11 +147,15 @@ def pose_from_rpy(rpy: ArrayLike, p: ArrayLike) -> Array:
 
 def inverse_pose(X_AB: Array) -> Array:
     """X_BA (4, 4)."""
-    X_BA = _IDENTITY.copy()
-    R_BA = X_AB[:3, :3].T
-    X_BA[:3, :3] = R_BA
-    X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
-    return X_BA
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = X_AB.tolist()
+    return np.array(
+        (
+            (a, d, g, -a * x - d * y - g * z),
+            (b, e, h, -b * x - e * y - h * z),
+            (c, f, i, -c * x - f * y - i * z),
+            last,
+        )
+    )
 
 
 def interpolate_pose(X_A: Array, X_B: Array, s: float) -> Array:
@@ -221,9 +220,9 @@ def check_pose(X: ArrayLike, name: str = "pose") -> Array:
     out = np.asarray(X, dtype=float)
     if out.shape != (4, 4):
         raise SpatialError(f"{name} has shape {out.shape}; a pose is (4, 4)")
-    if not np.isfinite(out).all():
-        raise SpatialError(f"{name} has a value that is not finite")
     x, y, z, last = out.tolist()
+    if not all(map(isfinite, (*x, *y, *z, *last))):
+        raise SpatialError(f"{name} has a value that is not finite")
     if last != [0.0, 0.0, 0.0, 1.0] or not _orthonormal(x[:3], y[:3], z[:3]):
         raise SpatialError(f"{name} is no pose: its rotation is not orthonormal or its last row is not 0 0 0 1")
     return out
