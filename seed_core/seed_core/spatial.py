@@ -235,7 +235,8 @@ def _orthonormal(x: list[float], y: list[float], z: list[float]) -> bool:
         a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
         a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
     )
-    return max(products) <= 1e-6 and min(products) >= -1e-6 and g * (b * f - c * e) + h * (c * d - a * f) > 0.0
+    right_handed = g * (b * f - c * e) + h * (c * d - a * f) + i * (a * e - b * d) > 0.0
+    return max(products) <= 1e-6 and min(products) >= -1e-6 and right_handed
 
 
 def orthonormalised(X: Array) -> Array:
