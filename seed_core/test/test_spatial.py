@@ -128,6 +128,15 @@ def test_bad_quaternions_are_refused_by_name(q: tuple[float, ...], p: tuple[floa
         pose_from_quaternion(q, p, "current_pose")
 
 
+def test_rotations_are_poses_and_mirrored_ones_are_not() -> None:
+    """Axis-aligned ones as well, where most of the determinant's terms vanish."""
+    quarters = [rotation_from_rpy(0.5 * np.pi * np.array(q)) for q in np.ndindex(4, 4, 4)]
+    for R in [*quarters, *(X[:3, :3] for X in random_poses(30))]:
+        check_pose(make_pose(R))
+        with pytest.raises(SpatialError, match="no pose"):
+            check_pose(make_pose(-R))
+
+
 @pytest.mark.parametrize(
     ("X", "message"),
     [
