@@ -17,7 +17,6 @@ from seed_core.spatial import pose_from_rpy, so3_exp
 from seed_sim import validate
 from seed_sim.validation import run
 from seed_sim.validation.scores import AXES, NAMED, Series, components, errors, scores
-from seed_sim.validation.slip import Slide, random_slide
 from seed_sim.validation.trajectory import TrajectorySection, poses
 
 SHIPPED = ("long_cylinder", "short_handle", "box", "marker", "large_rotation", "slip20", "bright30", "d405", "noise2x",
@@ -103,14 +102,6 @@ def test_invalid_frames_count_and_are_not_scored():
 
 def test_scoring_starts_when_it_should():
     assert scores(series(), score_from=10.0)["frames"] == 451
-
-
-def test_slides_begin_at_rest_and_go_on():
-    slide = Slide(1.0, np.array((0, 0, 0, 0.05, 0, 0)))
-    assert_allclose(slide.slid(0.9), np.eye(4))
-    assert_allclose(slide.slid(1.1)[:3, 3], (0.005, 0, 0))
-    kinds = {tuple(np.nonzero(random_slide(np.random.default_rng(i)).speed)[0]) for i in range(30)}
-    assert kinds == {(1,), (3,), (5,)}
 
 
 def test_scenario_file_of_the_documentation_loads(tmp_path):

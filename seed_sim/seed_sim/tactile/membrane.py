@@ -4,7 +4,7 @@
 Around an indenter the imprint decays exponentially (a recorded press decays by e in 8.5 mm on every side). The skirt's
 outline follows the tool with a lag; the air's volume is kept, so the rest of the dome bulges out.
 Material in contact at the grasp sticks to the tool; between it and the fixed rim displacement is harmonic, as in
-a stretched sheet.
+a stretched sheet. Friction that bears a load lets go from the patch's edge inwards: see `_shares`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ _PEELED = 0.004  # [m]; gap over which material comes off the tool
 _TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
 _REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
 _FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
+_LOADS = (0.0, 0.4, 0.7, 0.85, 0.95, 1.0)  # [1] shares of the largest load for which the sheet is solved
 
 
 class Shape(NamedTuple):
@@ -57,22 +58,27 @@ class Membrane:
         h, w = self.dome.shape
         self._columns, self._rows = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
         self._in_image = self._axes_in_image() / self._pixel
-        self._share = np.zeros((2, 2), np.float32)
         self.rest = Shape(self.dome, np.zeros_like(self.dome), points[::2])
-        self._share = self._displacement_share()
+        patch, inside = self._patch()
+        self.reach = math.sqrt(float((np.argwhere(patch) - np.argwhere(patch).mean(axis=0)).var(axis=0).sum())) * _CELL
+        self._shares = _shares(patch, inside, _LOADS if p.hold > 0.0 else _LOADS[:1])
 
-    def press(self, X_CT: Array, X_stuck: Array) -> Shape:
-        """With the tool at X_CT and material that has followed it to X_stuck; both (4, 4), identity at the grasp."""
+    def press(self, X_CT: Array, X_stuck: Array, load: float = 0.0) -> Shape:
+        """With the tool at X_CT and material that has followed it to X_stuck; both (4, 4), identity at the grasp.
+
+        load: share of the largest tangential load, from 0 (all of the patch sticks) to 1 (all of it slides).
+        """
         tool, skirt, raw, contact = self._imprint(X_CT)
         free = np.float32(1.0) - cv2.GaussianBlur(contact, (0, 0), 1.0)
         free[contact > 0.5] = 0.0  # what touches well inside the patch neither lags nor lifts
         level = np.maximum(raw, np.float32(0.0))
-        imprint = np.maximum(level, level + free * (self._lagging(skirt, X_CT) - level))
+        imprint = np.maximum(level, level + free * (self._lagging(skirt, X_stuck) - level))
         rounded = cv2.GaussianBlur(imprint, (0, 0), 1.3)  # rubber does not follow a sharp edge
         imprint = np.where(contact > 0.5, imprint, np.maximum(imprint, rounded))
         off = self._distance(contact)
         depth = np.minimum(self.dome + self._bulge(imprint, off) - imprint, tool)
-        return Shape(depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck))
+        share = self._share(load)
+        return Shape(depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck, share))
 
     def _imprint(self, X_CT: Array) -> tuple[Image, Image, Image, Image]:
         """Tool's depth, skirt, how far the tool passes the dome, and where it touches (0, 1); each (h, w)."""
@@ -108,12 +114,12 @@ class Membrane:
         height = self.p.bulge * float((imprint * self._area).sum()) / free
         return np.asarray(np.float32(height) * self._growth * (1.0 - held), np.float32)
 
-    def _lagging(self, skirt: Image, X_CT: Array) -> Image:
+    def _lagging(self, skirt: Image, X_stuck: Array) -> Image:
         """The skirt where softness leaves it: behind the tool, or dragged along by a round tool that spins."""
         points = self.rays.at(self.dome - skirt)
         in_image = self._in_image
-        shape_motion = _motion(points, _without_spin(X_CT) if self.p.tool.round else X_CT, in_image)
-        material_motion = _motion(points, X_CT, in_image)
+        shape_motion = _motion(points, _without_spin(X_stuck) if self.p.tool.round else X_stuck, in_image)
+        material_motion = _motion(points, X_stuck, in_image)
         shift = shape_motion - np.float32(1.0 - self.p.lag) * material_motion
         columns, rows = self._columns + shift[0], self._rows + shift[1]
         return np.asarray(cv2.remap(skirt, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -125,7 +131,7 @@ class Membrane:
         right, down = d[:, h // 2, -1] - d[:, h // 2, 0], d[:, -1, w // 2] - d[:, 0, w // 2]
         return np.stack((right / np.linalg.norm(right), down / np.linalg.norm(down)))
 
-    def _material(self, depth: Image, gap: Image, X_stuck: Array) -> NDArray[np.float32]:
+    def _material(self, depth: Image, gap: Image, X_stuck: Array, share: Image) -> NDArray[np.float32]:
         """Which material (2, h, w) is seen: m with m + share(m) motion = point, by fixed-point steps.
 
         Material that the tool has left behind by a gap peels off: neighbours that still stick carry it in part.
@@ -135,17 +141,19 @@ class Membrane:
         motion *= 1.0 - np.float32(self.p.peel) * (1.0 - np.exp(gap * np.float32(-1.0 / _PEELED)))
         m = lateral - motion
         for _ in range(_STEPS):
-            m = lateral - self._share_at(m) * motion
+            m = lateral - _at(share, m) * motion
         return m
 
-    def _share_at(self, m: NDArray[np.float32]) -> Image:
-        h, w = self._share.shape
-        x = m[0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
-        z = m[1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
-        return np.asarray(cv2.remap(self._share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
+    def _share(self, load: float) -> Image:
+        """Share of its motion by which material (z, x) follows the point of the tool that sticks longest."""
+        i = min(int(np.searchsorted(_LOADS, load, side="right")) - 1, len(self._shares) - 2)
+        if i < 0:
+            return self._shares[0]
+        weight = np.float32((load - _LOADS[i]) / (_LOADS[i + 1] - _LOADS[i]))
+        return np.asarray(self._shares[i] + weight * (self._shares[i + 1] - self._shares[i]))
 
-    def _displacement_share(self) -> Image:
-        """Share of the tool's motion that material at (z, x) follows: 1 where it touches at the grasp, 0 at the rim."""
+    def _patch(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Cells (z, x) of the flat sheet that the tool touches at the grasp, and those within the rim."""
         _, _, raw, contact = self._imprint(np.eye(4))
         touched = self.rays.at(self.dome - raw)[::2, contact > 0.5].T
         h, w = int(2 * self.p.rim_z / _CELL) + 3, int(2 * self.p.rim_x / _CELL) + 3
@@ -155,22 +163,48 @@ class Membrane:
         column = np.clip(np.round(touched[:, 0] / _CELL + 0.5 * (w - 1)).astype(int), 0, w - 1)
         row = np.clip(np.round(touched[:, 1] / _CELL + 0.5 * (h - 1)).astype(int), 0, h - 1)
         stuck[row, column] = 1
-        stuck = cv2.morphologyEx(stuck, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        return _harmonic(stuck > 0, inside)
+        return cv2.morphologyEx(stuck, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0, inside
 
 
-def _harmonic(ones: NDArray[np.bool_], inside: NDArray[np.bool_]) -> Image:
-    """Solution of Laplace's equation (h, w): 1 on `ones`, 0 outside `inside`; relaxed from coarse to fine."""
-    field = ones.astype(np.float32)
+def _at(share: Image, m: NDArray[np.float32]) -> Image:
+    """Share (z, x) of material m (2, h, w) [m]; 0 beyond the rim."""
+    h, w = share.shape
+    x = m[0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
+    z = m[1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
+    return np.asarray(cv2.remap(share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
+
+
+def _shares(patch: NDArray[np.bool_], inside: NDArray[np.bool_], loads: tuple[float, ...]) -> list[Image]:
+    """Displacement of the sheet (h, w) over the tool's, for each share of the largest tangential load.
+
+    Coulomb's friction bears up to mu p on the patch, p the bubble's pressure: -laplace(u) = mu p / tension where the
+    sheet slides, u = 1 where it sticks. The largest load is the one whose solution just reaches 1 at a single point.
+    """
+    slides = _sheet(patch, inside, 1.0, math.inf)
+    most = float(slides.max())
+    return [_sheet(patch, inside, math.inf if load == 0.0 else 1.0 / (most * load), 1.0) for load in loads]
+
+
+def _sheet(patch: NDArray[np.bool_], inside: NDArray[np.bool_], traction: float, ceiling: float) -> Image:
+    """u (h, w) <= ceiling, -laplace(u) = traction per cell^2 on `patch`, 0 elsewhere and outside; coarse to fine.
+
+    An infinite traction holds the patch at the ceiling.
+    """
+    field = patch.astype(np.float32)
     kernel = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), np.float32) / 4.0
     for scale, steps in ((8, 200), (4, 200), (2, 200), (1, 300)):
-        size = (max(3, ones.shape[1] // scale), max(3, ones.shape[0] // scale))
-        one = cv2.resize(ones.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        size = (max(3, patch.shape[1] // scale), max(3, patch.shape[0] // scale))
+        one = cv2.resize(patch.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         zero = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA) < 0.5
         field = cv2.resize(field, size, interpolation=cv2.INTER_LINEAR)
+        source = one * np.float32(traction * scale**2 / 4.0) if math.isfinite(traction) else None
         for _ in range(steps):
             field = cv2.filter2D(field, -1, kernel)
-            field[one], field[zero] = 1.0, 0.0
+            if source is None:
+                field[one > 0.5] = ceiling
+            else:
+                field = np.minimum(field + source, np.float32(ceiling))
+            field[zero] = 0.0
     return np.asarray(field, np.float32)
 
 

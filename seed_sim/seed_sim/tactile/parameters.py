@@ -48,6 +48,10 @@ class TactileParameters:
     lag: float = field(0.35, low=0.0, high=1.0, doc="share of the tool's motion by which the patch's outline lags")
     peel: float = field(0.35, low=0.0, high=1.0, doc="share of its displacement that material loses off the tool")
     slip: float = field(0.0, low=0.0, high=0.9, doc="micro-slip: share of the motion that the membrane does not follow")
+    hold: float = field(
+        0.0, unit="m", low=0.0, high=0.05, doc="sideways displacement from which the tool slides; 0: it never does"
+    )
+    kinetic: float = field(0.75, low=0.1, high=1.0, doc="share of `hold` that is left while the tool slides")
 
     # what the infrared image shows
     dot_pitch: float = field(0.0039, unit="m", low=0.001, high=0.02, doc="mean distance of rows of printed dots")

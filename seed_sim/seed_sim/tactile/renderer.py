@@ -72,15 +72,22 @@ class TactileRenderer:
         """Calibration of each finger's camera."""
         return {name: finger.camera for name, finger in self.fingers.items()}
 
-    def render(self, X_CT: Array, stamp: float, X_slid: Array | None = None) -> dict[str, TactileImages]:
+    @property
+    def reach(self) -> float:
+        """Root mean square distance of the patch from its middle at the grasp [m]."""
+        return float(np.mean([finger.membrane.reach for finger in self.fingers.values()]))
+
+    def render(
+        self, X_CT: Array, stamp: float, X_slid: Array | None = None, load: float = 0.0
+    ) -> dict[str, TactileImages]:
         """Images of the tool at X_CT (4, 4) at time stamp [s].
 
         X_slid (4, 4) is how far the tool has slid through the membrane since the grasp: what the membrane has followed
-        is X_CT X_slid^-1. Left out: it has not.
+        is X_CT X_slid^-1. Left out: it has not. load: share of the largest load that friction bears, see `friction`.
         """
         X_stuck = X_CT if X_slid is None else X_CT @ inverse_pose(X_slid)
         X_stuck = followed(X_stuck, self.parameters.slip)
-        return {n: f.render(f.membrane.press(X_CT, X_stuck), stamp) for n, f in self.fingers.items()}
+        return {n: f.render(f.membrane.press(X_CT, X_stuck, load), stamp) for n, f in self.fingers.items()}
 
     def no_contact(self, stamp: float) -> dict[str, TactileImages]:
         """Images with nothing in the grasp."""

@@ -1,66 +1,93 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gross slip with ground truth: the tool slides through the membrane, and the estimator should say so at once."""
+"""Gross slip with ground truth: the tool is pulled until friction gives way; the estimator should say so at once."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileRenderer
+from seed_sim.tactile.friction import Friction, Held
+from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.validation.run import Progress, estimator_for, tactile_of
 from seed_sim.validation.trajectory import TrajectorySection, poses
 
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
-_SHORTEST = 0.25  # [s] of images after the onset
+_AFTER = 0.25  # [s] of images after the onset
+_LONGEST = 6.0  # [s] until the slowest pull has overcome the firmest grip
+_SUBSTEPS = 10  # of friction per pair of images
 # ordinary manipulation moves the tool about half as far as the combined trajectory
 _ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
+_HOLD = 0.009  # [m] grip in ordinary manipulation
 
 
-class Slide(NamedTuple):
-    """A slip: from `onset` [s] on the tool slides at `speed` (6,) [rad/s, m/s] through the membrane."""
+class Pull(NamedTuple):
+    """A slip: from `start` [s] on the tool is pulled at `speed` (6,) [rad/s, m/s] until a grip that holds up to `hold`
+    [m] gives way; `kinetic` is the share that it keeps then."""
 
-    onset: float
+    start: float
     speed: Array
+    hold: float
+    kinetic: float
 
-    def slid(self, t: float) -> Array:
+    def pulled(self, t: float) -> Array:
         """How far (4, 4) at time t."""
-        elapsed = max(0.0, t - self.onset)
+        elapsed = max(0.0, t - self.start)
         return make_pose(so3_exp(self.speed[:3] * elapsed), self.speed[3:] * elapsed)
 
 
-def random_slide(rng: np.random.Generator, along_z: bool = True) -> Slide:
-    """Along x or z at 30 to 100 mm/s, or turning about y at 1 to 3 rad/s; at a random time.
-
-    A rod without features that slides along its own axis, longer than the bubble, changes nothing that a camera could
-    see: along_z leaves such slides out.
-    """
-    speed = np.zeros(6)
-    kind = int(rng.integers(0 if along_z else 1, 3))
-    sign = float(rng.choice((-1.0, 1.0)))
+def random_pull(rng: np.random.Generator) -> Pull:
+    """Along z or x at 30 to 100 mm/s, or turning about y at 1 to 3 rad/s; grip and time at random."""
+    speed, kind, sign = np.zeros(6), int(rng.integers(0, 3)), float(rng.choice((-1.0, 1.0)))
     if kind == 2:
         speed[1] = sign * rng.uniform(1.0, 3.0)
     else:
         speed[5 if kind == 0 else 3] = sign * rng.uniform(0.03, 0.1)
-    return Slide(float(rng.uniform(1.5, 3.0)), speed)
+    start, hold, kinetic = (float(rng.uniform(*bounds)) for bounds in ((1.5, 3.0), (0.0065, 0.010), (0.6, 0.9)))
+    return Pull(start, speed, hold, kinetic)
+
+
+class Moment(NamedTuple):
+    """A pair of images' time [s], the tool's pose, what friction does, and since when the tool slides (inf: not)."""
+
+    stamp: float
+    X_CT: Array
+    held: Held
+    onset: float
+
+
+def moments(p: TactileParameters, reach: float, section: TrajectorySection, pull: Pull | None, seed: int,
+            ) -> Iterator[Moment]:  # fmt: skip
+    """Ordinary manipulation, with a pull on top of it."""
+    friction, onset = Friction(p.hold, p.kinetic, reach), np.inf
+    fine = replace(section, rate=section.rate * _SUBSTEPS)
+    for i, (t, X) in enumerate(poses(fine, seed)):
+        X_CT = X if pull is None else X @ pull.pulled(t)
+        held = friction.step(X_CT, t)
+        onset = min(onset, t) if held.sliding else onset
+        if i % _SUBSTEPS == _SUBSTEPS - 1:
+            yield Moment(t, X_CT, held, onset)
 
 
 def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
     """Seconds from onset to alarm (None: none), and whether there was an alarm before the onset."""
-    rng = np.random.default_rng((seed, 5))
-    p = tactile_of(scenario)
-    slide = random_slide(rng, along_z=p.tool.length < 2.0 * p.rim_z)
-    renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
+    pull = random_pull(np.random.default_rng((seed, 5)))
+    p = replace(tactile_of(scenario), hold=pull.hold, kinetic=pull.kinetic)
+    renderer = TactileRenderer(p, scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    section = replace(_ORDINARY, duration=slide.onset + _SHORTEST + 0.1)
-    for stamp, X_held in poses(section, seed):
-        X_slid = slide.slid(stamp)
-        if estimator.update(renderer.render(X_held @ X_slid, stamp, X_slid), stamp).gross_slip:
-            return (stamp - slide.onset, False) if stamp >= slide.onset else (None, True)
+    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=_LONGEST), pull, seed):
+        images = renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load)
+        if estimator.update(images, m.stamp).gross_slip:
+            return (m.stamp - m.onset, False) if m.stamp >= m.onset else (None, True)
+        if m.stamp > m.onset + _AFTER:
+            break
     return None, False
 
 
@@ -68,19 +95,25 @@ def false_alarms(scenario: Scenario, seed: int, minutes: float, progress: Progre
     """Alarms in so many minutes of ordinary manipulation without slip, and the share of valid estimates.
 
     The grasp is taken anew after an alarm, as an operator would.
+
+    Raises:
+        SeedError: the tool slid after all.
     """
-    renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
+    p = replace(tactile_of(scenario), hold=_HOLD)
+    renderer = TactileRenderer(p, scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
     section = replace(_ORDINARY, duration=max(60.0 * minutes, 1.0))
     alarms = valid = frames = 0
-    for stamp, X_CT in poses(section, seed):
-        estimate = estimator.update(renderer.render(X_CT, stamp), stamp)
+    for m in moments(p, renderer.reach, section, None, seed):
+        if m.held.sliding:
+            raise SeedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
+        estimate = estimator.update(renderer.render(m.X_CT, m.stamp, load=m.held.load), m.stamp)
         frames, valid = frames + 1, valid + estimate.valid
         if estimate.gross_slip:
             alarms += 1
             estimator = estimator_for(scenario, "rigid_fit", renderer)
         if progress is not None:
-            progress(stamp / section.duration)
+            progress(m.stamp / section.duration)
     return alarms, valid / max(frames, 1)
 
 
