@@ -85,42 +85,56 @@ class Plant:
 
     def advance(self, t: float) -> None:
         """Simulate until time t [s]."""
-        while self._steps * DT < t - 1e-9:
-            self._step()
+        end = self._steps
+        while end * DT < t - 1e-9:
+            end += 1
+        # The arm feels no load, so it moves first: to alternate with Drake would cost the processor's caches.
+        motions = []
+        for n in range(self._steps, end):
+            self.arm.advance(n * DT + DT, DT)
+            motions.append(self._follow_arm(self.arm.turned))
+        self._simulate(motions)
 
     def drive(self, X_WE: Array, t: float) -> None:
         """Simulate until t [s] with the flange moved evenly from where it is to X_WE, by an arm outside."""
         n = max(round((t - self.time) / DT), 1)
         X0 = self.arm.reported
         turn, p0 = so3_log(X0[:3, :3].T @ X_WE[:3, :3]), X0[:3, 3]
+        motions = []
         for i in range(1, n + 1):
             self.arm.reported = make_pose(X0[:3, :3] @ so3_exp(i / n * turn), p0 + i / n * (X_WE[:3, 3] - p0))
-            self._step(outside=True)
+            motions.append(self._follow_arm(None))
+        self._simulate(motions)
 
-    def _step(self, outside: bool = False) -> None:
-        before = self._X_WC
-        if not outside:
-            self.arm.advance(self.time + DT, DT)
-        after = self.arm.actual @ self._X_EC
-        turned = so3_log(after[:3, :3] @ before[:3, :3].T) if outside else self.arm.turned
-        self._place_gripper(before, (after[:3, 3] - before[:3, 3]) / DT, turned / DT)
-        context, drake = self._cell.context, self._cell.plant
-        for _ in range(self._substeps):
-            context.SetDiscreteState(self._state)
-            self._state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
-        self._steps += 1
+    def _follow_arm(self, turned: Array | None) -> Array:
+        """The gripper goes to where the arm is, from the pose and with the velocity (13,) that Drake gets."""
+        before, after = self._X_WC, self.arm.actual @ self._X_EC
+        if turned is None:
+            turned = so3_log(after[:3, :3] @ before[:3, :3].T)
         self._X_WC = after
-        self._X_WT = None
-        if not np.isfinite(self._state).all():
-            raise PlantError(f"the simulation of scenario '{self.scenario.name}' diverged at {self.time:.3f} s")
-        if self._meshcat is not None and self.time >= self._drawn + _FRAME:
-            self._publish()
+        return _pose_and_velocity(before, (after[:3, 3] - before[:3, 3]) / DT, turned / DT)
 
-    def _place_gripper(self, X_WC: Array, velocity: Array, angular_velocity: Array) -> None:
-        """Pose and velocity (world) of the gripper at the beginning of a step."""
-        state, (q, v) = self._state, self._cell.gripper_at
-        state[q : q + 4], state[q + 4 : q + 7] = _quaternion_wxyz(X_WC[:3, :3]), X_WC[:3, 3]
-        state[v : v + 3], state[v + 3 : v + 6] = angular_velocity, velocity
+    def _simulate(self, motions: list[Array]) -> None:
+        """One step of the plant for each motion of the gripper."""
+        context, drake, state = self._cell.context, self._cell.plant, self._state
+        for motion in motions:
+            self._place_gripper(state, motion)
+            for _ in range(self._substeps):
+                context.SetDiscreteState(state)
+                state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
+            self._steps += 1
+            if self._meshcat is not None and self.time >= self._drawn + _FRAME:
+                self._state = state
+                self._publish()
+        self._state, self._X_WT = state, None
+        if not np.isfinite(state).all():
+            raise PlantError(f"the simulation of scenario '{self.scenario.name}' diverged before {self.time:.3f} s")
+
+    def _place_gripper(self, state: Array, motion: Array) -> None:
+        """Write pose and velocity (13,) of the gripper into the state."""
+        q, v = self._cell.gripper_at
+        state[q : q + 7] = motion[:7]
+        state[v : v + 6] = motion[7:]
 
     def reset(self, X_WE: Array | None = None) -> None:
         """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest, time 0."""
@@ -130,7 +144,7 @@ class Plant:
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._cell.plant.GetPositionsAndVelocities(self._cell.context)
         self._state[self._cell.plant.num_positions() :] = 0.0
-        self._place_gripper(self._X_WC, np.zeros(3), np.zeros(3))
+        self._place_gripper(self._state, _pose_and_velocity(self._X_WC, np.zeros(3), np.zeros(3)))
         self.grasp()
         if self._meshcat is not None:
             self._publish()
@@ -286,6 +300,12 @@ class Plant:
         damping = damping_of(self._inertia, g.stiffness, g.damping_ratio) if self._inertia is not None else none
         self._cell = Cell(self.scenario, self.surface, self.shape, self._inertia, damping, DT / self._substeps,
                           self._meshcat)
+
+
+def _pose_and_velocity(X_WC: Array, velocity: Array, angular_velocity: Array) -> Array:
+    """(13,) quaternion w, x, y, z, position, angular velocity and velocity in the world, as Drake orders them."""
+    return np.array((*_quaternion_wxyz(X_WC[:3, :3]), *X_WC[:3, 3].tolist(),
+                     *angular_velocity.tolist(), *velocity.tolist()))
 
 
 def _quaternion_wxyz(R: Array) -> tuple[float, float, float, float]:
