@@ -22,12 +22,15 @@ from rclpy.executors import (
     TimeoutException,
 )
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 from seed_ros.qos import QoSProfile
 
 PERIODS = 2500  # of the last ten seconds, for percentiles
 LATE = 5  # [periods] behind which deadlines start anew: what was missed is not made up for
-REST = 0.03  # [s] between two looks at services, actions and slow timers
+IDLE_REST = 0.1  # [s] between two looks at services, actions and slow timers
+BUSY_REST = 0.02  # [s] while they are in use: for BUSY after the last call
+BUSY = 0.5  # [s]
 CALLBACKS = 4  # of these per look
 MOST = 50  # messages taken from one stream per period
 
@@ -51,22 +54,27 @@ class _Polled(CallbackGroup):
 class RestExecutor(SingleThreadedExecutor):
     """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
 
-    def run_some(self) -> None:
-        """Run the callbacks that are ready now, a few at most."""
+    def run_some(self) -> bool:
+        """Run the callbacks that are ready now, a few at most; whether one was more than a timer's."""
+        called = False
         for _ in range(CALLBACKS):
-            if not self._run_one():
-                return
+            entity = self._run_one()
+            if entity is None:
+                break
+            called |= not isinstance(entity, Timer)
+        return called
 
-    def _run_one(self) -> bool:
+    def _run_one(self) -> Any:
+        """What was served, or None."""
         try:
-            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
+            handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
         except (TimeoutException, ShutdownException, ExternalShutdownException):
-            return False
+            return None
         handler()
         error = handler.exception()
         if error is not None:
             raise error
-        return True
+        return entity or self
 
 
 class FixedRateLoop:
@@ -77,28 +85,36 @@ class FixedRateLoop:
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s]
         self.overruns = 0
         self._group = _Polled()
-        self._polled: list[tuple[Any, Callable[[Any], None]]] = []
+        self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
 
     def poll(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
         """As create_subscription; the callback runs at the beginning of a period."""
+        self._poll(kind, topic, lambda message, _: callback(message), qos, raw=False)
+
+    def poll_raw(self, kind: Any, topic: str, callback: Callable[[bytes, Any], None], qos: QoSProfile) -> None:
+        """As `poll`; the callback gets the serialized message and what is known of it (MessageInfo as a dict)."""
+        self._poll(kind, topic, callback, qos, raw=True)
+
+    def _poll(self, kind: Any, topic: str, callback: Callable[[Any, Any], None], qos: QoSProfile, raw: bool) -> None:
         subscription = self.node.create_subscription(
-            kind, topic, callback, qos, callback_group=self._group, event_callbacks=QUIET_IN
+            kind, topic, callback, qos, callback_group=self._group, event_callbacks=QUIET_IN, raw=raw
         )
         self._polled.append((subscription, callback))
 
-    def run(self) -> None:
-        """Until the context ends."""
+    def run(self, ended: Callable[[], bool] = lambda: False) -> None:
+        """Until the context ends, or `ended()`."""
         executor = self.executor()
-        next_rest, deadline, last = 0.0, time.monotonic(), time.monotonic()
-        while self.node.context.ok():
-            self._take()
+        next_rest, busy_until, deadline, last = 0.0, 0.0, time.monotonic(), time.monotonic()
+        while self.node.context.ok() and not ended():
+            self.take()
             self._tick()
             now = time.monotonic()
             self.periods.append(now - last)
             last = now
             if now >= next_rest:
-                next_rest = now + REST
-                executor.run_some()
+                if executor.run_some():
+                    busy_until = now + BUSY
+                next_rest = now + (BUSY_REST if now < busy_until else IDLE_REST)
             deadline = self._wait(deadline + self.period)
 
     def executor(self) -> RestExecutor:
@@ -109,18 +125,19 @@ class FixedRateLoop:
 
     def once(self, executor: RestExecutor) -> None:
         """One period without its waiting, for callers with a loop of their own."""
-        self._take()
+        self.take()
         self._tick()
         executor.run_some()
 
-    def _take(self) -> None:
+    def take(self) -> None:
+        """Give every polled message that has come to its callback."""
         for subscription, callback in self._polled:
             with subscription.handle:
                 for _ in range(MOST):
                     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                     if taken is None:
                         break
-                    callback(taken[0])
+                    callback(*taken)
 
     def _wait(self, deadline: float) -> float:
         remaining = deadline - time.monotonic()

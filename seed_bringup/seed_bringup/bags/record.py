@@ -18,8 +18,10 @@ from seed_bringup.bags import qos
 from seed_bringup.bags.messages import message_class
 from seed_bringup.bags.types import BagError
 from seed_bringup.bags.writing import BagWriter
+from seed_ros.loop import FixedRateLoop
 
 DISCOVERY_PERIOD = 0.2  # [s]
+POLL_RATE = 25.0  # [Hz]; a queue holds the fastest streams for longer than that, and a look costs less than a wake-up
 
 
 class Recorder(Node):
@@ -35,11 +37,14 @@ class Recorder(Node):
         self.recorded: set[str] = set()
         self.refused: dict[str, str] = {}
         self.before_clock = 0
+        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None)
         self.create_timer(DISCOVERY_PERIOD, self.discover, clock=rclpy.clock.Clock())
         self.discover()
 
     def discover(self) -> None:
         """Subscribe to what is wanted and published by now."""
+        if not self.everything and self.wanted <= self.recorded | set(self.refused):
+            return
         for topic, types in self.get_topic_names_and_types():
             wanted = self.everything or topic in self.wanted
             if wanted and topic not in self.recorded and topic not in self.refused:
@@ -56,7 +61,7 @@ class Recorder(Node):
             self.refused[topic] = str(error)
             self.get_logger().warning(f"not recording {topic}: {error}")
             return
-        self.create_subscription(kind, topic, self._keep(connection), qos.to_record(offered), raw=True)
+        self.loop.poll_raw(kind, topic, self._keep(connection), qos.to_record(offered))
         self.recorded.add(topic)
         self.get_logger().info(f"recording {topic} ({type_name})")
 
@@ -87,8 +92,8 @@ def record(
     try:
         with BagWriter(path) as writer:
             node = Recorder(writer, topics, everything, sim_time)
-            while not stopping and (deadline is None or time.monotonic() < deadline):
-                rclpy.spin_once(node, timeout_sec=0.1)
+            node.loop.run(lambda: bool(stopping) or (deadline is not None and time.monotonic() >= deadline))
+            node.loop.take()
             _report(node)
     finally:
         rclpy.try_shutdown()
