@@ -190,6 +190,7 @@ class Demo:
             "replay": str(self.folder / "replay.html"),
             "hand_file": str(beliefs),
             "controller_file": str(controller),
+            "sim_rate": "125.0" if _small() else "250.0",
             "camera_rate": str(float(o.camera_rate or (SMALL_CAMERA_RATE if _small() else 0.0))),
         }
 
