@@ -107,7 +107,7 @@ class Follower:
         """Where stage 2 would be after this step."""
         return (
             _plus(self.inner_p, _scaled(self.velocity, self.dt)),
-            turned(self.inner_q, _scaled(self.turning, self.dt)) if any(self.turning) else self.inner_q,
+            turned(self.inner_q, _scaled(self.turning, self.dt)),
         )
 
     def advance(self, b: Bounds) -> None:
@@ -140,7 +140,7 @@ class Follower:
             back = back[0] + weight * step[0], back[1] + weight * step[1], back[2] + weight * step[2]
             lean = lean[0] - weight * turn[0], lean[1] - weight * turn[1], lean[2] - weight * turn[2]
         self.p = _minus(self.inner_p, back)
-        self.q = turned(self.inner_q, lean) if any(lean) else self.inner_q
+        self.q = turned(self.inner_q, lean)
 
     @property
     def still(self) -> bool:

@@ -89,10 +89,14 @@ class MiniRtde:
             data += more
         return data
 
+    def never_wait(self) -> None:
+        """From now on only `arrived` and `send`. A time-out would make even a read with MSG_DONTWAIT wait for it."""
+        self._socket.setblocking(False)
+
     def arrived(self, most: int) -> bytes | None:
-        """Bytes that are here already, without waiting; None when the connection is over."""
+        """Bytes that are here already; None when the connection is over. Only after `never_wait`."""
         try:
-            return self._socket.recv(most, socket.MSG_DONTWAIT) or None
+            return self._socket.recv(most) or None
         except BlockingIOError:
             return b""
         except OSError:

@@ -46,6 +46,7 @@ class Robot:
         x, y, z, *r = checked_pose(config.tcp, "tcp")
         self.p_tcp: Vector = (x, y, z)  # in the flange frame
         self.q_tcp = from_rotation_vector((r[0], r[1], r[2]))
+        self._tcp_at_flange = not any(config.tcp)
 
     @property
     def timestamp(self) -> float:
@@ -142,10 +143,12 @@ class Robot:
 
     def servo(self, p: Vector, q: Quaternion, period: float) -> None:
         """Stream one flange pose."""
-        arm = rotate(q, self.p_tcp)
-        turn = rotation_vector(multiply(q, self.q_tcp))
         c = self.config
-        pose = [p[0] + arm[0], p[1] + arm[1], p[2] + arm[2], *turn]
+        if self._tcp_at_flange:
+            pose = [*p, *rotation_vector(q)]
+        else:
+            x, y, z = rotate(q, self.p_tcp)
+            pose = [p[0] + x, p[1] + y, p[2] + z, *rotation_vector(multiply(q, self.q_tcp))]
         self.control.servoL(pose, 0.0, 0.0, period, c.servo_lookahead, c.servo_gain)
 
     def close(self) -> None:

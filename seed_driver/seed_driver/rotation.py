@@ -27,6 +27,8 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 def difference(goal: Quaternion, start: Quaternion) -> Vector:
     """Rotation vector [rad], written in the fixed frame, that turns `start` into `goal` the short way."""
+    if goal == start:
+        return 0.0, 0.0, 0.0
     x, y, z, w = multiply(goal, (-start[0], -start[1], -start[2], start[3]))
     length = hypot(x, y, z)
     if w < 0.0:
@@ -39,6 +41,8 @@ def turned(start: Quaternion, vector: Vector) -> Quaternion:
     """`start` turned further by a rotation vector [rad] written in the fixed frame; normalised."""
     x, y, z = vector
     angle = hypot(x, y, z)
+    if angle == 0.0:
+        return start
     scale = 0.5 - angle * angle / 48.0 if angle < 1e-4 else sin(0.5 * angle) / angle
     qx, qy, qz, qw = multiply((x * scale, y * scale, z * scale, cos(0.5 * angle)), start)
     n = 1.0 / sqrt(qx * qx + qy * qy + qz * qz + qw * qw)

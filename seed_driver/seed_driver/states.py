@@ -17,7 +17,7 @@ NAMES = (
 KINDS = "DOUBLE" + 6 * ",VECTOR6D" + ",INT32,INT32,UINT32,UINT32,UINT32,DOUBLE,DOUBLE"
 LAYOUT = struct.Struct(">B37diiIIIdd")  # recipe number, then the names in order
 DATA = ord("U")
-LARGEST = 65_536  # [byte] read at once
+LARGEST = 16_384  # [byte] read at once, 40 states
 
 
 class StateStream:
@@ -32,6 +32,7 @@ class StateStream:
                 raise LinkError(f"{host} offers other states than expected: {kinds}")
             self._rtde.ask("S")
             self.values = LAYOUT.unpack(self._first(host))
+            self._rtde.never_wait()
         except LinkError:
             self._rtde.close()
             raise

@@ -11,7 +11,6 @@ from math import radians
 
 from seed_core.errors import SeedError
 from seed_core.ur_models import MODELS
-
 from seed_sim.ur.controller import HOME, Options
 from seed_sim.ur.server import Server
 
@@ -47,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--on-stop", default="paused", choices=("paused", "stopped", "playing"))
     out.add_argument("--unlock-after", type=float, default=5.0, help="[s] lock after a protective stop")
     out.add_argument("--protective-stop", action="store_true", help="start in a protective stop")
-    out.add_argument("--await-plant", action="store_true", help="open the robot's ports once a plant has placed the arm")
+    out.add_argument("--await-plant", action="store_true", help="open the ports once a plant has placed the arm")
     out.add_argument("--anywhere", action="store_true", help="allow an address that other machines can reach")
     return out
 

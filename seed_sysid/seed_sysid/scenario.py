@@ -124,10 +124,13 @@ def from_simulation(file: Path) -> IdentificationScenario:
     sim = load_scenario(file)
     middle = sim.grasp.nominal_width
     widths = [w for w in (middle + 0.006, middle, middle - 0.006) if w >= 0.0]
-    pressures = {"pressure": sim.grasp.nominal_pressure, "pressure_per_width": -sim.grasp.pressure_slope}
     return IdentificationScenario(
         name=sim.name,
-        grasp=Grasp(stiffness=sim.grasp.stiffness, **pressures),
+        grasp=Grasp(
+            stiffness=sim.grasp.stiffness,
+            pressure=sim.grasp.nominal_pressure,
+            pressure_per_width=-sim.grasp.pressure_slope,
+        ),
         hand=sim.hand,
         procedure=Procedure(widths=widths),
     )

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Request: TypeAlias = dict[str, Any]
 Action: TypeAlias = "Callable[[Server, Request], dict[str, Any] | None]"
 LONGEST_LINE = 65_536  # [byte]
+SERVO_L = 24  # number of servoL in the command register of ur_rtde's script
 
 
 def answer(server: Server, line: bytes) -> bytes:
@@ -120,6 +121,12 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
     }
 
 
+def _stale_command(server: Server, _: Request) -> None:
+    """As a client leaves it that dies before it can write 0."""
+    box = server.box
+    box.in_int[box.program.offset if box.program else 0] = SERVO_L
+
+
 def _since(server: Server, request: Request) -> dict[str, Any]:
     return {"motion": server.box.recorder.motion(float(request.get("since", 0.0)))}
 
@@ -146,6 +153,7 @@ ACTIONS: dict[str, Action] = {
     "emergency_stop": _call("emergency_stop"),
     "release_emergency_stop": _call("release_emergency_stop"),
     "pendant_stop": _call("stop_program"),
+    "stale_command": _stale_command,
     "switch": _switch,
     "option": _option,
     "wall": _wall,

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scheduling of the servo process, as far as the system allows it."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from seed_driver.config import DriverConfig
+
+_PR_SET_PDEATHSIG = 1
+
+
+def die_with_parent() -> None:
+    """The kernel kills this process when its parent ends; only the parent decides about an interrupt."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def no_collector() -> None:
+    """No pauses for garbage: the loop makes none in cycles."""
+    gc.freeze()
+    gc.disable()
+
+
+def realtime(config: DriverConfig, above: int = 0) -> None:
+    """Real-time priority and one processor, when the system allows it."""
+    try:
+        if config.cpu >= 0:
+            os.sched_setaffinity(0, {config.cpu})
+        if config.realtime_priority > 0:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(config.realtime_priority + above))
+    except OSError:
+        pass  # ordinary users may not; timing is measured and shown in the diagnostics
+
+
+@contextmanager
+def threads_above(config: DriverConfig) -> Iterator[None]:
+    """Threads made in the block get a higher priority than ours: ur_rtde spins until they have received something."""
+    realtime(config, above=1)
+    try:
+        yield
+    finally:
+        realtime(config)
+
+
+def silence() -> None:
+    """ur_rtde prints a line per failed call: nothing is printed, unless SEED_DRIVER_DEBUG is set."""
+    if not os.environ.get("SEED_DRIVER_DEBUG"):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One robot, the link to it and our program on it: what it says, and what may be asked of it when."""
+
+from __future__ import annotations
+
+import time
+from math import dist
+
+from seed_driver import link
+from seed_driver.config import TOOL, DriverConfig
+from seed_driver.motion import Motion
+from seed_driver.probe import LinkError
+from seed_driver.realtime import threads_above
+from seed_driver.robot import Robot
+from seed_driver.shared import Sample
+
+MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
+
+
+class Session:
+    """From the first look at a robot to the end of the servo process; requests raise LinkError with the reason."""
+
+    def __init__(self, motion: Motion, config: DriverConfig, want_start: bool) -> None:
+        self.motion, self.config = motion, config
+        self.robot: Robot | None = None
+        self.watch = link.LinkWatch()
+        self.want_start = want_start  # our program, as soon as the robot allows it
+        self.linked = self.running = self.freedrive = False
+        self.reason = "starting"  # why it holds, or what it waits for
+        self.sample: Sample | None = None
+        self.sample_time = 0.0
+        self._next_try = 0.0
+
+    def hold(self, reason: str) -> None:
+        """Decelerate to rest; only an explicit request moves the arm again."""
+        self.reason = reason
+        self.motion.hold()
+
+    # what the robot says
+    def listen(self, robot: Robot, now: float) -> str:
+        """Take the newest state; the reason to give up when the link is beyond hope, else ''."""
+        if self.watch.update(robot.timestamp, now):
+            self.sample, self.sample_time = robot.sample(), now
+            self.linked = True
+            self._judge(self.sample)
+        elif self.watch.lost(now):
+            if self.linked:
+                self.hold("link lost: the controller's clock stands still")
+            self.linked = False
+        if self.watch.hopeless(now) or not robot.connected:
+            return self.reason if not self.linked else "link lost: connection closed"
+        return ""
+
+    def _judge(self, s: Sample) -> None:
+        why = link.unable(s.modes.robot_mode, s.modes.safety_bits)
+        if why:
+            self.want_start = False
+        if not self.running:
+            if why:
+                self.reason = why
+            return
+        if not why and s.modes.runtime_state != link.PLAYING:
+            why = "robot program stopped (pendant, watchdog or a program error)"
+        if why:
+            self.hold(why)
+            self.running = self.freedrive = False
+
+    # what may be asked
+    def need_robot(self) -> Robot:
+        """The robot, if there is a link to it."""
+        if self.robot is None or not self.linked:
+            raise LinkError(f"no link to the robot: {self.reason}")
+        return self.robot
+
+    def _need_program(self) -> Robot:
+        robot = self.need_robot()
+        if not self.running:
+            raise LinkError(f"the robot program is not running ({self.reason}); call resend_robot_program")
+        return robot
+
+    def _need_rest(self) -> None:
+        if not self.motion.follower.still or self.motion.following:
+            raise LinkError("the arm is moving; call stop first")
+
+    def start(self) -> str:
+        """Program running with a clean command register, arm standing, targets accepted."""
+        robot = self.need_robot()
+        if not self.running:
+            with threads_above(self.config):
+                robot.start_program()
+            self._begin(robot)
+        elif self.freedrive:
+            raise LinkError("the arm is in freedrive; end it first")
+        self.reason, self.want_start = "", False
+        self.motion.arm_it()
+        return "robot program running, waiting for target_frame"
+
+    def wants_start(self, now: float) -> bool:
+        """Whether it is time to start the program by ourselves."""
+        return self.want_start and not self.running and self.linked and now >= self._next_try
+
+    def start_later(self, reason: str) -> None:
+        """A start by ourselves has failed: once more in a second."""
+        self.reason, self._next_try = reason, time.monotonic() + 1.0
+
+    def _begin(self, robot: Robot) -> None:
+        """Command what is: the pose where the arm stands now."""
+        now = time.monotonic()
+        self.watch.update(robot.timestamp, now)
+        self.sample = s = robot.sample()
+        off = dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
+        if off > MODEL_TOLERANCE:
+            raise LinkError(
+                f"model {self.config.model} puts the flange {off:.3f} m from where the robot says it is "
+                f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
+            )
+        self.motion.restart(s)
+        self.running = True
+        self.watch.advanced_at, self.watch.ticks_since = now, 0
+
+    def stop(self) -> str:
+        """Decelerate and hold."""
+        self.want_start = False
+        self.hold("stopped on request")
+        return "holding"
+
+    def refuse(self, reason: str) -> str:
+        """The node has refused a target: whatever moves, decelerates."""
+        if self.motion.following:
+            self.hold(reason)
+        return ""
+
+    def zero_ft(self) -> str:
+        """Zero the force/torque sensor while the arm stands."""
+        robot = self._need_program()
+        self._need_rest()
+        if not robot.control.zeroFtSensor():
+            raise LinkError("the controller did not zero the force/torque sensor")
+        return "force/torque sensor zeroed"
+
+    def set_freedrive(self, on: bool) -> str:
+        """Let the arm be pushed by hand, or hold it again."""
+        robot = self._need_program()
+        if on and not self.freedrive:
+            self._need_rest()
+            self.hold("freedrive")
+            robot.control.servoStop()
+            robot.control.freedriveMode()
+        elif not on and self.freedrive:
+            robot.control.endFreedriveMode()
+            self._begin(robot)
+            self.reason = "freedrive ended"
+        self.freedrive = on
+        return "freedrive" if on else "holding"
+
+    def set_config(self, config: DriverConfig) -> str:
+        """Take changed settings."""
+        before, self.config = self.config, config
+        self.motion.configure(config)
+        if self.robot is None:
+            return ""
+        self.robot.config = config
+        if self.running and any(getattr(before, n) != getattr(config, n) for n in TOOL):
+            self.robot.apply_tool(config)
+        return ""
