@@ -110,6 +110,7 @@ def make_problem(data: Dataset, source: str, fit: FitParameters) -> Problem:
         path=path,
         index=index,
         parameters=fit,
+        group=np.array([int(s.kind == "combination") for s in data.samples]),
     )
 
 
@@ -192,10 +193,11 @@ def solve_subset(problem: Problem, train: np.ndarray) -> Solution:
         grip=problem.grip[train],
         time=problem.time[train],
         z=None if problem.z is None else problem.z[train],
+        group=None if problem.group is None else problem.group[train],
     )
     fitted = solve(part)
     residuals = predict(problem, fitted, part) - problem.wrench
-    distance = ((residuals / fitted.noise) ** 2).sum(axis=1)
+    distance = ((residuals / fitted.noise_of(problem)) ** 2).sum(axis=1)
     return replace(
         fitted, residuals=residuals, distance=distance, inlier=distance < chi2.isf(problem.parameters.outlier, 6)
     )

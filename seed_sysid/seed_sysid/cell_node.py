@@ -58,7 +58,8 @@ class CellNode(Node):
         self.scenario = replace(load(self.settings.scenario), rate=self.settings.rate)
         self.cell, self.complaints = SimulatedCell(self.scenario, self.settings.seed), Complaints(self)
         self.widths = np.array(self.scenario.procedure.widths)
-        self.width, self._zero = float(np.median(self.widths)), np.zeros(6)
+        self.width = float(np.median(self.widths))
+        self._last, self._zero = np.zeros(6), np.zeros(6)
         self.X_EC, self.X_WE = self.scenario.hand.X_EC, self.settings.flange.pose
         self.X_WT = self.X_WE @ self.X_EC
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)

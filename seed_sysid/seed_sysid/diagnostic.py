@@ -50,8 +50,9 @@ def check_diagonal(problem: Problem, solution: Solution) -> Assumption:
     columns = [_pair(m.B, m.xi * scale, scale, i, j) for i, j in PAIRS]
     columns += _nuisances(m.B * m.xi[:, None, :], w, problem.grip)
     A, y = np.stack(columns, axis=-1), -solution.residuals @ back.T
-    good, noise = solution.inlier, np.maximum(solution.noise, 1e-9)
-    A2, y2 = (A[good] / noise[:, None]).reshape(-1, A.shape[-1]), (y[good] / noise).ravel()
+    good = solution.inlier
+    noise = np.maximum(solution.noise_of(problem)[good], 1e-9)
+    A2, y2 = (A[good] / noise[:, :, None]).reshape(-1, A.shape[-1]), (y[good] / noise).ravel()
     a, *_ = np.linalg.lstsq(A2, y2, rcond=1e-10)
     dof = max(1, len(y2) - A2.shape[1])
     variance = float(((y2 - A2 @ a) ** 2).sum()) / dof

@@ -6,9 +6,10 @@ The measured load on the sensor, moved to the nominal tool frame T', is
     w' = Ad(X_T'T) B (K_g xi + h z) + b_g + d s        B, xi: seed_sysid.model; g: grip; s: time, -1/2 to 1/2
 
 with the unknown frame offset X_T'T = (exp(phi), t), bias b_g per grip, drift d, and on hysteretic axes friction h z (z:
-seed_sysid.hysteresis). Residuals are divided by their channel's noise, which is estimated from them; a
-soft-L1 loss first, then samples whose six residuals together are less likely than FitParameters.outlier are left out
-by name and plain least squares finishes, so that the covariance (J^T J)^-1 means what it says.
+seed_sysid.hysteresis). Residuals are divided by their channel's noise, which is estimated from them, apart for poses
+along one axis and for combinations, whose poses an estimator knows less well. A soft-L1 loss first, then samples whose
+six residuals together are less likely than FitParameters.outlier are left out by name and plain least squares
+finishes, so that the covariance (J^T J)^-1 means what it says.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from seed_sysid.model import Map, skews, stiffness_map
 from seed_sysid.parameters import FitParameters
 
 _FLOOR = np.array([1e-5] * 3 + [1e-4] * 3)  # [N m, N]; noise below this is rounding
-_START_NOISE = np.array([0.02] * 3 + [0.3] * 3)  # [N m, N]
+_START_NOISE = np.array([0.02] * 3 + [0.3] * 3)  # [N m, N], of every group
+GROUPS = 2  # of samples with a noise of their own
+_FEW = 12  # samples from which a group's noise can be told
 _ROUNDS = 8
 _STEPS, _CONVERGED = 40, 1e-2  # a step in units of about one standard deviation
 
@@ -37,6 +40,7 @@ class Problem:
         X_TC: (n, 4, 4); wrench: (n, 6) about T', in T'; grip: (n,) from 0; time: (n,) [s].
         path: (m, 4, 4) all points where the arm turned, in order; index: (n,) which of them the samples are.
         z: (n, 6) friction states, used on `hysteretic` axes.
+        group: (n,) which of GROUPS noises a sample has: 0 along one axis, 1 a combination; None: all 0.
     """
 
     X_TC: Array
@@ -48,6 +52,7 @@ class Problem:
     parameters: FitParameters = field(default_factory=FitParameters)
     z: Array | None = None
     hysteretic: tuple[int, ...] = ()
+    group: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,8 @@ class Solution:
         stiffness, stiffness_std, stiffness_half_width: (G, 6) [N m/rad, N/m]; half width of the confidence interval.
         offset, offset_std: rotation vector [rad] and translation [m] of T in T' (6,).
         bias: (G, 6); drift: (6,) over the whole run; friction: (6,) [N m, N], 0 where not fitted.
-        residuals: (n, 6) [N m, N] of all samples; noise: (6,) standard deviation per channel; r_squared: (6,).
+        residuals: (n, 6) [N m, N] of all samples; noise: (6,) standard deviation per channel, group_noise (GROUPS, 6)
+            that of each group; r_squared: (6,).
         inlier: (n,) bool; distance: (n,) squared Mahalanobis distance of the residuals, chi-squared with 6 degrees.
         condition: of the Jacobian with columns of equal length.
     """
@@ -77,11 +83,17 @@ class Solution:
     friction_std: Array
     residuals: Array
     noise: Array
+    group_noise: Array
     r_squared: Array
     inlier: np.ndarray
     distance: Array
     condition: float
     degrees: float
+
+    def noise_of(self, problem: Problem) -> Array:
+        """(n, 6) standard deviation of every residual of a problem."""
+        group = np.zeros(len(problem.X_TC), dtype=int) if problem.group is None else problem.group
+        return np.asarray(self.group_noise[group])
 
 
 class _Model:
@@ -102,6 +114,7 @@ class _Model:
         self.free = np.ones(self.size, dtype=bool)
         self.free[self.o], self.free[self.d] = problem.parameters.offset, problem.parameters.drift
         self.rows = np.arange(self.n)
+        self.group = np.zeros(self.n, dtype=int) if problem.group is None else problem.group
 
     def start(self) -> Array:
         """Parameters by linear least squares without offset and friction."""
@@ -163,14 +176,12 @@ def solve(problem: Problem) -> Solution:
     """Fit the problem (see the module's text)."""
     model = _Model(problem)
     inlier = np.ones(model.n, dtype=bool)
-    theta = _minimise(model, model.start(), _START_NOISE, inlier, True)
+    theta = _minimise(model, model.start(), np.tile(_START_NOISE, (GROUPS, 1)), inlier, True)
     noise = _noise(model, theta, inlier, robust=True)
     theta = _minimise(model, theta, noise, inlier, True)
     noise = _noise(model, theta, inlier, robust=True)
-    bound, whole = (
-        float(chi2.isf(problem.parameters.outlier, 6)),
-        noise,
-    )  # of the bulk: the gate does not close on itself
+    bound = float(chi2.isf(problem.parameters.outlier, 6))
+    whole = noise  # of the bulk: the gate does not close on itself
     for _ in range(_ROUNDS):
         now = _distance(model, theta, np.maximum(noise, whole)) < bound
         settled = bool((now == inlier).all())
@@ -184,7 +195,7 @@ def solve(problem: Problem) -> Solution:
 
 def _minimise(model: _Model, theta: Array, noise: Array, inlier: np.ndarray, robust: bool) -> Array:
     """Gauss-Newton, with soft-L1 weights (1 + r^2)^-1/2 renewed at every step if robust."""
-    theta, weight = theta.copy(), (inlier[:, None] / noise).ravel()
+    theta, weight = theta.copy(), _weight(model, noise, inlier)
     for _ in range(_STEPS):
         r = weight * (model.predict(theta) - model.problem.wrench).ravel()
         J = weight[:, None] * model.jacobian(theta)[:, model.free]
@@ -198,11 +209,22 @@ def _minimise(model: _Model, theta: Array, noise: Array, inlier: np.ndarray, rob
     return theta
 
 
+def _weight(model: _Model, noise: Array, inlier: np.ndarray) -> Array:
+    """(6n,) one over the noise (GROUPS, 6) of each number; 0 for outliers."""
+    return np.asarray((inlier[:, None] / noise[model.group]).ravel())
+
+
 def _noise(model: _Model, theta: Array, inlier: np.ndarray, robust: bool) -> Array:
-    """(6,) standard deviation of each channel, for the degrees of freedom that the fit has used."""
-    r = (model.predict(theta) - model.problem.wrench)[inlier]
-    spread: Array = 1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0))
-    return np.asarray(np.maximum(spread * np.sqrt(len(r) / _degrees(model, inlier)), _FLOOR))
+    """(GROUPS, 6) standard deviation of each channel, for the degrees of freedom that the fit has used."""
+    r = model.predict(theta) - model.problem.wrench
+    groups = [inlier & (model.group == g) for g in range(GROUPS)]
+    spread = np.array([_spread(r[mine] if mine.sum() >= _FEW else r[inlier], robust) for mine in groups])
+    return np.asarray(np.maximum(spread * np.sqrt(inlier.sum() / _degrees(model, inlier)), _FLOOR))
+
+
+def _spread(r: Array, robust: bool) -> Array:
+    """(6,) standard deviation of residuals (n, 6) around zero."""
+    return np.asarray(1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0)))
 
 
 def _degrees(model: _Model, inlier: np.ndarray) -> float:
@@ -210,12 +232,12 @@ def _degrees(model: _Model, inlier: np.ndarray) -> float:
 
 
 def _distance(model: _Model, theta: Array, noise: Array) -> Array:
-    r = (model.predict(theta) - model.problem.wrench) / noise
+    r = (model.predict(theta) - model.problem.wrench) / noise[model.group]
     return np.asarray((r**2).sum(axis=1))
 
 
 def _solution(model: _Model, theta: Array, noise: Array, inlier: np.ndarray) -> Solution:
-    weight = (inlier[:, None] / noise).ravel()
+    weight = _weight(model, noise, inlier)
     J = weight[:, None] * model.jacobian(theta)[:, model.free]
     lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     _, singular, Vt = np.linalg.svd(J / lengths, full_matrices=False)
@@ -242,7 +264,8 @@ def _solution(model: _Model, theta: Array, noise: Array, inlier: np.ndarray) -> 
         friction=friction,
         friction_std=friction_std,
         residuals=r,
-        noise=noise,
+        noise=np.maximum(_spread(r[inlier], False) * np.sqrt(inlier.sum() / degrees), _FLOOR),
+        group_noise=noise,
         r_squared=_r_squared(model, r, inlier),
         inlier=inlier,
         distance=_distance(model, theta, noise),

@@ -8,6 +8,7 @@ import json
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
     )
+    out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
+    out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
     out.add_argument("--out", type=Path, help="folder for data, stiffness.yaml and report.html")
     out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
@@ -57,12 +60,21 @@ def _run(args: argparse.Namespace) -> int:
 
         return run_weight(args)
     folder = args.out
+    if args.live:
+        return _live(args, folder or Path("results") / "identification")
     if folder is None and not args.json:
         folder = Path("results") / f"identify-{now:%Y%m%d-%H%M%S}"
     analysis, figures = _from_file(args) if args.source else _simulated(args, folder, now.isoformat(timespec="seconds"))
     if folder is not None:
         _write(folder, analysis, figures, now.isoformat(timespec="seconds"))
     print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
+    return 0
+
+
+def _live(args: argparse.Namespace, folder: Path) -> int:
+    client = import_module("seed_sysid.client_node")  # ROS, only where it is needed
+    figures = client.identify(folder, args.poses, args.zero_sensor)
+    print(json.dumps(figures) if args.json else client.table(figures))
     return 0
 
 

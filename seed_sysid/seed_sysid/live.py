@@ -15,14 +15,13 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Array, inverse_pose, pose_from_rpy
+from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
 from seed_sysid.analysis import Analysis, analyse
 from seed_sysid.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
 from seed_sysid.parameters import Procedure
 from seed_sysid.procedure import Command, Reading, Run
 
 STALE = 0.3  # [s] a stream older than this stops the run
-_AWAY = 0.003  # [m] a resumed run starts within this of the remembered grasp
 
 
 class LiveError(SeedError):
@@ -96,13 +95,16 @@ class Live:
         self.samples: list[Sample] = list(self.writer.finished)
         self.header = self.writer.header
         self.X_WT = pose_from_rpy(self.header.grasp_rpy, self.header.grasp_xyz)
-        away = float(np.linalg.norm(X_WC[:3, 3] - self.X_WT[:3, 3]))
-        if away > _AWAY:
+        X_TC = inverse_pose(self.X_WT) @ X_WC
+        shift, turn = float(np.linalg.norm(X_TC[:3, 3])), float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
+        if shift > procedure.limits.translation or turn > procedure.limits.rotation_deg:
             self.writer.close()
             raise LiveError(
-                f"the arm is {1e3 * away:.1f} mm from the grasp of {file}: bring it back, or choose another output"
+                f"the arm is {1e3 * shift:.1f} mm and {turn:.1f} deg from the grasp of {file} (at most "
+                f"{1e3 * procedure.limits.translation:g} mm and {procedure.limits.rotation_deg:g} deg): "
+                "bring it back, or choose another output"
             )
-        self.run = Run(procedure, {s.key for s in self.samples}, self.header.X_TS)
+        self.run = Run(procedure, {s.key for s in self.samples}, self.header.X_TS, X_TC)
 
     def lines(self) -> list[str]:
         """The file so far, line by line."""

@@ -72,8 +72,17 @@ class _Dwell:
 class Run:
     """One identification over all grips; step() with each reading until the command says done."""
 
-    def __init__(self, procedure: Procedure, finished: Collection[str] = (), X_TS: Array | None = None) -> None:
-        """Plan every pose that is not among the finished keys ('grip/name'); X_TS (4, 4): the sensor's nominal pose."""
+    def __init__(
+        self,
+        procedure: Procedure,
+        finished: Collection[str] = (),
+        X_TS: Array | None = None,
+        start: Array | None = None,
+    ) -> None:
+        """Plan every pose that is not among the finished keys ('grip/name').
+
+        X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now.
+        """
         self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
         self.procedure = procedure
         targets = design(procedure.excitation, procedure.limits, procedure.fit.model)
@@ -86,12 +95,12 @@ class Run:
         self._grip: int | None = None
         self._grip_start: float | None = None
         self._tare: Array | None = None
-        self._at = np.eye(4)
+        self._at = np.eye(4) if start is None else start
         self._stamp: float | None = None
         self._begin: float | None = None
         self._started_with = self.done
         self._retreat = False
-        self._via: list[tuple[float, ...]] = []
+        self._via: list[tuple[float, ...]] = [] if start is None else [flat_pose(start)]
 
     def remaining(self, stamp: float) -> float:
         """Seconds left, from the pace so far; nan before the first pose."""
