@@ -5,7 +5,7 @@
 
 CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,), `<finger>_no_contact` (n, H, W)
 depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
-(at least three, tilted against each other).
+(at least three, tilted by 10 to 20 degrees against each other).
 
 Range: the membrane's shape at rest is known, so the smooth part of (known - measured) depth is the correction.
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
@@ -31,9 +31,9 @@ from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, make_pose, rpy_from_rotation, so3_exp
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import PatchFinder, mean_depth
-from seed_estimation.finger_model import smooth_depth
 from seed_estimation.images import Image
 from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.surface import smooth_depth, touches
 
 STEP = 8  # [px] between the nodes of the stored range offset
 SMOOTH = 4.0  # [px] the range error is smooth; what is finer is the camera's pattern, which averages out
@@ -221,10 +221,23 @@ def calibrate(
 
 
 def _axis(finder: PatchFinder, depth: Image, radius: float) -> tuple[Array, Array]:
+    """The cylinder's axis from the pixels where the membrane lies on it; which those are, its axis tells."""
+    depth = depth + finder.correction
     mask, patch = finder.find(depth)
     if not patch.in_contact:
         raise SeedError(f"{finder.finger}: a capture of the grasped cylinder shows no contact")
-    return cylinder_axis(finder.camera.back_project(depth, finder.core(depth, mask)), radius)
+    smooth = smooth_depth(depth, np.isfinite(depth) & (mask > 0), 1.0)
+    seen = (finder.core(depth, mask) > 0) & np.isfinite(smooth)
+    points, rest = finder.camera.back_project(smooth, seen), finder.rest[seen]
+    line = cylinder_axis(points, radius)
+    for _ in range(3):
+        a, d = line
+        offset = points - a
+        outward = offset - np.outer(offset @ d, d)
+        n = (outward / np.linalg.norm(outward, axis=1, keepdims=True)).T.astype(np.float32)
+        on = touches(rest, points[:, 2].astype(np.float32), n, finder.parameters.decay)
+        line = cylinder_axis(points[on], radius)
+    return line
 
 
 def frame_of(X: Array) -> Frame:

@@ -107,6 +107,12 @@ class Camera:
         rays.setflags(write=False)
         return rays
 
+    @cached_property
+    def single(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Focal lengths (2, 1) and principal point (2, 1) [px], distortion (5,), in single precision."""
+        K = self.K.astype(np.float32)
+        return K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), self.D.astype(np.float32)
+
     def pixel_rays(self, pixels: ArrayLike) -> Array:
         """(..., 3) rays with z = 1 through pixels (..., 2) given as (u, v)."""
         uv = np.asarray(pixels, dtype=float)

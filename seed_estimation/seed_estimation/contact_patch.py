@@ -18,8 +18,11 @@ from seed_core.errors import SeedError
 from seed_estimation.camera import Array, Camera
 from seed_estimation.images import Image
 from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.surface import rest_surface, smooth_depth
 
 Mask = NDArray[np.uint8]
+PATTERN_BLUR = 3.0  # [px] a membrane at rest has no smaller features
+QUICK = 2  # [px] step of the grid that is enough at the frame rate
 
 
 class NoReferenceError(SeedError):
@@ -65,6 +68,49 @@ def mean_depth(frames: Sequence[Image], near: float, far: float) -> tuple[Image,
     return mean.astype(np.float32), deviation.astype(np.float32)
 
 
+class _Grid:
+    """Every n-th pixel and line of the membrane's box, with what each frame is compared to."""
+
+    def __init__(self, finder: PatchFinder, n: int) -> None:
+        v, u = np.nonzero(finder.membrane)
+        self.n = n
+        self.box = (slice(int(v.min()), int(v.max()) + 1, n), slice(int(u.min()), int(u.max()) + 1, n))
+        self.inside: Mask = np.ascontiguousarray(finder.membrane[self.box] * np.uint8(255))
+        self.rest: Image = np.nan_to_num(finder.depth[self.box], nan=0.0)
+        rays = finder.camera.rays32[self.box]
+        self.rays = np.ascontiguousarray(np.nan_to_num(rays[..., :2]).reshape(-1, 2).T)
+        opening, smooth = (max(side // n, 1) | 1 for side in (finder.parameters.opening, finder.parameters.smooth))
+        self.ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (opening, opening))
+        self.smooth = (smooth, smooth)
+
+    def indentation(self, depth: Image, largest: float) -> tuple[Image, Mask]:
+        """Towards the camera (h, w) [m], and where it is known (h, w), 255; 0 elsewhere."""
+        difference = self.rest - depth[self.box]
+        good = cv2.bitwise_and(cv2.inRange(difference, -largest, largest), self.inside)  # 0 for NaN
+        return np.asarray(cv2.bitwise_and(difference, difference, mask=good), np.float32), np.asarray(good, np.uint8)
+
+    def whole(self, piece: Mask, shape: tuple[int, int]) -> Mask:
+        """A mask (h, w) of the grid as one of the image (H, W)."""
+        mask = np.zeros(shape, np.uint8)
+        rows, columns = (slice(s.start, s.stop) for s in self.box)
+        large = cv2.resize(piece, None, fx=self.n, fy=self.n, interpolation=cv2.INTER_NEAREST)
+        mask[rows, columns] = large[: rows.stop - rows.start, : columns.stop - columns.start]
+        return mask
+
+
+def _fixed_pattern(mean: Image, deviation: Image, membrane: NDArray[np.bool_], count: int) -> Image:
+    """What each pixel (H, W) reads too far [m], always: a membrane at rest is smooth. 0 beside it.
+
+    Of what stands out from the smoothed mean of `count` frames, the share that noise does not explain (Wiener).
+    """
+    smooth = smooth_depth(mean, membrane, PATTERN_BLUR)
+    rough = np.where(membrane & np.isfinite(smooth), mean - smooth, np.float32(0.0))
+    power = float(np.mean(rough[membrane] ** 2))
+    noise = float(np.mean(deviation[membrane] ** 2)) / count
+    share = max(1.0 - noise / power, 0.0) if count > 1 and power > 0.0 else 0.0
+    return np.asarray(np.float32(share) * rough, np.float32)
+
+
 class PatchFinder:
     """Finds the contact patch of one finger, against one no-contact reference."""
 
@@ -85,14 +131,11 @@ class PatchFinder:
                 f"{finger} bubble: only {share:.0%} of the reference image is steady membrane between {p.near:g} and "
                 f"{p.far:g} m; at least {0.5 * p.least_valid:.0%} is needed: check camera, range and `steady`"
             )
-        self.depth: Image = np.where(self.membrane > 0, mean, np.nan).astype(np.float32)
-        self._ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (p.opening, p.opening))
-        v, u = np.nonzero(self.membrane)
-        self._roi = (slice(int(v.min()), int(v.max()) + 1), slice(int(u.min()), int(u.max()) + 1))
-        self._inside = self.membrane[self._roi] * np.uint8(255)
-        self._filled = np.nan_to_num(self.depth[self._roi], nan=0.0)
-        rays = camera.rays32[self._roi]
-        self._rays = np.ascontiguousarray(rays[..., 0]), np.ascontiguousarray(rays[..., 1])
+        pattern = _fixed_pattern(mean, deviation, self.membrane > 0, len(frames))
+        self.correction: Image = -pattern
+        self.depth: Image = np.where(self.membrane > 0, mean - pattern, np.nan).astype(np.float32)
+        self.rest = rest_surface(camera, self.depth)
+        self._grids = {n: _Grid(self, n) for n in (1, QUICK)}
 
     def _membrane(self, mean: Image, deviation: Image) -> Mask:
         p = self.parameters
@@ -107,56 +150,47 @@ class PatchFinder:
         inner = cv2.erode(whole, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), borderValue=0)
         return np.asarray(inner & np.isfinite(mean), np.uint8)
 
-    def indentation(self, depth: Image) -> Image:
-        """Towards the camera, (h, w) over the membrane's box [m]; 0 off the membrane and where depth is broken."""
-        difference = self._filled - depth[self._roi]
-        good = cv2.inRange(difference, -self.parameters.largest, self.parameters.largest)  # 0 for NaN
-        return np.asarray(cv2.bitwise_and(difference, difference, mask=cv2.bitwise_and(good, self._inside)), np.float32)
-
-    def find(self, depth: Image) -> tuple[Mask, ContactPatch]:
-        """Mask (H, W) of the patch, 0 or 1, and the patch; depth (H, W) float32 [m]."""
-        p = self.parameters
-        raw = self.indentation(depth)
-        smooth = cv2.blur(raw, (p.smooth, p.smooth))
-        binary = cv2.morphologyEx(cv2.inRange(smooth, p.threshold, 1.0), cv2.MORPH_OPEN, self._ellipse)
-        mask = np.zeros(self.camera.shape, np.uint8)
+    def find(self, depth: Image, step: int = 1) -> tuple[Mask, ContactPatch]:
+        """Mask (H, W) of the patch, 0 or 1, and the patch; depth (H, W) float32 [m]; step: 1, or QUICK."""
+        p, grid = self.parameters, self._grids[step]
+        raw, good = grid.indentation(depth, p.largest)
+        smooth = cv2.blur(raw, grid.smooth)
+        binary = cv2.morphologyEx(cv2.inRange(smooth, p.threshold, 1.0), cv2.MORPH_OPEN, grid.ellipse)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(binary, connectivity=4)
-        if count < 2:
-            return mask, ContactPatch(self.finger)
-        best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-        if stats[best, cv2.CC_STAT_AREA] < p.least_area:
-            return mask, ContactPatch(self.finger)
+        best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])) if count > 1 else 0
+        if not best or stats[best, cv2.CC_STAT_AREA] * step * step < p.least_area:
+            return np.zeros(self.camera.shape, np.uint8), ContactPatch(self.finger)
         piece = (labels == best).view(np.uint8)
-        mask[self._roi] = piece
-        return mask, self._describe(piece, raw, smooth, depth[self._roi])
+        seen = cv2.bitwise_and(piece, good)
+        return grid.whole(piece, self.camera.shape), self._describe(grid, piece, seen, raw, smooth)
 
     def core(self, depth: Image, mask: Mask) -> Mask:
         """The part of the mask (H, W) that lies on the tool: around it the membrane hangs free, as a skirt.
 
         A skirt falls off exponentially from the tool's edge, so a depth of `core` times the deepest is mostly tool.
         """
-        p = self.parameters
+        p, grid = self.parameters, self._grids[1]
         smooth = np.zeros(self.camera.shape, np.float32)
-        smooth[self._roi] = cv2.blur(self.indentation(depth), (p.smooth, p.smooth))
+        smooth[grid.box] = cv2.blur(grid.indentation(depth, p.largest)[0], grid.smooth)
         deepest = float(np.percentile(smooth[mask > 0], 98.0))
         return np.asarray(mask & (smooth > p.core * deepest), np.uint8)
 
-    def _describe(self, piece: Mask, raw: Image, smooth: Image, depth: Image) -> ContactPatch:
-        known = cv2.compare(raw, 0.0, cv2.CMP_NE)  # broken pixels inside the patch have no place of their own
-        seen = cv2.bitwise_and(piece, known)
-        if not cv2.countNonZero(seen):
+    def _describe(self, grid: _Grid, piece: Mask, seen: Mask, raw: Image, smooth: Image) -> ContactPatch:
+        """seen: the piece without broken pixels, which have no place of their own."""
+        weight = seen.astype(np.float32).ravel()
+        count, pixels = float(weight.sum()), cv2.countNonZero(piece)
+        if not count:
             return ContactPatch(self.finger)
-        z = cv2.bitwise_and(depth, depth, mask=known)
-        x, y, z_mean = (cv2.mean(image, seen)[0] for image in (self._rays[0] * z, self._rays[1] * z, z))
-        centroid = np.array((x, y, z_mean))
-        pixels = cv2.countNonZero(piece)
+        z = (grid.rest - raw).ravel() * weight
+        z_mean = float(z.sum()) / count
+        centroid = np.array((*(grid.rays @ z / np.float32(count)), z_mean), float)
         return ContactPatch(
             finger=self.finger,
             in_contact=True,
             centroid=centroid,
             centroid_C=self.X_CX[:3, :3] @ centroid + self.X_CX[:3, 3],
-            pixels=pixels,
-            area=z_mean * z_mean * pixels / float(self.camera.K[0, 0] * self.camera.K[1, 1]),
-            mean_indentation=cv2.mean(smooth, piece)[0],
+            pixels=pixels * grid.n**2,
+            area=z_mean * z_mean * pixels * grid.n**2 / float(self.camera.K[0, 0] * self.camera.K[1, 1]),
+            mean_indentation=float(cv2.mean(smooth, piece)[0]),
             max_indentation=float(cv2.minMaxLoc(smooth, piece)[1]),
         )

@@ -21,10 +21,9 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import calibration, finger_model, identity, reporting
 from seed_estimation.camera import Camera
-from seed_estimation.contact_patch import ContactPatch, Mask, PatchFinder, mean_depth
+from seed_estimation.contact_patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
 from seed_estimation.frame import prepare
 from seed_estimation.images import Image, TactileImages, depth_problem, ir_problem
-from seed_estimation.normalise import normalised
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import FlowSettings, PublishedMethod
 from seed_estimation.tracking import Tracker
@@ -65,6 +64,7 @@ class Estimator:
         self.cameras = {f: cameras[f].decimated(parameters.decimate) for f in self.fingers}
         self.X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
         self.range_offset: dict[str, Image] = {}
+        self._correction: dict[str, Image] = {}  # (H, W) [m] to add to depth: range offset, fixed pattern
         self.patterns: dict[str, Image] = {}
         self.patches: dict[str, ContactPatch] = {}
         self.masks: dict[str, Mask] = {}
@@ -124,7 +124,7 @@ class Estimator:
             for f in self.fingers
             if f in range_offset
         }
-        self._finders = {}
+        self._finders, self._correction = {}, {}
         self._forget_grasp()
 
     # -- bubbles touch nothing, tool grasped ---------------------------------------------------------------------
@@ -136,7 +136,7 @@ class Estimator:
             EstimatorError: no usable images of a finger, or images of another finger or upside down.
             NoReferenceError: too little membrane in view.
         """
-        series = self._usable(frames, "reference")
+        series = self._usable(frames, "reference", self.range_offset)
         for finger in self.fingers:
             mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
             if mistake:
@@ -145,6 +145,8 @@ class Estimator:
         self._finders = {
             f: PatchFinder(f, self.cameras[f], self.X_CX[f], [i.depth for i in series[f]], p) for f in self.fingers
         }
+        for f, finder in self._finders.items():
+            self._correction[f] = self.range_offset.get(f, np.float32(0.0)) + finder.correction
         for finger in self.fingers:
             self.patterns[finger] = identity.pattern(np.mean([i.ir for i in series[finger]], axis=0, dtype=np.float32))
         self._forget_grasp()
@@ -157,7 +159,7 @@ class Estimator:
         """
         if not self.has_reference:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
-        series = self._usable(frames, "grasp")
+        series = self._usable(frames, "grasp", self._correction)
         self._forget_grasp()
         p, patches, masks, ir, depth = self.parameters, {}, {}, {}, {}
         for f in self.fingers:
@@ -185,19 +187,19 @@ class Estimator:
         masks: Mapping[str, Mask],
         series: Mapping[str, Sequence[TactileImages]],
     ) -> Tracker:
-        models = []
+        p, models = self.parameters, []
         for f in self.fingers:
             core = self._finders[f].core(depth[f], masks[f])
             model = finger_model.build(
-                f, self.cameras[f], self.X_CX[f], depth[f], normalised(ir[f]), core, self.parameters
+                f, self.cameras[f], self.X_CX[f], self._finders[f].rest, depth[f], ir[f], core, p
             )
             if model is None:
                 raise EstimatorError(f"{f} bubble: the patch is too small to follow; close the gripper further")
             models.append(model)
-        return Tracker(models, self.parameters, max(i[-1].stamp for i in series.values()))
+        return Tracker(models, p, max(i[-1].stamp for i in series.values()))
 
-    def _usable(self, frames: Frames, what: str) -> dict[str, list[TactileImages]]:
-        """The good images of each finger; raises when there are none."""
+    def _usable(self, frames: Frames, what: str, correction: Mapping[str, Image]) -> dict[str, list[TactileImages]]:
+        """The good images of each finger, with depth corrected; raises when there are none."""
         out: dict[str, list[TactileImages]] = {f: [] for f in self.fingers}
         problem = "no images"
         for images in frames:
@@ -207,7 +209,7 @@ class Estimator:
                     continue
                 problem = self._image_problem(finger, images[finger])
                 if not problem:
-                    out[finger].append(self._reduced(finger, images[finger]))
+                    out[finger].append(self._reduced(images[finger], correction.get(finger)))
                 else:
                     break
         for finger in self.fingers:
@@ -222,10 +224,11 @@ class Estimator:
         problem = self._problem(images, stamp)
         if problem:
             return self._invalid(stamp, problem)
-        reduced = {f: self._reduced(f, images[f]) for f in self.fingers}
+        reduced = {f: self._reduced(images[f], self._correction.get(f)) for f in self.fingers}
         self._images = reduced
+        step = QUICK if self._published is None else 1
         for finger in self.fingers:
-            self.masks[finger], self.patches[finger] = self._finders[finger].find(reduced[finger].depth)
+            self.masks[finger], self.patches[finger] = self._finders[finger].find(reduced[finger].depth, step)
         gap = stamp - self._stamp
         self._stamp = stamp
         if self._published is not None:
@@ -266,14 +269,14 @@ class Estimator:
         problem = problem or ir_problem(images.ir, camera.shape, p.saturation)
         return f"{finger}: {problem}" if problem else ""
 
-    def _reduced(self, finger: str, images: TactileImages) -> TactileImages:
-        """Images at the working resolution, range corrected."""
+    def _reduced(self, images: TactileImages, correction: Image | None) -> TactileImages:
+        """Images at the working resolution, depth corrected."""
         n = self.parameters.decimate
         depth, ir = images.depth[::n, ::n], images.ir
         if n > 1:
             ir = cv2.blur(ir.astype(np.float32), (n, n))[::n, ::n]
-        if finger in self.range_offset:
-            depth = depth + self.range_offset[finger]
+        if correction is not None:
+            depth = depth + correction
         return TactileImages(
             np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(ir, np.float32), images.stamp
         )

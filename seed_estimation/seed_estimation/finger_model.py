@@ -21,10 +21,12 @@ from seed_core.spatial import inverse_pose
 from seed_estimation.camera import Array, Camera
 from seed_estimation.contact_patch import Mask
 from seed_estimation.images import Image
-from seed_estimation.normalise import coarse
+from seed_estimation.normalise import coarse, normalised
 from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.surface import Vec, surface, touches
 
-Vec = NDArray[np.float32]
+Cells = NDArray[np.intp]
+CELL = 16  # [px] side of the pieces of a patch whose errors count as independent: two dots and more
 SURFACE_BLUR = 2.5  # [px] of the depth image before its slope is taken
 
 
@@ -40,6 +42,13 @@ class ImagePoints:
     value: Vec
     J_along: Vec
     J_rest: Vec
+    cells: Cells  # (N,) number of the piece of the patch that it lies in, rising
+
+    def chosen(self, index: Cells) -> ImagePoints:
+        """Those of the given indices, rising."""
+        J_along, J_rest = self.J_along.take(index, axis=1), self.J_rest.take(index, axis=1)
+        p, n = self.p.take(index, axis=1), self.n.take(index, axis=1)
+        return ImagePoints(p, n, self.value[index], J_along, J_rest, self.cells[index])
 
     def jacobian(self, slip: float) -> Vec:
         """(6, N) when the membrane follows a share 1 - slip of the sideways motion."""
@@ -58,49 +67,54 @@ class FingerModel:
     n: Vec  # (3, M) unit normals towards the camera
     n_p: Vec  # (M,) n . p
     J: Vec  # (6, M) of the depth residual
-    box: tuple[int, int, int, int]  # first and last u, first and last v of the pixels [px]
-
-
-def smooth_depth(depth: Image, valid: NDArray[np.bool_], sigma: float) -> Image:
-    """Depth blurred over its valid pixels only (normalised convolution)."""
-    weight = cv2.GaussianBlur(valid.astype(np.float32), (0, 0), sigma)
-    blurred = cv2.GaussianBlur(np.where(valid, depth, np.float32(0.0)), (0, 0), sigma)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(weight > 0.2, blurred / weight, np.nan).astype(np.float32)
-
-
-def surface_normals(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unit normals (H, W, 3) towards the camera of a grid of points (H, W, 3) in the optical frame."""
-    du = cv2.Sobel(points, cv2.CV_32F, 1, 0)
-    dv = cv2.Sobel(points, cv2.CV_32F, 0, 1)
-    normal = np.cross(dv, du)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    return np.where(normal[..., 2:] > 0.0, -normal, normal).astype(np.float32)
+    cells: Cells  # (M,) as of the image's points
+    rest: Image  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
+    decay: float  # [m]
 
 
 def build(
-    finger: str, camera: Camera, X_CX: Array, depth: Image, image: Image, mask: Mask, p: EstimatorParameters
+    finger: str,
+    camera: Camera,
+    X_CX: Array,
+    rest: Image,
+    depth: Image,
+    ir: Image,
+    mask: Mask,
+    p: EstimatorParameters,
 ) -> FingerModel | None:
-    """The model from mean depth (H, W) [m], normalised infrared image and contact mask; None when it is too small."""
+    """The model from the membrane at rest (H, W, 3), mean depth of the grasp (H, W) [m], infrared [counts], contact.
+
+    None when the patch is too small.
+    """
     # beyond the patch's edge the surface is another one: it must not leak in
     valid = np.isfinite(depth) & (depth > p.near) & (depth < p.far) & (mask > 0)
-    surface = smooth_depth(depth, valid, SURFACE_BLUR)
-    points = camera.rays32 * surface[..., None]
-    normals = surface_normals(points)
-    good = eroded(mask, p.erosion) & np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
+    points, normals = surface(camera, depth, valid, SURFACE_BLUR)
+    known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
+    stuck = touches(rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
+    good = eroded(mask, p.erosion) & known & stuck.reshape(mask.shape)
     if np.count_nonzero(good) < p.least_area // 3:
         return None
-    v, u = _choose_depth(good, p.depth_points)
+    v, u = _by_cell(*_spread(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], X_CX)
-    low = coarse(image)
     levels = (
-        _image_points(low, good, points, normals, camera, X_CX, p.image_points // 2),
-        _image_points(image, good, points, normals, camera, X_CX, p.image_points),
+        _image_points(coarse(ir), good, points, normals, camera, X_CX, p.image_points // 2),
+        _image_points(normalised(ir), good, points, normals, camera, X_CX, p.image_points),
     )
-    J = _motion(P, n)
-    box = (int(u.min()), int(u.max()), int(v.min()), int(v.max()))
-    return FingerModel(finger, camera, inverse_pose(X_CX), levels, _rows(P), _rows(n), (n * P).sum(axis=1), J, box)
+    return FingerModel(
+        finger, camera, inverse_pose(X_CX), levels, _rows(P), _rows(n), (n * P).sum(axis=1), _motion(P, n),
+        _cell(v, u), rest, p.decay,
+    )  # fmt: skip
+
+
+def _cell(v: Cells, u: Cells) -> Cells:
+    """Number of the piece of the patch in which each pixel lies."""
+    return (v // CELL) * 256 + u // CELL
+
+
+def _by_cell(v: Cells, u: Cells) -> tuple[Cells, Cells]:
+    """Pixels sorted by the piece in which they lie."""
+    order = np.argsort(_cell(v, u), kind="stable")
+    return v[order], u[order]
 
 
 def _rows(values: Vec) -> Vec:
@@ -119,7 +133,7 @@ def eroded(mask: Mask, width: int) -> NDArray[np.bool_]:
     return np.asarray(mask > 0)
 
 
-def _choose_depth(good: NDArray[np.bool_], wanted: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _spread(good: NDArray[np.bool_], wanted: int) -> tuple[Cells, Cells]:
     """At most `wanted` pixels, spread evenly over the mask."""
     v, u = np.nonzero(good)
     keep = np.unique(np.linspace(0, v.size - 1, min(wanted, v.size)).astype(int))
@@ -140,7 +154,7 @@ def _image_points(
     strength = np.where(good, gx * gx + gy * gy, -1.0)
     count = min(wanted, int(np.count_nonzero(good)))
     best = np.argpartition(strength.ravel(), -count)[-count:]
-    v, u = np.unravel_index(np.sort(best), image.shape)
+    v, u = _by_cell(*np.unravel_index(best, image.shape))
     P_X, n_X = points[v, u], normals[v, u]
     P, n = _in_hand(P_X, n_X, X_CX)
     gradient = np.stack((gx[v, u], gy[v, u]), axis=1)
@@ -148,7 +162,7 @@ def _image_points(
     along = slope - slope[:, 2:] / n_X[:, 2:] * n_X  # what sideways motion changes while the point stays on the surface
     R_XC = inverse_pose(X_CX)[:3, :3].astype(np.float32)
     along, slope = along @ R_XC, slope @ R_XC
-    return ImagePoints(_rows(P), _rows(n), image[v, u], _motion(P, along), _motion(P, slope - along))
+    return ImagePoints(_rows(P), _rows(n), image[v, u], _motion(P, along), _motion(P, slope - along), _cell(v, u))
 
 
 def gradient_in_space(camera: Camera, P_X: Vec, gradient: Vec) -> Vec:

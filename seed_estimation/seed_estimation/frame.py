@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 
 from seed_estimation.camera import Camera
-from seed_estimation.finger_model import Vec
-from seed_estimation.images import Image
+from seed_estimation.images import NOTHING, Image
 from seed_estimation.normalise import coarse, normalised
+from seed_estimation.surface import Vec
 
-NOTHING = -100.0  # [m, 1] stands for a value that is not there: so far out that robust weights leave it no say
 CROP_MARGIN = 24  # [px] local normalisation needs 20; the rest is for motion beyond the prediction
 
 Box = tuple[int, int, int, int]
@@ -23,10 +23,19 @@ Box = tuple[int, int, int, int]
 class Frame:
     """Crops of one finger's images with the common corner `origin` (u, v) [px]."""
 
-    fine: Image
-    coarse: Image
+    ir: Image
     depth: Image  # mean of 3 x 3 valid pixels [m]; NOTHING where there are none
     origin: tuple[int, int]
+
+    @cached_property
+    def fine(self) -> Image:
+        """Normalised infrared."""
+        return normalised(self.ir)
+
+    @cached_property
+    def coarse(self) -> Image:
+        """The same at the coarse level."""
+        return coarse(self.ir)
 
 
 def prepare(ir: Image, depth: Image, box: Box, near: float, far: float) -> Frame:
@@ -36,8 +45,7 @@ def prepare(ir: Image, depth: Image, box: Box, near: float, far: float) -> Frame
     v0, v1 = max(0, box[2] - CROP_MARGIN), min(h, box[3] + CROP_MARGIN + 1)
     if u1 - u0 < 8 or v1 - v0 < 8:  # the tool has left the view: any crop shows that
         u0, u1, v0, v1 = 0, w, 0, h
-    fine = normalised(ir[v0:v1, u0:u1])
-    return Frame(fine, coarse(fine), averaged_depth(depth[v0:v1, u0:u1], near, far), (u0, v0))
+    return Frame(ir[v0:v1, u0:u1], averaged_depth(depth[v0:v1, u0:u1], near, far), (u0, v0))
 
 
 def averaged_depth(depth: Image, near: float, far: float) -> Image:
@@ -54,7 +62,7 @@ def project32(camera: Camera, p: Vec) -> Vec:
     """Pixels (2, N) of points (3, N) in the optical frame, in single precision."""
     if camera.model != "plumb_bob":
         return np.ascontiguousarray(camera.project(p.T).T, dtype=np.float32)
-    k1, k2, p1, p2, k3 = (np.float32(d) for d in camera.D)
+    focal, centre, (k1, k2, p1, p2, k3) = camera.single
     out = p[:2] / p[2]
     if camera.D.any():
         square = out * out
@@ -66,16 +74,16 @@ def project32(camera: Camera, p: Vec) -> Vec:
             out = np.asarray(out * c + shift, np.float32)
         else:
             out *= c
-    K = camera.K.astype(np.float32)
-    out *= K[(0, 1), (0, 1)][:, None]
-    out += K[:2, 2:]
+    out *= focal
+    out += centre
     return np.asarray(out, np.float32)
 
 
-def sample(image: Image, pixels: Vec, origin: tuple[int, int]) -> Vec:
-    """Values (N,) of a crop at pixels (2, N), bilinear; NOTHING outside."""
-    shifted = pixels - np.array(origin, np.float32)[:, None]
+def sample(image: Image, pixels: Vec) -> Vec:
+    """Values (N,), or (N, 3) of three channels, of an image at pixels (2, N), bilinear; NOTHING outside."""
+    if pixels.shape[1] == 0:
+        return np.zeros((0, 3) if image.ndim == 3 else 0, np.float32)
     values = cv2.remap(
-        image, shifted[0], shifted[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NOTHING
+        image, pixels[0], pixels[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(NOTHING,) * 3
     )
-    return np.asarray(values).reshape(-1)
+    return np.asarray(values).reshape(-1) if image.ndim == 2 else np.asarray(values).reshape(-1, 3)

@@ -39,7 +39,7 @@ class EstimatorParameters:
     erosion: int = field(3, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
     image_points: int = field(1200, low=100, high=20000, doc="infrared pixels followed per finger")
     depth_points: int = field(1000, low=100, high=20000, doc="depth pixels followed per finger")
-    depth_noise: float = field(0.0005, unit="m", low=1e-5, high=0.01, doc="deviation of one depth pixel in one frame")
+    decay: float = field(0.0085, unit="m", low=0.001, high=0.1, doc="way beside the tool over which imprint falls by e")
     iterations: int = field(8, low=1, high=50, doc="most Gauss-Newton steps of one frame")
     lock: float = field(
         0.75, low=0.1, high=0.999, doc="share of the image explained by the motion below which it is lost"

@@ -35,7 +35,7 @@ def captures(renderer: TactileRenderer, start: float = 0.0, frames: int = 150, p
     step = 1.0 / 45.0
     stamps = iter(start + step * np.arange(frames + 5 * per_pose + 1))
     still = [renderer.no_contact(float(next(stamps))) for _ in range(frames)]
-    turns = ((0, 0, 0), (6, 0, 0), (-6, 0, 0), (0, 8, 0), (0, -8, 0))
+    turns = ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 20, 0), (0, -20, 0))
     X_CT = [pose_from_rpy(np.deg2rad(turn), (0.0, 0.0, 0.0)) for turn in turns]
     held = [[renderer.render(X, float(next(stamps))) for _ in range(per_pose)] for X in X_CT]
     return Captures(still, held, X_CT, renderer.parameters.tool.radius)
