@@ -66,6 +66,7 @@ IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a
 
 
 CORES = 4  # that the live graph wants at full rates
+STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
 
 
@@ -92,10 +93,35 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--law", default="seed", choices=("seed", "plain", "published"), help="control law")
     p.add_argument("--out", type=Path, default=None, help="folder to write; results/TASK-TIME if left out")
     p.add_argument("--images", action="store_true", help="record the cameras' images in the bag too (20 MB/s)")
-    p.add_argument("--camera-rate", type=float, default=0.0, help="[Hz] of the simulated cameras; 0: the scenario's, "
-                   f"or {SMALL_CAMERA_RATE:g} where there are fewer than {CORES} cores")
+    p.add_argument(
+        "--camera-rate",
+        type=float,
+        default=0.0,
+        help="[Hz] of the simulated cameras; 0: the scenario's, "
+        f"or {SMALL_CAMERA_RATE:g} where there are fewer than {CORES} cores",
+    )
     p.add_argument("--verbose", action="store_true", help="show what the nodes say")
+    p.add_argument(
+        "robot",
+        nargs="*",
+        default=["robot:=sim"],
+        metavar="NAME:=VALUE",
+        help=f"robot:=ur [robot_ip:={STANDIN}]: the UR driver and ur_rtde in the loop, against the stand-in controller",
+    )
     return p
+
+
+def robot_arguments(words: list[str]) -> dict[str, str]:
+    """robot and robot_ip as launch arguments. Raises SeedError for others, and for an address that is not loopback."""
+    given = dict(w.partition(":=")[::2] for w in words)
+    unknown = sorted(set(given) - {"robot", "robot_ip"})
+    robot = given.get("robot", "ur")
+    if unknown or robot not in ("sim", "ur"):
+        raise SeedError(f"{' '.join(words)}: the demo takes robot:=sim or robot:=ur, and robot_ip:=127.x.y.z")
+    address = given.get("robot_ip", STANDIN if robot == "ur" else "")
+    if robot == "ur" and not address.startswith("127."):
+        raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
+    return {"robot": robot, "robot_ip": address}
 
 
 class Demo:
@@ -103,6 +129,7 @@ class Demo:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
+        self.robot = robot_arguments(options.robot)
         self.task: Task = load_task(options.task, options.force)
         self.scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(self.task.name, self.task.name))
         self.scenario: Scenario = load_scenario(self.scenario_name)
@@ -182,6 +209,7 @@ class Demo:
         )
         o = self.options
         return {
+            **self.robot,
             "scenario": self.scenario_name,
             "task": str(o.task),
             "seed": str(o.seed),
@@ -215,7 +243,7 @@ class Demo:
             if camera is not None:
                 camera.consider(feedback)
 
-        session.enable()
+        session.enable("driver/resend_robot_program" if self.robot["robot"] == "ur" else "")
         overrides = "" if self.options.force is None else f"force: {self.options.force}"
         try:
             session.play(self._task_source(), overrides, tell, TASK_PATIENCE)
@@ -261,6 +289,7 @@ class Demo:
             "seed": o.seed,
             "estimator": o.estimator,
             "law": o.law,
+            "robot": self.robot["robot"],
             "held": held,
             "bounds": {"force_z_rmse": FORCE_BOUND, "torque_x_rmse": TORQUE_BOUND},
             **score,
@@ -324,7 +353,8 @@ class Demo:
         rpy = rpy_from_rotation(self.task.frame.pose[:3, :3])
         return {
             "command": f"./seed demo --task {self.task.name} --seed {o.seed} --estimator {o.estimator}"
-            + (f" --force {o.force:g}" if o.force is not None else ""),
+            + (f" --force {o.force:g}" if o.force is not None else "")
+            + (f" robot:=ur robot_ip:={self.robot['robot_ip']}" if self.robot["robot"] == "ur" else ""),
             "scenario": f"{self.scenario.name}: {self.scenario.description}".rstrip(": "),
             "first contact": "never" if contact is None else f"{contact:.2f} s after the start",
             "phases": ", ".join(f"{p.name} {p.end - p.start:.1f} s" for p in phases),

@@ -10,6 +10,7 @@ import pytest
 from seed_bringup.launching.description import Description, declared_arguments, describe
 from seed_bringup.launching.elements import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
+from seed_core.errors import SeedError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -193,3 +194,20 @@ def test_missing_and_declared_arguments_are_listed_without_running(prefix: Path)
 def test_every_launch_file_of_the_suite_resolves(file: Path) -> None:
     needed = {a.name: "1" for a in declared_arguments(file) if a.default is None}
     assert describe(file, needed).nodes
+
+
+def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    from seed_bringup.demo import robot_arguments
+
+    def programs(words: list[str]) -> set[str]:
+        arguments = {**robot_arguments(words), "method": "truth"}
+        return {n.name for n in describe(ROOT / "seed_bringup/launch/demo_launch.xml", arguments).nodes}
+
+    assert programs(["robot:=sim"]) == {"controller", "sim"}
+    assert programs(["robot:=ur", "robot_ip:=127.0.0.2"]) == {"controller", "sim", "driver", "ur_controller"}
+    assert programs(["robot_ip:=127.0.0.7"]) == programs(["robot:=ur"])
+    with pytest.raises(SeedError, match="the demo runs in simulation"):
+        robot_arguments(["robot:=ur", "robot_ip:=192.168.56.101"])
+    with pytest.raises(SeedError, match="the demo takes"):
+        robot_arguments(["robt:=ur"])

@@ -34,7 +34,7 @@ class DriverConfig:
     cpu: int = field(-1, low=-1, high=1023, doc="processor for the servo process; -1: any")
     watchdog_frequency: float = field(10.0, unit="Hz", low=1, high=100, doc="below it the robot stops by itself")
 
-    servo_gain: float = field(300.0, low=100, high=2000, doc="gain of servoj")
+    servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")
     servo_lookahead: float = field(0.03, unit="s", low=0.03, high=0.2, doc="lookahead time of servoj")
     max_speed: float = field(0.25, unit="m/s", low=1e-3, high=3, doc="largest commanded speed of the flange")
     max_turning: float = field(0.5, unit="rad/s", low=1e-3, high=10, doc="largest commanded angular speed")

@@ -74,12 +74,12 @@ def _heal(rig: Rig, chosen: list[Fault]) -> None:
         raise SeedError(f"the arm jumped {jump:.4f} m on recovery, limit {JUMP} m")
 
 
-def run(count: int, seed: int, talk: bool = False) -> dict[str, Any]:
-    """Play `count` sequences; {count, failed: [{sequence, error}], faults, seconds, leaked_processes, leaked_files}."""
+def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
+    """Play `count` sequences from number `first` on; {count, failed: [{sequence, error}], faults, seconds, leaked_processes, leaked_files}."""
     start, failed, faults = time.monotonic(), [], 0
     files = len(os.listdir("/proc/self/fd"))
     shared = set(os.listdir("/dev/shm"))
-    for number in range(count):
+    for number in range(first, first + count):
         rng, began = random.Random(f"{seed}/{number}"), time.monotonic()
         names: list[str] = []
         try:
@@ -110,8 +110,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="seed_driver.fault_sequences", description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first sequence, to go on where one stopped")
     given = parser.parse_args()
-    result = run(given.count, given.seed, talk=True)
+    result = run(given.count, given.seed, talk=True, first=given.first)
     print(json.dumps(result))
     return 1 if result["failed"] or result["leaked_processes"] or result["leaked_descriptors"] > 0 else 0
 

@@ -95,12 +95,17 @@ class Session:
         """Call a std_srvs/Trigger and return its message."""
         return str(self.call(Trigger, name, Trigger.Request(), patience).message)
 
-    def enable(self, patience: float = 15.0) -> None:
-        """Enable the controller as soon as its inputs are there."""
+    def enable(self, arm_service: str = "", patience: float = 15.0) -> None:
+        """Enable arm (by its service, if it has one) and controller, as soon as their inputs are there."""
+        if arm_service:
+            self._insist(Trigger, arm_service, Trigger.Request(), patience)
+        self._insist(SetBool, "controller/enable", SetBool.Request(data=True), patience)
+
+    def _insist(self, kind: Any, name: str, request: Any, patience: float) -> None:
         deadline = time.monotonic() + patience
         while True:
             try:
-                self.call(SetBool, "controller/enable", SetBool.Request(data=True))
+                self.call(kind, name, request)
             except SessionError:
                 if time.monotonic() > deadline:
                     raise
