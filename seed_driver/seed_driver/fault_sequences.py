@@ -75,7 +75,11 @@ def _heal(rig: Rig, chosen: list[Fault]) -> None:
 
 
 def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
-    """Play `count` sequences from number `first` on; {count, failed: [{sequence, error}], faults, seconds, leaked_processes, leaked_files}."""
+    """Play `count` sequences from number `first` on.
+
+    {count, failed: [{sequence, error}], faults, seconds, leaked_processes, leaked_descriptors,
+    leaked_shared_memory}.
+    """
     start, failed, faults = time.monotonic(), [], 0
     files = len(os.listdir("/proc/self/fd"))
     shared = set(os.listdir("/dev/shm"))

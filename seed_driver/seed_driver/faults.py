@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_driver.probe import LinkError, dashboard
 from seed_driver.rig import Rig
 
 AT_REST = 2e-3  # [m/s]
@@ -48,20 +49,25 @@ def _restart(rig: Rig) -> None:
 
 
 def _unlock(rig: Rig) -> None:
-    from seed_driver.probe import dashboard
-
-    until = time.monotonic() + 8.0
-    while "releasing" not in dashboard(rig.robot.host, "close safety popup", "unlock protective stop").lower():
-        if time.monotonic() > until:
-            raise SeedError("the stand-in does not unlock")
-        rig.run(0.1)
+    _insist(rig, "releasing", "close safety popup", "unlock protective stop")
 
 
 def _power_up(rig: Rig) -> None:
-    from seed_driver.probe import dashboard
-
     rig.robot.ask("release_emergency_stop")
-    dashboard(rig.robot.host, "power on", "brake release")
+    _insist(rig, "releasing", "power on", "brake release")
+
+
+def _insist(rig: Rig, answer: str, *commands: str) -> None:
+    """Dashboard commands until the last is answered so: the stop may be locked, the dashboard be away for a while."""
+    until, said = time.monotonic() + 8.0, ""
+    while answer not in said.lower():
+        if time.monotonic() > until:
+            raise SeedError(f"the stand-in does not answer '{commands[-1]}' with '{answer}' but with '{said}'")
+        try:
+            said = dashboard(rig.robot.host, *commands)
+        except LinkError as error:
+            said = str(error)
+        rig.run(0.1)
 
 
 def _do(action: str, **arguments: object) -> Callable[[Rig], object]:
