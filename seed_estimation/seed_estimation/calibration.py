@@ -38,6 +38,9 @@ from seed_estimation.surface import smooth_depth, touches
 STEP = 8  # [px] between the nodes of the stored range offset
 SMOOTH = 4.0  # [px] the range error is smooth; what is finer is the camera's pattern, which averages out
 PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of a hand may be
+# Deviations of one cylinder's axis as one camera sees it: its place [m], its direction turned about x, y, z of C [rad].
+# A turn about the optical axis (y) shows on the cylinder's flanks only.
+GAP, TURN = 1e-4, np.array((2.5e-3, 8e-3, 8e-3))
 
 
 @dataclass(frozen=True)
@@ -180,12 +183,12 @@ def extrinsics(
 
     def residual(q: Array) -> Array:
         A, B = corrected(q)
-        out = [0.1 * q]  # the drawing counts where nothing else tells
+        out = [q]  # the drawing counts where nothing else tells
         for (a, d), (b, e) in zip(left, right, strict=True):
             a_C, d_C = A[:3, :3] @ a + A[:3, 3], A[:3, :3] @ d
             b_C, e_C = B[:3, :3] @ b + B[:3, 3], B[:3, :3] @ e
             gap = b_C - a_C
-            out += [(gap - (gap @ d_C) * d_C) / 2e-4, np.cross(d_C, e_C) / 5e-3]  # deviations [m], [rad] of one fit
+            out += [(gap - (gap @ d_C) * d_C) / GAP, np.cross(d_C, e_C) / TURN]
         return np.concatenate(out)
 
     return corrected(least_squares(residual, np.zeros(6)).x)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,16 @@ _EXACT = 1e-9  # [1], on unit-z rays: 2e-7 px
 
 class CameraError(SeedError):
     """A calibration that is none."""
+
+
+class Single(NamedTuple):
+    """Focal lengths (2, 1), principal point (2, 1) [px], distortion (5), and which parts of that there are."""
+
+    focal: NDArray[np.float32]
+    centre: NDArray[np.float32]
+    D: tuple[np.float32, ...]
+    distorted: bool
+    tangential: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +118,12 @@ class Camera:
         return rays
 
     @cached_property
-    def single(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Focal lengths (2, 1) and principal point (2, 1) [px], distortion (5,), in single precision."""
-        K = self.K.astype(np.float32)
-        return K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), self.D.astype(np.float32)
+    def single(self) -> Single:
+        """The calibration in single precision."""
+        K, D = self.K.astype(np.float32), self.D.astype(np.float32)
+        return Single(
+            K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), tuple(D), bool(D.any()), bool(D[2:4].any())
+        )
 
     def pixel_rays(self, pixels: ArrayLike) -> Array:
         """(..., 3) rays with z = 1 through pixels (..., 2) given as (u, v)."""

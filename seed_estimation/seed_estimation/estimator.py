@@ -31,6 +31,7 @@ from seed_estimation.tracking import Tracker
 __all__ = ["Estimator", "EstimatorError", "EstimatorParameters"]
 
 FINGERS = ("left", "right")
+SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
 Frames = Sequence[Mapping[str, TactileImages]]
 
 
@@ -223,6 +224,7 @@ class Estimator:
         """The tool's pose in C at `stamp` [s] from one set of images by finger; never raises on bad images."""
         problem = self._problem(images, stamp)
         if problem:
+            self.patches, self.masks, self._images = {}, {}, {}  # what was seen before is not what is there now
             return self._invalid(stamp, problem)
         reduced = {f: self._reduced(images[f], self._correction.get(f)) for f in self.fingers}
         self._images = reduced
@@ -295,15 +297,15 @@ class Estimator:
         self, tracker: Tracker, images: Mapping[str, TactileImages], stamp: float, gap: float
     ) -> RelativePoseEstimate:
         p = self.parameters
+        if tracker.gross_slip:  # whatever the dots say now, it is not about this grasp
+            return self._invalid(stamp, SLIPPED)
         if gap > p.max_gap:
             tracker.lose()
         boxes = tracker.boxes(tracker.predicted(stamp))
-        frames = {f: prepare(images[f].ir, images[f].depth, boxes[f], p.near, p.far) for f in self.fingers}
+        frames = {f: prepare(images[f].ir, images[f].depth, boxes[f]) for f in self.fingers}
         result = tracker.step(frames, stamp)
         if tracker.gross_slip:
-            return reporting.invalid(
-                stamp, "the tool has slipped in the grasp: initialize the grasp again", "rigid_fit", gross_slip=True
-            )
+            return self._invalid(stamp, SLIPPED)
         if tracker.lost:
             mistakes = (identity.mistaken(f, images[f].ir, self.patterns) for f in self.fingers)
             reason = next((m for m in mistakes if m), "")

@@ -46,6 +46,8 @@ class ImagePoints:
 
     def chosen(self, index: Cells) -> ImagePoints:
         """Those of the given indices, rising."""
+        if index.size == self.value.size:
+            return self
         J_along, J_rest = self.J_along.take(index, axis=1), self.J_rest.take(index, axis=1)
         p, n = self.p.take(index, axis=1), self.n.take(index, axis=1)
         return ImagePoints(p, n, self.value[index], J_along, J_rest, self.cells[index])

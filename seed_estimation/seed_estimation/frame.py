@@ -14,7 +14,9 @@ from seed_estimation.images import NOTHING, Image
 from seed_estimation.normalise import coarse, normalised
 from seed_estimation.surface import Vec
 
-CROP_MARGIN = 24  # [px] local normalisation needs 20; the rest is for motion beyond the prediction
+CROP_MARGIN = 18  # [px] local normalisation needs 9; the rest is for motion beyond the prediction
+
+MISSING = 10.0  # [m]
 
 Box = tuple[int, int, int, int]
 
@@ -24,7 +26,7 @@ class Frame:
     """Crops of one finger's images with the common corner `origin` (u, v) [px]."""
 
     ir: Image
-    depth: Image  # mean of 3 x 3 valid pixels [m]; NOTHING where there are none
+    depth: Image  # mean of 3 x 3 pixels [m]; far out where one of them is missing
     origin: tuple[int, int]
 
     @cached_property
@@ -38,44 +40,42 @@ class Frame:
         return coarse(self.ir)
 
 
-def prepare(ir: Image, depth: Image, box: Box, near: float, far: float) -> Frame:
+def prepare(ir: Image, depth: Image, box: Box) -> Frame:
     """Frame from infrared (H, W) [counts] and depth (H, W) [m] around box (first, last u, first, last v) [px]."""
     h, w = depth.shape
     u0, u1 = max(0, box[0] - CROP_MARGIN), min(w, box[1] + CROP_MARGIN + 1)
     v0, v1 = max(0, box[2] - CROP_MARGIN), min(h, box[3] + CROP_MARGIN + 1)
     if u1 - u0 < 8 or v1 - v0 < 8:  # the tool has left the view: any crop shows that
         u0, u1, v0, v1 = 0, w, 0, h
-    return Frame(ir[v0:v1, u0:u1], averaged_depth(depth[v0:v1, u0:u1], near, far), (u0, v0))
+    return Frame(ir[v0:v1, u0:u1], averaged_depth(depth[v0:v1, u0:u1]), (u0, v0))
 
 
-def averaged_depth(depth: Image, near: float, far: float) -> Image:
-    """Mean over 3 x 3 of the values within near to far [m]; NOTHING where fewer than half of them are."""
-    good = cv2.inRange(depth, near, far)  # 0 for NaN
-    count = cv2.boxFilter(good, cv2.CV_32F, (3, 3), normalize=False)
-    total = cv2.boxFilter(cv2.bitwise_and(depth, depth, mask=good), cv2.CV_32F, (3, 3), normalize=False)
-    mean = total / cv2.max(count, 1.0) * np.float32(255.0)
-    mean[count < 4.5 * 255.0] = NOTHING
-    return np.asarray(mean, np.float32)
+def averaged_depth(depth: Image) -> Image:
+    """Mean over 3 x 3 [m]; what is missing or broken throws it so far out that robust weights leave it no say."""
+    bounded = np.clip(depth, -MISSING, MISSING)
+    cv2.patchNaNs(bounded, MISSING)
+    return np.asarray(cv2.blur(bounded, (3, 3)), np.float32)
 
 
 def project32(camera: Camera, p: Vec) -> Vec:
     """Pixels (2, N) of points (3, N) in the optical frame, in single precision."""
     if camera.model != "plumb_bob":
         return np.ascontiguousarray(camera.project(p.T).T, dtype=np.float32)
-    focal, centre, (k1, k2, p1, p2, k3) = camera.single
+    single = camera.single
     out = p[:2] / p[2]
-    if camera.D.any():
+    if single.distorted:
+        k1, k2, p1, p2, k3 = single.D
         square = out * out
         r2 = square[0] + square[1]
         c = ((k3 * r2 + k2) * r2 + k1) * r2 + np.float32(1.0)
-        if abs(p1) > 1e-9 or abs(p2) > 1e-9:
+        if single.tangential:
             xy = np.float32(2.0) * out[0] * out[1]
             shift = np.stack((p1 * xy + p2 * (r2 + 2 * square[0]), p1 * (r2 + 2 * square[1]) + p2 * xy))
             out = np.asarray(out * c + shift, np.float32)
         else:
             out *= c
-    out *= focal
-    out += centre
+    out *= single.focal
+    out += single.centre
     return np.asarray(out, np.float32)
 
 

@@ -15,7 +15,7 @@ OFFSET = 20.0  # [counts] keeps the noise of dark pixels small
 FLOOR = 0.03  # [1] where there is no contrast there shall be none afterwards
 MEAN_BOX = 5  # [px] a dot and little more: shading goes with the tool's outline, not with the membrane's material
 COARSE_MEAN_BOX = 11  # [px] wider than the spacing of the dots (7 px)
-DEVIATION_BOX = 21  # [px]
+DEVIATION_BOX = 13  # [px]
 FINE, COARSE = 0.5, 1.8  # [px] blur of the two levels
 MARGIN = DEVIATION_BOX  # [px] from a crop's border within which the result differs from the whole image's
 

@@ -37,8 +37,8 @@ class EstimatorParameters:
     # rigid fit
     core: float = field(0.65, low=0.0, high=0.95, doc="share of the deepest indentation from which a pixel is followed")
     erosion: int = field(3, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
-    image_points: int = field(1200, low=100, high=20000, doc="infrared pixels followed per finger")
-    depth_points: int = field(1000, low=100, high=20000, doc="depth pixels followed per finger")
+    image_points: int = field(500, low=100, high=20000, doc="infrared pixels followed per finger")
+    depth_points: int = field(300, low=100, high=20000, doc="depth pixels followed per finger")
     decay: float = field(0.0085, unit="m", low=0.001, high=0.1, doc="way beside the tool over which imprint falls by e")
     iterations: int = field(8, low=1, high=50, doc="most Gauss-Newton steps of one frame")
     lock: float = field(

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_core.spatial import orthonormalised, so3_exp, so3_log
+from seed_core.spatial import so3_exp, so3_log
 from seed_estimation.camera import Array
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
 from seed_estimation.sight import Residuals, Sight
 
-DONE = 0.05  # a step of less than this share of a deviation, squared, is the last
+DONE = 1.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,7 @@ class Fit:
         locked: share of each finger's image that the motion explains, 1 - sum w r^2 / sum w I_0^2.
         depth_rms: robust deviation of the depth residuals of each finger [m].
         slip_step, slip_information: by how much the images ask to change the slip, and how sure they are.
+        slip_effect: (6,) by how much xi changes with the slip.
         iterations: Gauss-Newton steps made.
     """
 
@@ -47,6 +48,7 @@ class Fit:
     depth_rms: Mapping[str, float]
     slip_step: float
     slip_information: float
+    slip_effect: Array
     iterations: int
 
 
@@ -62,6 +64,13 @@ def composed(X_CT: Array, xi: Array) -> Array:
     step[:3, :3] = R
     step[:3, 3] = -R @ xi[3:]
     return np.asarray(X_CT @ step)
+
+
+def _kept_orthogonal(X: Array) -> Array:
+    """X (4, 4) without the rounding of many products: one step of Newton's towards the nearest rotation."""
+    out, R = X.copy(), X[:3, :3]
+    out[:3, :3] = R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))
+    return out
 
 
 def fit(
@@ -81,7 +90,7 @@ def fit(
         X, count = _descend([Sight(m, frames[m.finger], X, slip, 0) for m in models], X, prior, steps[0])
     sights = [Sight(m, frames[m.finger], X, slip, 1) for m in models]
     X, fine = _descend(sights, X, prior, steps[1])
-    return _summary(sights, orthonormalised(X), prior, count + fine)
+    return _summary(sights, _kept_orthogonal(X), prior, count + fine)
 
 
 def _descend(sights: Sequence[Sight], X: Array, prior: Array, steps: int) -> tuple[Array, int]:
@@ -103,7 +112,7 @@ def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit
     image, depth = [s.image for s in sights], [s.depth for s in sights]
     H_image, g_image = _sum(image)
     H_depth, g_depth = _sum(depth)
-    step, information = _slip(sights, X, H_image + H_depth + prior, g_image + g_depth)
+    step, information, effect = _slip(sights, X, H_image + H_depth + prior, g_image + g_depth)
     return Fit(
         X_CT=X,
         H_image=H_image,
@@ -115,6 +124,7 @@ def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit
         depth_rms={s.model.finger: s.depth.deviation for s in sights},
         slip_step=step,
         slip_information=information,
+        slip_effect=effect,
         iterations=count,
     )
 
@@ -124,8 +134,8 @@ def _sum(blocks: Sequence[Residuals]) -> tuple[Array, Array]:
     return np.asarray(sum(b.H for b in blocks), float), np.asarray(sum(b.g for b in blocks), float)
 
 
-def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float, float]:
-    """Change of slip that the images ask for once the pose is free to follow it, and its information."""
+def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float, float, Array]:
+    """Change of slip that the images ask for once the pose is free to follow it, its information and effect (6,)."""
     motion = motion_vector(X).astype(np.float32)
     H_s, H_ss, g_s = np.zeros(6), 0.0, 0.0
     for sight in sights:
@@ -138,4 +148,4 @@ def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float,
         g_s += float(column @ (b.w * b.r)) * b.scale
     solved = np.linalg.solve(H, np.column_stack((H_s, g)))
     information = max(H_ss - float(H_s @ solved[:, 0]), 0.0)
-    return (g_s - float(H_s @ solved[:, 1])) / max(information, 1e-9), information
+    return (g_s - float(H_s @ solved[:, 1])) / max(information, 1e-9), information, np.asarray(solved[:, 0])

@@ -60,8 +60,8 @@ class Residuals:
         """(6, 6) sum of g_c g_c^T over the patch's cells c: what the gradient's own uncertainty is."""
         if self.r.size == 0:
             return np.zeros((6, 6))
-        edges = np.flatnonzero(np.diff(self.cells, prepend=-1))
-        g = np.add.reduceat(self.Jw * self.r, edges, axis=1).astype(float) * self.scale
+        edges = np.flatnonzero(self.cells[1:] != self.cells[:-1]) + 1
+        g = np.add.reduceat(self.Jw * self.r, np.concatenate(((0,), edges)), axis=1).astype(float) * self.scale
         return np.asarray(g @ g.T)
 
 
