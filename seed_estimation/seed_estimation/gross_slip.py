@@ -35,10 +35,10 @@ FALL, FALL_SHARE = 1.2e-4, 0.03  # [m], [1] by which dots must spring back, at l
 FALL_SURE, JITTER = 6.0, 3e-5  # deviations of noise, and what it is taken for at first [m]
 PART = 0.4  # [1] less than this share left: the tool was set free
 HALT = 0.5  # [1] of the longest step per frame: less is rest
-SEEN = 9e-5  # [m] deviation of one frame up to which depth sees a direction; a patch's bulge pretends to more
+SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
 APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the way: all three together
 HOLD = np.diag((1e4, 4.0, 1e4, 2.5e3, 1e7, 2.5e3))  # keeps roll, yaw and y of the dots, which they hardly show
-BACK = (0.0, 0.1, 0.2, 0.3, 0.4)  # shares of the displacement by which dots are searched for
+BACK = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 1.0)  # shares of the displacement by which dots are searched for; 1: set free
 DOUBT, DOUBT_SURE = 0.03, 3.0  # [1], spreads; less explained than usual: the dots are looked at alone
 USUAL, QUIET = 0.1, 0.02  # [1] weights of a frame in what is usual, and in what is noise
 BROKEN = 0.05  # [s] after which dots that cannot be found as one body are taken for a slip
@@ -158,6 +158,7 @@ class GrossSlip:
         return deviation < SEEN and stayed < 0.3 * fall
 
     def _apart(self) -> bool:
+        """Whether depth has gone on without the dots, along an axis that it sees."""
         seen = list(self._seen)
         if len(seen) < 5:
             return False
@@ -165,7 +166,8 @@ class GrossSlip:
         change = np.abs(np.mean([s.apart for s in now], axis=0) - np.mean([s.apart for s in before], axis=0))
         way = np.abs(np.diff([s.way for s in seen], axis=0)).sum(axis=0)
         deviation = np.median([s.deviation for s in before], axis=0)  # residuals grow when tool and dots part
-        return bool((change > APART + APART_SURE * deviation + APART_SHARE * way).any())
+        large = change > APART + APART_SURE * deviation + APART_SHARE * way
+        return bool((large & (deviation < SEEN)).any())
 
 
 def _explained(found: Fit) -> float:

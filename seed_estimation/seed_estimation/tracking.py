@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from seed_core.spatial import inverse_pose, orthonormalised, so3_exp, so3_log
+from seed_core.spatial import inverse_pose, so3_exp, so3_log
 from seed_estimation.camera import Array
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Box, Frame, project32
+from seed_estimation.gross_slip import SPAN, GrossSlip
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit import Fit, fit
 from seed_estimation.slip import MicroSlip
@@ -35,6 +36,7 @@ class Tracker:
         self.lost = False
         self.gross_slip = False
         self.slip = MicroSlip(parameters.max_slip)
+        self._watch = GrossSlip(models)
         self._good = 0  # frames in a row since it was found again
         self._starts: Iterator[Array] = iter(())
 
@@ -50,7 +52,7 @@ class Tracker:
         X = self.X_CT.copy()
         X[:3, :3] = so3_exp(self.rate[:3] * dt) @ X[:3, :3]
         X[:3, 3] += self.rate[3:] * dt
-        return orthonormalised(X)
+        return X
 
     def boxes(self, X_CT: Array) -> dict[str, Box]:
         """Where each finger's points are expected: first, last u, first, last v [px]."""
@@ -73,7 +75,19 @@ class Tracker:
             looked = [self._fit(frames, other, (COARSE_STEPS, 1)) for other in others]
             nearest = max(looked, key=self._quality)
             best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
-        self._accept(best, stamp)
+        if self._quality(best) < p.lock and 0.0 < stamp - self.stamp <= SPAN:
+            best = self._by_dots(frames, best, stamp)
+        self._accept(best, frames, stamp)
+        return best
+
+    def _by_dots(self, frames: Mapping[str, Frame], best: Fit, stamp: float) -> Fit:
+        """A lock that broke just now: the dots may have sprung back with the tool, or without it, which is a slip."""
+        dots = self._watch.dots(frames, self.slip.value)
+        if dots is not None:
+            both = self._fit(frames, dots.X_CT, (0, self.parameters.iterations))
+            if self._quality(both) >= self.parameters.lock:
+                return both
+        self.gross_slip |= self._watch.lost(dots.X_CT if dots else None, stamp)
         return best
 
     def _fit(self, frames: Mapping[str, Frame], start: Array, steps: tuple[int, int]) -> Fit:
@@ -89,7 +103,7 @@ class Tracker:
             return 0.0
         return max(result.locked.values())
 
-    def _accept(self, result: Fit, stamp: float) -> None:
+    def _accept(self, result: Fit, frames: Mapping[str, Frame], stamp: float) -> None:
         p, dt = self.parameters, stamp - self.stamp
         quality = self._quality(result)
         if self.lost:
@@ -104,6 +118,7 @@ class Tracker:
         follow = not self.lost and 0.0 < dt <= 0.2
         self.rate = self._rate(result.X_CT, dt) if follow else np.zeros(6)
         self.X_CT, self.stamp, self.lost = result.X_CT, stamp, False
+        self.gross_slip |= self._watch.update(frames, result, stamp, self.slip.value)
         if p.learn_slip and follow:
             self.slip.update(result.slip_step, result.slip_information, dt)
 

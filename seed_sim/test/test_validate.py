@@ -183,3 +183,13 @@ def test_wrong_scenario_is_refused_by_name(tmp_path, capsys, text, word):
 def test_missing_bag_is_refused(tmp_path, capsys):
     assert validate.main(["estimator", "--from", str(tmp_path / "none")]) == 2
     assert "not a readable bag" in capsys.readouterr().err
+
+
+def test_slip_command_prints_alarms_and_delays(capsys):
+    assert validate.main(["slip", "--slips", "1", "--minutes", "0.02", "--seed", "5", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["slips"] == 1
+    assert out["alarm_fraction"] == 1.0
+    assert 0.0 < out["alarm_delay_ms"]["max"] <= 100.0
+    assert out["false_alarms"] == 0
+    assert out["valid_fraction"] == 1.0

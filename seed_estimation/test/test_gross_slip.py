@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tool that breaks loose raises the alarm at once; whatever else befalls a tool that sticks does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seed_core.hand import Hand
+from seed_core.spatial import Array, make_pose, pose_from_rpy
+from seed_estimation.estimator import Estimator, EstimatorParameters
+
+tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
+friction = pytest.importorskip("seed_sim.tactile.friction", reason="needs the renderer of seed_sim")
+
+PERIOD, SUBSTEPS = 1.0 / 45.0, 10
+ONSET_TO_ALARM = 0.1  # [s]
+Motion = Callable[[float], Array]
+
+
+def along_z(t: float) -> Array:
+    return make_pose(p=(0.0, 0.0, 0.06 * t))
+
+
+def along_x(t: float) -> Array:
+    return make_pose(p=(-0.05 * t, 0.0, 0.0))
+
+
+def about_y(t: float) -> Array:
+    return pose_from_rpy((0.0, 2.0 * t, 0.0), np.zeros(3))
+
+
+class Held:
+    """A tool in the grasp of bubbles that stick and slip."""
+
+    def __init__(self, hold: float, kinetic: float = 0.75, seed: int = 77, **settings: Any) -> None:
+        p = replace(tactile.TactileParameters(), hold=hold, kinetic=kinetic, **settings)
+        self.renderer = tactile.TactileRenderer(p, Hand(), seed)
+        self.friction = friction.Friction(hold, kinetic, self.renderer.reach)
+        self.estimator = Estimator(EstimatorParameters(), Hand(), self.renderer.cameras)
+        self.estimator.capture_reference([self.renderer.no_contact(-2.0 + 0.02 * i) for i in range(12)])
+        self.estimator.initialize_grasp([self.renderer.render(np.eye(4), -0.2 + 0.02 * i) for i in range(6)])
+        self.onset = np.inf
+
+    def follow(self, motion: Motion, duration: float) -> list[tuple[float, Any]]:
+        """(time, estimate) of each pair of images."""
+        out = []
+        for i in range(1, int(duration / PERIOD)):
+            for k in range(1, SUBSTEPS + 1):
+                t = (i - 1 + k / SUBSTEPS) * PERIOD
+                held = self.friction.step(motion(t), t)
+                self.onset = min(self.onset, t) if held.sliding else self.onset
+            images = self.renderer.render(motion(t), t, held.X_slid, held.load)
+            out.append((t, self.estimator.update(images, t)))
+            if t > self.onset + 2.0 * ONSET_TO_ALARM:
+                break
+        return out
+
+
+def first_alarm(seen: list[tuple[float, Any]]) -> float:
+    return next((t for t, estimate in seen if estimate.gross_slip), np.inf)
+
+
+@pytest.mark.parametrize("motion", [along_z, along_x, about_y])
+@pytest.mark.parametrize("kinetic", [0.65, 0.85])
+def test_a_tool_that_breaks_loose_raises_the_alarm(motion: Motion, kinetic: float) -> None:
+    held = Held(0.007, kinetic)
+    seen = held.follow(motion, 1.0)
+    assert np.isfinite(held.onset)
+    assert held.onset <= first_alarm(seen) <= held.onset + ONSET_TO_ALARM
+    after = [estimate for t, estimate in seen if t >= first_alarm(seen)]
+    assert all(e.gross_slip and not e.valid and "initialize the grasp again" in e.reason for e in after)
+
+
+def test_after_a_slip_a_new_grasp_starts_afresh() -> None:
+    held = Held(0.007)
+    last, _ = held.follow(along_z, 1.0)[-1]
+    X = along_z(last)
+    slid = held.friction.step(X, last).X_slid
+    stamps = last + PERIOD * np.arange(1, 10)
+    held.estimator.initialize_grasp([held.renderer.render(X, t, slid, 0.75) for t in stamps[:6]])
+    again = held.estimator.update(held.renderer.render(X, stamps[6], slid, 0.75), stamps[6])
+    assert again.valid
+    assert not again.gross_slip
+    assert np.abs(again.X_CT - np.eye(4)).max() < 1e-3  # T := C from here on
+
+
+def ordinary(t: float) -> Array:
+    return pose_from_rpy(
+        np.deg2rad((4.0 * np.sin(2.1 * t), 5.0 * np.sin(1.7 * t), 3.0 * np.sin(1.3 * t))),
+        1e-3 * np.array((3.0 * np.sin(1.9 * t), 0.8 * np.sin(1.1 * t), 2.5 * np.sin(2.3 * t))),
+    )
+
+
+def stopped(t: float) -> Array:
+    return make_pose(p=(0.0, 0.0, 0.06 * min(t, 0.1)))
+
+
+def set_free(t: float) -> Array:
+    return make_pose(p=(0.0, 0.0, 0.06 * t if t < 0.1 else 0.0003))
+
+
+@pytest.mark.parametrize(
+    ("motion", "duration"), [(ordinary, 3.0), (stopped, 0.5), (set_free, 0.5)], ids=lambda v: getattr(v, "__name__", "")
+)
+def test_a_tool_that_sticks_raises_none(motion: Motion, duration: float) -> None:
+    held = Held(0.009)
+    seen = held.follow(motion, duration)
+    assert held.onset == np.inf
+    assert first_alarm(seen) == np.inf
+    assert seen[-1][1].valid
+
+
+def test_micro_slip_is_none() -> None:
+    seen = Held(0.009, slip=0.2).follow(ordinary, 2.5)
+    assert first_alarm(seen) == np.inf
