@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import so3_log
 from seed_estimation import published as published_method
 from seed_estimation.camera import Array, Camera
 from seed_estimation.contact_patch import ContactPatch, Mask
@@ -18,12 +17,8 @@ from seed_estimation.frame import project32
 from seed_estimation.images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit import Fit
-from seed_estimation.tracking import PRIOR, Tracker
+from seed_estimation.tracking import Tracker
 
-# What the model itself gets wrong, as deviations: at rest [rad] x3, [m] x3, and as a share of the motion
-REST = np.array((6e-4, 4e-4, 1e-3, 1.0e-5, 2.0e-5, 1.0e-5))
-SHARE = 0.004
-_ROTATION_TO_TRANSLATION = 0.01  # [m] a patch this far from C's origin moves when its rotation is wrong
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
 
@@ -41,23 +36,11 @@ def published(stamp: float, X_CT: Array) -> RelativePoseEstimate:
     return RelativePoseEstimate(stamp, X_CT, covariance, published_method.OBSERVED, method="published")
 
 
-def covariance(result: Fit, tracker: Tracker) -> Array:
-    """(6, 6) of [rotation vector in C, translation in C]: the fit's own, plus what the model gets wrong."""
-    R = result.X_CT[:3, :3]
-    to_C = np.zeros((6, 6))
-    to_C[:3, :3] = to_C[3:, 3:] = R
-    own = to_C @ np.linalg.inv(result.H_image + result.H_depth + PRIOR) @ to_C.T
-    turn, way = float(np.linalg.norm(so3_log(R))), float(np.linalg.norm(result.X_CT[:3, 3]))
-    share = SHARE * np.array([turn] * 3 + [way + turn * _ROTATION_TO_TRANSLATION] * 3)
-    slip = tracker.slip.deviation * np.concatenate([so3_log(R), result.X_CT[:3, 3]])
-    return np.asarray(own + np.diag(REST**2 + share**2) + np.outer(slip, slip))
-
-
 def rigid_fit(
     stamp: float, result: Fit, tracker: Tracker, patches: Mapping[str, ContactPatch], p: EstimatorParameters
 ) -> RelativePoseEstimate:
     """An estimate from a track that is locked."""
-    sigma = covariance(result, tracker)
+    sigma = tracker.covariance.of(result, tracker.slip)
     deviation = np.sqrt(np.diag(sigma))
     angles, lengths = deviation[:3] < p.max_std_rotation, deviation[3:] < p.max_std_translation
     unlocked = [f for f, share in result.locked.items() if share < p.lock]

@@ -9,6 +9,7 @@ import numpy as np
 
 from seed_core.spatial import inverse_pose, so3_exp, so3_log
 from seed_estimation.camera import Array
+from seed_estimation.covariance import Covariance
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Box, Frame, project32
 from seed_estimation.gross_slip import SPAN, GrossSlip
@@ -36,6 +37,7 @@ class Tracker:
         self.lost = False
         self.gross_slip = False
         self.slip = MicroSlip(parameters.max_slip)
+        self.covariance = Covariance(PRIOR)
         self._watch = GrossSlip(models)
         self._good = 0  # frames in a row since it was found again
         self._starts: Iterator[Array] = iter(())
@@ -118,6 +120,7 @@ class Tracker:
         follow = not self.lost and 0.0 < dt <= 0.2
         self.rate = self._rate(result.X_CT, dt) if follow else np.zeros(6)
         self.X_CT, self.stamp, self.lost = result.X_CT, stamp, False
+        self.covariance.update(result)
         self.gross_slip |= self._watch.update(frames, result, stamp, self.slip.value)
         if p.learn_slip and follow:
             self.slip.update(result.slip_step, result.slip_information, dt)
