@@ -33,5 +33,7 @@ setup(
     description="Launch files, configuration, the launcher, bag tools, the demo and its report.",
     license="Apache-2.0",
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["seed = seed_bringup.cli:main"]},
+    entry_points={
+        "console_scripts": ["link_frames = seed_bringup.links_node:main", "seed = seed_bringup.cli:main"],
+    },
 )

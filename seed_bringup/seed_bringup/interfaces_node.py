@@ -16,6 +16,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from seed_bringup.links_node import LinksNode
 from seed_control.node import ControllerNode
 from seed_driver.guard_node import GuardNode
 from seed_driver.node import DriverNode
@@ -35,6 +36,7 @@ NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "bubbles": (BubblesNode, {}),
     "sysid": (SysidNode, {}),
     "identification_cell": (CellNode, {}),
+    "link_frames": (LinksNode, {}),
 }
 HEADING = "## Parameters\n"
 COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these

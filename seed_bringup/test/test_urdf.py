@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
 from seed_core.ur_kinematics import URKinematics
 
@@ -90,3 +91,37 @@ def test_drake_reads_the_file_and_agrees(name: str) -> None:
         plant.GetJointByName(f"{joint}_joint", model).set_angle(context, q[i])
     X = plant.GetFrameByName("tool0").CalcPoseInWorld(context).GetAsMatrix4()
     assert_allclose(X, URKinematics.for_model(name).forward(q), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_link_frames_form_one_tree_with_those_of_arm_and_hand(name: str) -> None:
+    """The last link's frame is the flange of the kinematics, and no frame gets a second parent."""
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
+    from seed_bringup.links_node import OTHERS, joints_of
+
+    joints = joints_of(FOLDER / f"{name}.urdf")
+    arm = URKinematics.for_model(name)
+    q = np.random.default_rng(9).uniform(-np.pi, np.pi, 6)
+    angles = dict(zip([j.name for j in joints if j.moves], q, strict=True))
+    parents = {j.child: (j.parent, j.pose(angles.get(j.name, 0.0))) for j in joints}
+    assert len(parents) == len(joints)
+    assert not set(parents) & set(OTHERS)
+    X, link = np.eye(4), "wrist_3_link"
+    while link != "base":
+        link, step = parents[link]
+        X = step @ X
+    to_flange = chain_pose(FOLDER / f"{name}.urdf", "tool0", "wrist_3_link", {})
+    assert_allclose(X @ to_flange, arm.forward(q), atol=1e-8)
+
+
+def test_a_file_that_is_no_urdf_is_refused_by_name(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
+    from seed_bringup.links_node import joints_of
+
+    file = tmp_path / "arm.urdf"
+    for text in ("", "<robot><joint name='a' type='prismatic'><child link='b'/></joint></robot>"):
+        file.write_text(text)
+        with pytest.raises(SeedError, match=r"arm.urdf cannot be read as a URDF"):
+            joints_of(file)

@@ -58,6 +58,21 @@ def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> N
         assert np.linalg.norm(moved) < JUMP
 
 
+def test_polyscope_x_takes_the_program_again() -> None:
+    """It has no dashboard, on which ur_rtde relies elsewhere."""
+    with Rig("--version", "10.10.0") as rig:
+        rig.ready()
+        rig.sway()
+        rig.run(0.3)
+        deaths = rig.supervisor.deaths
+        rig.robot.ask("pendant_stop")
+        rig.wait(lambda s: not s.armed, 1.0, "report")
+        rig.still()
+        rig.recover()
+        assert rig.supervisor.deaths == deaths
+        assert rig.robot.ask("state")["runtime_state"] == 2
+
+
 def test_a_silent_controller_does_not_stop_the_servo_loop(rig: Rig) -> None:
     """The command decelerates by itself, long before the robot's watchdog would stop a process that waits."""
     rig.recover()

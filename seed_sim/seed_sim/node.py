@@ -15,7 +15,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from seed_msgs.srv import SetGripperWidth
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from seed_control.tasks import load_task
@@ -29,10 +29,11 @@ from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND
+from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.arm import ELBOW_UP
 from seed_sim.cell import GRAVITY
 from seed_sim.closed_loop import start_pose
+from seed_sim.latch import Latch
 from seed_sim.outputs_node import Outputs
 from seed_sim.plant import DT, Plant, PlantError, save_replay
 from seed_sim.scenario import load_scenario
@@ -41,6 +42,7 @@ from seed_sim.ur.plant_link import PlantLink
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
+REMEDY = "; call ~/resend_robot_program"
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -79,7 +81,7 @@ class SimNode(Node):
         self.in_holder = True
         self._held_at = self._X_WE_start
         self._let_down = 0.0  # share of its weight that the holder has given to the grasp
-        self._heard = -np.inf  # when the last usable target came, in steady time
+        self._latch, self._said = Latch(), ""
         self.real_time_factor = 1.0
         self._link = self._join_robot()
         own_arm = self._link is None
@@ -87,6 +89,8 @@ class SimNode(Node):
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
         if own_arm:
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+            self._hold_reason = self.create_publisher(String, "~/hold_reason", LATCHED)
+            self.create_service(Trigger, "~/resend_robot_program", self._resume)
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -129,6 +133,13 @@ class SimNode(Node):
             self._lost += lost
         self._advance(self.plant.time + min(behind, BEHIND))
         self._outputs.publish(self.stamp, self.grasped)
+        self._latch.check(time.monotonic())
+        self._say_why_it_holds()
+
+    def _say_why_it_holds(self) -> None:
+        if self._latch.reason != self._said:
+            self._said = self._latch.reason
+            self._hold_reason.publish(String(data=self._said))
 
     def _advance(self, t: float) -> None:
         if self._link is not None:
@@ -175,23 +186,35 @@ class SimNode(Node):
     # in
     def _on_target(self, message: PoseStamped) -> None:
         try:
-            X_WE = self._checked(message)
+            X_WE, age = self._checked(message), self._age(message)
         except SeedError as error:
+            self._latch.refused(str(error))
             self.complaints.add("targets_refused", f"{error}; the arm holds")
             return
-        self._heard = time.monotonic()
+        if age or self._latch.reason:
+            self.complaints.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
+            return
+        self._latch.heard(time.monotonic())
         self.plant.command(X_WE)
+
+    def _age(self, message: PoseStamped) -> str:
+        """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
+        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
+        limit = self.settings.target_timeout
+        return f"target_frame stamp is {age:.3f} s old, limit {limit:g} s; the arm holds" if abs(age) > limit else ""
 
     def _checked(self, message: PoseStamped) -> Array:
         check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
         X_WE = pose_to_matrix(message.pose, "target_frame")
-        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
-        if abs(age) > self.settings.target_timeout:
-            raise SeedError(f"target_frame stamp is {age:.3f} s old, limit {self.settings.target_timeout:g} s")
         jump = float(np.linalg.norm(X_WE[:3, 3] - self.plant.X_WE[:3, 3]))
         if jump > self.settings.max_step:
             raise SeedError(f"target_frame is {jump:.3f} m from the flange, limit {self.settings.max_step:g} m")
         return X_WE
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._latch.resume()
+        response.success, response.message = True, "following target_frame"
+        return response
 
     # gripper
     def _grasp(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -218,6 +241,7 @@ class SimNode(Node):
         self.plant.reset(self._X_WE_start)
         self.grasped, self.in_holder, self._held_at = False, True, self._X_WE_start
         self._let_down = 0.0
+        self._latch.resume()
         self._outputs.restart()
         self._start_clock()
         response.success, response.message = True, "arm at its start, tool in its holder, gripper open"
@@ -265,8 +289,8 @@ class SimNode(Node):
         }
         if self.real_time_factor < SLOW:
             return diagnostics.WARN, f"slower than real time: {self.real_time_factor:.3f}", values
-        if time.monotonic() - self._heard > self.settings.target_timeout:
-            return diagnostics.OK, self.complaints.last or "no target_frame: the arm holds", values
+        if self._latch.reason:
+            return diagnostics.WARN, f"holds: {self._latch.reason}{REMEDY}", values
         return diagnostics.OK, "following target_frame", values
 
 

@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from seed_ros.conversions import pose_stamped, pose_to_matrix
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
+from seed_sim.latch import SILENT, Latch
 from seed_sim.node import SimNode
 
 pytestmark = pytest.mark.ros
@@ -108,6 +109,44 @@ def test_a_bad_target_is_refused_and_the_arm_holds(world: World, how: str) -> No
     assert words[how] in world.node.complaints.last
     world.bench.spin(0.2)
     np.testing.assert_allclose(world.flange(), before, atol=1e-6)
+
+
+def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
+    goal = world.flange()
+    goal[2, 3] += 0.005
+    far = goal.copy()
+    far[0, 3] += 0.2
+
+    def raised() -> bool:
+        world.send(goal)
+        return abs(world.flange()[2, 3] - goal[2, 3]) < 1e-4
+
+    assert world.bench.until(raised)
+    world.send(far)
+    assert world.bench.until(lambda: "limit 0.05 m" in world.node.complaints.last)
+    held = world.flange()
+    goal[2, 3] += 0.005
+    for _ in range(20):
+        world.send(goal)
+        world.bench.turn()
+    np.testing.assert_allclose(world.flange(), held, atol=1e-4)  # [m] it was this close to its goal when it held
+    assert "not followed: target_frame is 0.2" in world.node.complaints.last
+    assert world.trigger("resend_robot_program").success
+    assert world.bench.until(raised)
+
+
+def test_silence_is_a_hold() -> None:
+    latch = Latch()
+    latch.check(10.0)
+    assert not latch.reason  # nothing to follow yet
+    latch.heard(10.0)
+    latch.check(10.0 + 0.9 * SILENT)
+    assert not latch.reason
+    latch.check(10.0 + 1.1 * SILENT)
+    latch.heard(11.0)
+    assert "no target_frame" in latch.reason
+    latch.resume()
+    assert not latch.reason
 
 
 def test_a_firmer_grip_is_stiffer_and_an_impossible_one_is_refused(world: World) -> None:
