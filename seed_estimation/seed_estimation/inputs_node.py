@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from seed_core.config import field
 from seed_core.errors import SeedError
+from seed_estimation import identity
 from seed_estimation.camera import Camera
 from seed_estimation.images import TactileImages
 from seed_ros.cameras import intrinsics
@@ -48,6 +49,7 @@ class ImageInputs:
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, Camera] = {}
         self.frame_ids: dict[str, str] = {}
+        self.bubbles = identity.Bubbles("", {})
         self.camera_problem = ""
         self.on_calibration: Callable[[], None] = lambda: None
         self._complaints = complaints
@@ -55,6 +57,7 @@ class ImageInputs:
         self._images = {f: Pairing[Image](("depth", "ir"), settings.pair_tolerance) for f in self.fingers}
         self._both = Pairing[dict[str, Image]](self.fingers, settings.finger_tolerance)
         self._heard: dict[str, float] = {}
+        self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
             for kind, topic in (("depth", "depth/image_rect_raw"), ("ir", "ir/image_rect_raw")):
                 loop.poll(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
@@ -76,8 +79,14 @@ class ImageInputs:
         }
 
     def _on_info(self, finger: str, message: CameraInfo) -> None:
+        size, numbers = (message.width, message.height), (bytes(message.k), bytes(message.p), bytes(message.d))
+        says = (*size, *numbers, message.distortion_model)
+        if self._said.get(finger) == says:
+            return
+        self._said[finger] = says
         try:
             camera = Camera.from_info(*intrinsics(message, self.settings.rectified))
+            _refuse(identity.other_lens(finger, camera.K, self.bubbles.known))
         except SeedError as error:
             self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
             self._complaints.add("camera_info_refused", self.camera_problem)
@@ -85,7 +94,6 @@ class ImageInputs:
         known = self.cameras.get(finger)
         if known is None or not known.matches(camera):
             self.cameras[finger] = camera
-            self.frame_ids[finger] = message.header.frame_id
             self.camera_problem = ""
             self.on_calibration()
 
@@ -123,6 +131,8 @@ class ImageInputs:
     def _pair(self, finger: str, pair: dict[str, Image], stamp: float) -> TactileImages:
         for kind, message in pair.items():
             self._check_size(finger, kind, message)
+        self.frame_ids[finger] = pair["depth"].header.frame_id
+        _refuse(identity.misnamed(finger, self.frame_ids[finger], self.bubbles.names))
         depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
         return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
 
@@ -133,3 +143,8 @@ class ImageInputs:
                 f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
                 f"{camera.width} x {camera.height}"
             )
+
+
+def _refuse(reason: str) -> None:
+    if reason:
+        raise MessageError(reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -22,6 +22,7 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
+from seed_estimation import identity
 from seed_estimation.contact_patch import ContactPatch
 from seed_estimation.estimator import Estimator
 from seed_estimation.images import TactileImages
@@ -49,6 +50,9 @@ class NodeSettings:
 
     reference_frames: int = field(15, low=1, high=500, doc="images averaged by ~/capture_reference")
     grasp_frames: int = field(8, low=1, high=500, doc="images averaged by ~/initialize_grasp")
+    identity_file: str = field(
+        "", doc="what tells the bubbles apart, from one session to the next; written by the first reference"
+    )
     publish_tf: bool = field(True, doc="publish compliance to tool on /tf, and the hand's frames on /tf_static")
 
 
@@ -86,6 +90,8 @@ class EstimatorNode(Node):
         self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None)
         self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
+        names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}
+        self.bubbles = self.inputs.bubbles = identity.Bubbles(self.settings.identity_file, names)
         waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
         self.create_service(Trigger, "~/capture_reference", self._capture_reference, callback_group=waiting)
         self.create_service(Trigger, "~/initialize_grasp", self._initialize_grasp, callback_group=waiting)
@@ -105,6 +111,7 @@ class EstimatorNode(Node):
             self.complaints.add("camera_changed", "camera_info has changed: capture the reference again")
         try:
             self.core = Estimator(self.parameters, self.hand, dict(self.inputs.cameras))
+            self.core.patterns.update({f: known.pattern for f, known in self.bubbles.known.items()})
         except SeedError as error:
             self.core = None
             self.complaints.add("camera_info_refused", str(error))
@@ -124,6 +131,9 @@ class EstimatorNode(Node):
         estimate = self.core.update(images, stamp)
         if not estimate.valid:
             self.complaints.add("estimates_invalid", estimate.reason)
+        elif self.bubbles.status == identity.Bubbles.UNVERIFIED:
+            doubt = "which bubble is which, and which way is up, is unverified"
+            estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
         self._publish(estimate)
         self._publish_patches(stamp)
         if self._debug.get_subscription_count():
@@ -147,6 +157,8 @@ class EstimatorNode(Node):
 
     def _publish_patches(self, stamp: float) -> None:
         assert self.core is not None
+        if not self.core.patches:
+            return
         message = ContactPatches(patches=[_patch_message(p) for p in self.core.patches.values()])
         message.header.stamp = stamp_from_seconds(stamp)
         message.header.frame_id = self.frames.compliance
@@ -196,9 +208,22 @@ class EstimatorNode(Node):
             use(collection.frames)
         except SeedError as error:
             collection.future.set_result((False, str(error)))
-        else:
-            collection.future.set_result((True, f"taken from {len(collection.frames)} images of each finger"))
+            return True
+        if collection.what == "reference":
+            self._identify()
+        words = f"taken from {len(collection.frames)} images of each finger; the bubbles are {self.bubbles.status}"
+        collection.future.set_result((True, words))
         return True
+
+    def _identify(self) -> None:
+        """Whose images made the new reference?"""
+        assert self.core is not None
+        patterns, names, cameras = self.core.patterns, self.inputs.frame_ids, self.inputs.cameras
+        seen = {f: identity.Known(patterns[f], names[f], cameras[f].K) for f in self.inputs.fingers}
+        try:
+            self.bubbles.judge(seen)
+        except SeedError as error:
+            self.complaints.add("identity_not_saved", str(error))
 
     def _watch(self) -> None:
         """Give up on a service whose images do not come."""
@@ -211,6 +236,7 @@ class EstimatorNode(Node):
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
+        values["identity"] = self.bubbles.status
         values |= self.complaints.values()
         if self._latencies:
             p50, p99 = np.percentile(np.array(self._latencies) * 1e3, (50, 99))

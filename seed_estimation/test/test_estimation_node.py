@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
@@ -17,6 +21,7 @@ from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy, rotation_error
+from seed_estimation import identity
 from seed_estimation.images import TactileImages
 from seed_estimation.node import EstimatorNode
 from seed_ros.cameras import Intrinsics, camera_info
@@ -59,6 +64,8 @@ class Rig:
         self.X_CT: np.ndarray | None = None
         self.hooks: list[Any] = []  # each may change or drop (return None) a message (finger, kind, message)
         self.with_info = True
+        self.whose = {"left": "left", "right": "right"}  # bubble whose images each finger's topics carry
+        self.spoil_info: Any = lambda _, info: info
         self._next = 0.0
         bench.every.append(self._shoot)
         assert bench.until(lambda: all(s.get_subscription_count() for s in self.streams.values() if self._used(s)))
@@ -76,14 +83,14 @@ class Rig:
             return
         self._next = t + PERIOD
         images = self.renderer.no_contact(t) if self.X_CT is None else self.renderer.render(self.X_CT, t)
-        for finger, pair in images.items():
-            self._send(finger, pair, t)
+        for finger, whose in self.whose.items():
+            self._send(finger, images[whose], t)
 
     def _send(self, finger: str, pair: TactileImages, t: float) -> None:
         camera = self.renderer.cameras[finger]
         values = Intrinsics(camera.width, camera.height, list(camera.K.ravel()), list(camera.D), camera.model)
         if self.with_info:
-            self.infos[finger].publish(camera_info(values, t, f"bubble_{finger}_optical"))
+            self.infos[finger].publish(self.spoil_info(finger, camera_info(values, t, f"bubble_{finger}_optical")))
         for kind, data, encoding in (("depth", pair.depth, "32FC1"), ("ir", pair.ir, "mono16")):
             array = data if kind == "depth" else np.clip(np.rint(data), 0, 65535).astype(np.uint16)
             message: Any = image_message(array, encoding, t, f"bubble_{finger}_optical")
@@ -241,3 +248,172 @@ def test_the_method_changes_live_and_nonsense_is_refused(bench: Bench, renderer:
     assert rig.reason("no grasp")
     assert rig.call("initialize_grasp").success
     assert bench.until(lambda: rig.poses[-1].valid and rig.poses[-1].method == "published")
+
+
+def test_stamps_that_go_back_are_refused_with_a_reason(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK).grasped()
+
+    def late(_: str, __: str, message: Image) -> Image:
+        message.header.stamp.sec -= 100
+        return message
+
+    rig.hooks.append(late)
+    assert rig.reason("images came out of order")
+    rig.hooks.clear()
+    assert bench.until(lambda: rig.poses[-1].valid)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("k", [0.0] * 9, "bubble_right/depth/camera_info"),
+        ("k", [float("nan")] * 9, "bubble_right/depth/camera_info"),
+        ("distortion_model", "fisheye", "fisheye"),
+        ("width", 640, "camera_info says 640 x 171"),
+    ],
+)
+def test_a_camera_info_that_contradicts_the_image_is_named(
+    bench: Bench, renderer: Any, name: str, value: Any, words: str
+) -> None:
+    rig = Rig(bench, renderer, **QUICK)
+
+    def spoilt(finger: str, info: CameraInfo) -> CameraInfo:
+        if finger == "right":
+            setattr(info, name, value)
+        return info
+
+    rig.spoil_info = spoilt
+    assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
+
+
+# whose images are these?
+
+
+def known(renderer: Any, file: Path, **frame_ids: str) -> str:
+    """A file that says what each bubble looks like; its name."""
+    identity.save(
+        file,
+        {
+            finger: identity.Known(
+                identity.pattern(images.ir), frame_ids.get(finger, "optical"), renderer.cameras[finger].K
+            )
+            for finger, images in renderer.no_contact(0.0).items()
+        },
+    )
+    return str(file)
+
+
+def half_turned(_: str, __: str, message: Image) -> Image:
+    kind = np.float32 if message.encoding == "32FC1" else np.uint16
+    pixels = np.frombuffer(bytes(message.data), kind)
+    message.data = pixels[::-1].tobytes()
+    return message
+
+
+def test_swapped_and_turned_cameras_are_told_by_their_saved_dots(bench: Bench, renderer: Any, tmp_path: Path) -> None:
+    rig = Rig(bench, renderer, identity_file=known(renderer, tmp_path / "bubbles.npz"), **QUICK)
+    rig.whose = {"left": "right", "right": "left"}
+    swapped = rig.call("capture_reference")
+    assert not swapped.success
+    assert "left and right are swapped" in swapped.message
+    rig.whose = {"left": "left", "right": "right"}
+    rig.hooks.append(half_turned)
+    bench.spin(3 * PERIOD)
+    turned = rig.call("capture_reference")
+    assert not turned.success
+    assert "rotated by 180 degrees" in turned.message
+    rig.hooks.clear()
+    bench.spin(3 * PERIOD)
+    right = rig.call("capture_reference")
+    assert right.success
+    assert "verified by dots" in right.message
+
+
+def test_a_frame_id_of_the_other_camera_is_refused(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK)
+
+    def crossed(finger: str, _: str, message: Image) -> Image:
+        other = "right" if finger == "left" else "left"
+        message.header.frame_id = f"bubble_{other}_optical"
+        return message
+
+    rig.hooks.append(crossed)
+    assert rig.reason("left and right are swapped")
+
+
+def test_bubbles_that_nothing_tells_apart_are_reported_unverified(
+    bench: Bench, renderer: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "written.npz"
+    rig = Rig(bench, renderer, identity_file=str(file), **QUICK)
+
+    def anonymous(_: str, __: str, message: Image) -> Image:
+        message.header.frame_id = "camera"
+        return message
+
+    rig.hooks.append(anonymous)
+    rig.grasped()
+    assert "unverified" in rig.poses[-1].reason
+    assert identity.load(file)["left"].frame_id == "camera"  # the next session will know
+
+
+# whatever comes in
+
+STAMPS = st.tuples(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
+VALUES = st.sampled_from((np.nan, np.inf, -np.inf, -1.0, 0.0, 1e-30, 0.08, 0.2, 900.0, 65535.0, 1e30))
+
+
+@st.composite
+def any_image(draw: st.DrawFn) -> tuple[str, str, Image]:
+    """A finger, a kind of image, and an image that may be whatever a faulty driver sends."""
+    finger, kind = draw(st.sampled_from(("left", "right"))), draw(st.sampled_from(("depth", "ir")))
+    encoding = draw(st.sampled_from(("32FC1", "16UC1", "mono16", "mono8", "rgb8", "64FC1", "")))
+    w, h = draw(st.sampled_from(((224, 171), (171, 224), (1, 1), (0, 0), (64, 48), (100000, 100000))))
+    size = {"32FC1": 4, "16UC1": 2, "mono16": 2, "rgb8": 3}.get(encoding, 1)
+    message = Image(width=w, height=h, encoding=encoding, step=draw(st.sampled_from((w * size, 0, w * size + 3))))
+    message.is_bigendian = draw(st.integers(0, 1))
+    count = min(message.step * h, 300000)
+    values = np.full(count // size + 1, draw(VALUES))
+    values[:: draw(st.integers(1, 50))] = draw(VALUES)
+    with np.errstate(invalid="ignore", over="ignore"):
+        data = values.astype(np.float32 if size == 4 else np.uint16 if size == 2 else np.uint8).tobytes()
+    message.data = array("B", data[: max(0, count + draw(st.sampled_from((0, 0, 0, -1, 7))))])
+    message.header.stamp.sec, message.header.stamp.nanosec = draw(STAMPS)
+    return finger, kind, message
+
+
+def test_whatever_images_come_the_node_lives_and_answers_with_reasons(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK).grasped()
+    node = rig.node
+    told: list[Any] = []
+    publish = node._publish
+
+    def noted(estimate: Any) -> None:
+        told.append(estimate)
+        publish(estimate)
+
+    node._publish = noted
+
+    @settings(max_examples=120, deadline=None, database=None, derandomize=True)
+    @given(st.lists(any_image(), min_size=1, max_size=4), st.integers(0, 2**31 - 1))
+    def feed(images: list[tuple[str, str, Image]], second: int) -> None:
+        for finger, kind, message in images:
+            node.inputs._on_image(finger, kind, message)
+        for finger in ("left", "right"):  # and whole sets of what does not fit together
+            for kind in ("depth", "ir"):
+                message = images[len(finger + kind) % len(images)][2]
+                message.header.stamp.sec, message.header.stamp.nanosec = second, 0
+                node.inputs._on_image(finger, kind, message)
+
+    feed()
+    assert len(told) > 20
+    for estimate in told:
+        assert np.isfinite(estimate.X_CT).all()
+        assert np.isfinite(estimate.covariance).all()
+        assert estimate.valid or estimate.reason
+    node._publish = publish
+    node.core._stamp = -np.inf  # the clock of the fuzz may have run ahead of this one
+    for pairing in (*node.inputs._images.values(), node.inputs._both):
+        pairing.clear()
+        pairing._newest = dict.fromkeys(pairing._newest, -np.inf)
+    assert bench.until(lambda: rig.poses[-1].valid), rig.poses[-1].reason
