@@ -12,6 +12,7 @@ import pytest
 from seed_core.spatial import inverse_pose
 from seed_sysid import identify
 from seed_sysid.analysis import analyse
+from seed_sysid.bag import TOPIC, TYPE
 from seed_sysid.dataset import Dataset, DatasetError, Sample, Writer, flat_pose, header_line, parse, read, sample_line
 from seed_sysid.scenario import load
 from seed_sysid.session import at_rest, simulate
@@ -195,3 +196,30 @@ def test_data_are_fitted_again_from_their_file(
         "http://creativecommons.org", ""
     )
     assert "src=" not in report
+
+
+def _record(folder: Path, lines: list[str]) -> Path:
+    """A bag of the node's topic; the single file in it."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_JAZZY)
+    text = types.types[TYPE]
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection(f"/arm/{TOPIC}", TYPE, typestore=types)
+        for i, line in enumerate(lines):
+            writer.write(topic, 1_000_000 * i, bytes(types.serialize_cdr(text(data=line), TYPE)))
+    return next(folder.glob("*.mcap"))
+
+
+def test_a_bag_is_fitted_again_as_folder_and_as_file(data: Dataset, tmp_path: Path) -> None:
+    lines = _lines(data)
+    inner = _record(tmp_path / "bag", [*lines[:70], *lines])  # a run that went on says once more what it has
+    single = tmp_path / "single.mcap"
+    single.write_bytes(inner.read_bytes())
+    for path in (tmp_path / "bag", inner, single):
+        assert identify.read_any(path).samples == data.samples
+    other = header_line(replace(data.header, run="another"))
+    mixed = _record(tmp_path / "mixed", [*lines[:70], other, *lines[70:]])
+    with pytest.raises(DatasetError, match="holds 2 identifications"):
+        identify.read_any(mixed)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sysid import identify
 from seed_sysid.parameters import Procedure
-from seed_sysid.procedure import Command, Run
+from seed_sysid.procedure import Command, Reading, Run
 from seed_sysid.scenario import load
 from seed_sysid.session import simulate
 from seed_sysid.simulation import SimulatedCell
@@ -66,6 +67,21 @@ def test_finished_poses_are_not_planned_again() -> None:
     run = Run(Procedure())
     done = [f"0/{t.name}" for _, t in run._queue[:10]]
     assert Run(Procedure(), done).done == 10
+
+
+def test_an_interrupted_run_goes_on_from_where_the_arm_is() -> None:
+    """No jump: the first command is at the start, and every further one within what the speeds allow."""
+    scenario, start = load("default"), pose_from_rpy(np.deg2rad([8.0, 0.0, -5.0]), [0.003, -0.002, 0.004])
+    motion, at, stamp = scenario.procedure.motion, start, 0.0
+    run = Run(scenario.procedure, ["0/000-home"], start=start)
+    for _ in range(100):
+        command = run.step(Reading(stamp, at, np.zeros(6), 0.026))
+        step = np.linalg.norm(command.X_TC[:3, 3] - at[:3, 3])
+        turn = np.linalg.norm(so3_log(at[:3, :3].T @ command.X_TC[:3, :3]))
+        assert step <= 0.1 * motion.speed + 1e-12
+        assert turn <= np.deg2rad(0.1 * motion.turn_rate_deg) + 1e-9
+        at, stamp = command.X_TC, stamp + 0.1
+    assert command.state in ("moving", "settling", "measuring")
 
 
 def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:
