@@ -132,7 +132,7 @@ def translation_matrix(force_projector: Array, K: Array) -> Array:
         force_projector: P = I - S (3, 3).
         K: translational stiffness (3, 3) [N/m], force = K p_TC, in the same axes as P.
     """
-    scale = float(np.trace(K)) / 3.0
+    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0
     return np.eye(3) - force_projector + force_projector @ K / scale
 
 
@@ -146,6 +146,6 @@ def hybrid_translation(force_projector: Array, K: Array, displacement: Array, fo
         force: wanted force of the spring on the tool (3,) [N]; its part along I - P is ignored.
     """
     P = force_projector
-    scale = float(np.trace(K)) / 3.0
+    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0
     right = displacement - P @ displacement + P @ force / scale
     return np.asarray(np.linalg.solve(translation_matrix(P, K), right))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from seed_core.spatial import Array
+from seed_control.vectors import Triple, dot, minus
 
 _FORGET = 2.0  # [s] of motion
 _GUESS = 0.05**2 * 0.2  # [m^2/s]; the first guess weighs as much as 0.2 s at 50 mm/s
@@ -17,13 +17,12 @@ class LagEstimate:
         self._top, self._bottom = guess * _GUESS, _GUESS
         self.lag = guess
 
-    def update(self, behind: Array, velocity: tuple[float, float, float], dt: float) -> None:
-        """One step: behind (3,) = command - measured [m], velocity (3,) of the command [m/s]."""
-        vx, vy, vz = velocity
-        square = vx * vx + vy * vy + vz * vz
+    def update(self, command: Triple, measured: Triple, velocity: Triple, dt: float) -> None:
+        """One step: commanded and measured position [m], velocity of the command [m/s]."""
+        square = dot(velocity, velocity)
         if square < _STILL * _STILL:
             return
         keep = 1.0 - min(square / 0.05**2, 1.0) * dt / _FORGET
-        self._top = keep * self._top + dt * (float(behind[0]) * vx + float(behind[1]) * vy + float(behind[2]) * vz)
+        self._top = keep * self._top + dt * dot(minus(command, measured), velocity)
         self._bottom = keep * self._bottom + dt * square
         self.lag = min(max(self._top / self._bottom, 0.0), 0.3)

@@ -13,8 +13,9 @@ from math import inf
 import numpy as np
 
 from seed_control import admission
+from seed_control.features import LAWS
 from seed_control.history import PoseHistory
-from seed_control.hybrid_law import LAWS, HybridLaw
+from seed_control.hybrid_law import HybridLaw
 from seed_control.lag import LagEstimate
 from seed_control.limits import PoseLimiter, VectorLimiter
 from seed_control.measurement import Gauge, Measurement
@@ -27,6 +28,7 @@ from seed_control.setpoints import (
     WrenchSetpoint,
 )
 from seed_control.state import ControllerState, ControlOutput, Counters, Mode
+from seed_control.vectors import Triple, minus, placed, plus, triple, turned
 from seed_core.bushing import Bushing, BushingError, Stiffness
 from seed_core.config import checked
 from seed_core.errors import SeedError
@@ -53,6 +55,7 @@ class Controller:
         self.features = LAWS[p.law]
         self._X_EC = hand.X_EC
         self._X_CE = inverse_pose(self._X_EC)
+        self._p_EC, self._p_CE = triple(self._X_EC[:3, 3]), triple(self._X_CE[:3, 3])
         self._X_tipE = inverse_pose(tool.X_Ttip) @ self._X_CE
         self._blend: tuple[Stiffness, Stiffness, float] | None = None
         self.gauge = Gauge(tool, self._bushing(stiffness), self.features.gravity, 1e-3 * p.position_noise)
@@ -63,7 +66,6 @@ class Controller:
             VectorLimiter(p.max_speed, p.max_acceleration, p.max_jerk, BANDWIDTH),
             VectorLimiter(p.max_angular_speed, p.max_angular_acceleration, p.max_angular_jerk, BANDWIDTH),
         )
-        self._low, self._high = np.array(p.workspace_low), np.array(p.workspace_high)
         self._lag = LagEstimate(p.servo_lag)
         self._pending: RelativePoseEstimate | None = None
         self._estimate: RelativePoseEstimate | None = None
@@ -76,7 +78,7 @@ class Controller:
         self._started = False  # whether the limiter holds a pose of this arm
         self._now = -inf
         self._arrived = -inf  # when the newest usable estimate was taken in
-        self._free_from: Array | None = None  # commanded position at which the approach without contact began
+        self._free_from: Triple | None = None  # commanded position at which the approach without contact began
         self._too_far = 0
         self._bad_in_a_row = 0
         self.counters = Counters()
@@ -163,7 +165,7 @@ class Controller:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""
         if self.parameters.stiffness_blend == 0.0 or not self._enabled:
             self._blend, self.stiffness = None, stiffness
-            self.gauge.bushing = self._bushing(stiffness)
+            self.gauge.use(self._bushing(stiffness))
         else:
             self._blend = (self.gauge.bushing.stiffness, stiffness, t)
             self.stiffness = stiffness
@@ -195,9 +197,7 @@ class Controller:
         if not self._enabled or self._held or self._setpoint is None or self._measured is None:
             limiter.stop(dt)
             return ()
-        here = self._history.newest()
-        behind = limiter.p - here[:3, 3] - here[:3, :3] @ self._X_EC[:3, 3]
-        self._lag.update(behind, limiter.linear.v, dt)
+        self._lag.update(limiter.p, placed(self._history.newest().tolist(), self._p_EC), limiter.linear.v, dt)
         if self._relative is not None:
             p_WC, R_WC = self._relative_target(self._relative)
         else:
@@ -205,25 +205,29 @@ class Controller:
             p_WC = self.law.target(dt, lead, lead + t - self._measured.stamp + 0.02)
             R_WC = self.law.R_WC
         limits = self.law.limits if self._relative is None else ()
-        to_flange = R_WC @ self._X_CE[:3, 3]
-        boxed = np.minimum(np.maximum(p_WC + to_flange, self._low), self._high) - to_flange
-        if np.abs(boxed - p_WC).max() > 1e-9:
+        p_WE = plus(p_WC, turned(R_WC.tolist(), self._p_CE))
+        if not self._inside(p_WE):
             limits += ("workspace",)
-        limiter.advance(boxed, R_WC, dt, p.approach_speed if self._relative is not None else p.max_speed)
+            p_WC = triple(np.array(p_WC) + np.clip(p_WE, p.workspace_low, p.workspace_high) - p_WE)
+        limiter.advance(p_WC, R_WC, dt, p.approach_speed if self._relative is not None else p.max_speed)
         if limiter.linear.limited:
             limits += ("max_speed",)
         if limiter.angular.limited:
             limits += ("max_angular_speed",)
         return limits
 
+    def _inside(self, p_WE: Triple) -> bool:
+        (x, y, z), (a, b, c), (d, e, f) = p_WE, self.parameters.workspace_low, self.parameters.workspace_high
+        return a <= x <= d and b <= y <= e and c <= z <= f
+
     def _lead(self) -> float:
         """By how long the arm trails what the law asks for [s]: its own lag, and the smoothing of the command."""
         return self._lag.lag + 2.0 / BANDWIDTH
 
-    def _relative_target(self, setpoint: RelativePoseSetpoint) -> tuple[Array, Array]:
-        law, X_TC = self.law, setpoint.X_TC
-        p_WT = law.tip - law.R_WT @ self.gauge.p_Ttip
-        return p_WT + law.R_WT @ X_TC[:3, 3], law.R_WT @ X_TC[:3, :3]
+    def _relative_target(self, setpoint: RelativePoseSetpoint) -> tuple[Triple, Array]:
+        tool, X_TC = self.law.tool, setpoint.X_TC
+        p_TC = X_TC[:3, 3] - self.gauge.p_Ttip  # from the tip
+        return triple(tool.tip + tool.R_WT @ p_TC), tool.R_WT @ X_TC[:3, :3]
 
     # --- estimates ---------------------------------------------------------------------------------------------
     def _digest(self, t: float) -> None:
@@ -245,7 +249,7 @@ class Controller:
         self.law.loop_time = min(t - stamp + 0.5 * frame + self._lead(), 0.5)
         self._measured = m = self.gauge.measure(estimate, X_WE @ self._X_EC)
         self.law.image(m)
-        self.counters = self.counters._replace(contacts_lost=self.law.contacts_lost)
+        self.counters = self.counters._replace(contacts_lost=self.law.touch.lost)
         self._check_measured(m)
 
     def _check_measured(self, m: Measurement) -> None:
@@ -289,13 +293,12 @@ class Controller:
         if why:
             self._hold(why)
             return
-        if self._setpoint is None or self._relative is not None or self.law.contact or not self.law.observers:
+        if self._setpoint is None or self._relative is not None or self.law.contact or not self.law.regulates_force:
             self._free_from = None
         elif self._free_from is None:
-            self._free_from = self._limiter.p.copy()
+            self._free_from = self._limiter.p
         else:
-            n = self.law.normals
-            travel = n @ (self._limiter.p - self._free_from)
+            travel = self.law.normals @ minus(self._limiter.p, self._free_from)
             far = float(np.sqrt(travel @ travel))
             if far > self.parameters.max_free_travel:
                 self._hold(
@@ -408,7 +411,7 @@ class Controller:
 
     # --- odds and ends -----------------------------------------------------------------------------------------
     def _bushing(self, stiffness: Stiffness) -> Bushing:
-        return Bushing(stiffness, "plain" if self.features.model == "plain" else "midpoint")
+        return Bushing(stiffness, self.features.model)
 
     def _advance_blend(self, t: float) -> None:
         assert self._blend is not None
@@ -418,7 +421,7 @@ class Controller:
             (1 - share) * a + share * b
             for a, b in zip(old.rotation + old.translation, new.rotation + new.translation, strict=True)
         ]
-        self.gauge.bushing = self._bushing(Stiffness((mix[0], mix[1], mix[2]), (mix[3], mix[4], mix[5])))
+        self.gauge.use(self._bushing(Stiffness((mix[0], mix[1], mix[2]), (mix[3], mix[4], mix[5]))))
         if share >= 1.0:
             self._blend = None
 
@@ -432,7 +435,7 @@ class Controller:
             return "holding"
         if self._setpoint is None:
             return "idle"
-        if self._relative is not None or not self.law.observers:
+        if self._relative is not None or not self.law.regulates_force:
             return "position"
         return "contact" if self.law.contact else "approach"
 

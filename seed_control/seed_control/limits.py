@@ -7,9 +7,10 @@ from math import sqrt
 
 import numpy as np
 
-from seed_core.spatial import Array, make_pose, so3_log
+from seed_control.vectors import Triple, dot, minus, plus, triple
+from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 
-Triple = tuple[float, float, float]
+_RENEW = 64  # turns
 
 
 class VectorLimiter:
@@ -69,25 +70,24 @@ class PoseLimiter:
 
     def __init__(self, linear: VectorLimiter, angular: VectorLimiter) -> None:
         self.linear, self.angular = linear, angular
-        self.p = np.zeros(3)
+        self.p: Triple = (0.0, 0.0, 0.0)
         self.R = np.eye(3)
+        self._turns = 0
 
     def reset(self, X: Array) -> None:
         """At rest at X (4, 4)."""
-        self.p, self.R = X[:3, 3].copy(), X[:3, :3].copy()
+        self.p, self.R = triple(X[:3, 3]), X[:3, :3].copy()
         self.linear.reset()
         self.angular.reset()
 
-    def advance(self, p: Array, R: Array, dt: float, speed: float) -> None:
-        """One step of dt [s] towards position p (3,) and rotation R (3, 3); speed [m/s] bounds it now."""
-        ex, ey, ez = (p - self.p).tolist()
-        self._move(self.linear.advance(ex, ey, ez, dt, speed))
-        x, y, z = _rotation_vector(R @ self.R.T)
-        self._turn(self.angular.advance(x, y, z, dt, self.angular.speed))
+    def advance(self, p: Triple, R: Array, dt: float, speed: float) -> None:
+        """One step of dt [s] towards position p [m] and rotation R (3, 3); speed [m/s] bounds it now."""
+        self.p = plus(self.p, self.linear.advance(*minus(p, self.p), dt, speed))
+        self._turn(self.angular.advance(*_rotation_vector(R, self.R), dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
-        self._move(self.linear.stop(dt))
+        self.p = plus(self.p, self.linear.stop(dt))
         self._turn(self.angular.stop(dt))
 
     @property
@@ -95,24 +95,19 @@ class PoseLimiter:
         """The commanded pose (4, 4), a copy."""
         return make_pose(self.R, self.p)
 
-    def _move(self, step: Triple) -> None:
-        self.p = self.p + step
-
     def _turn(self, step: Triple) -> None:
-        x, y, z = step
-        if x == y == z == 0.0:
+        if step == (0.0, 0.0, 0.0):
             return
-        R = self.R + np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))) @ self.R
-        # A step is below 0.01 rad: one Newton step towards an orthonormal matrix leaves 1e-8, the next ones rounding.
-        for _ in range(2):
+        R = so3_exp(step) @ self.R
+        self._turns += 1
+        if self._turns % _RENEW == 0:  # rounding would add up over hours: a Newton step towards an orthonormal matrix
             R = 1.5 * R - 0.5 * R @ (R.T @ R)
         self.R = R
 
 
-def _rotation_vector(R: Array) -> Triple:
-    """so3_log, with the sine for the angle where it is small: what steers a filter needs no more."""
-    (_, r01, r02), (r10, _, r12), (r20, r21, r22) = rows = R.tolist()
-    if rows[0][0] + rows[1][1] + r22 > 2.95:
-        return 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
-    x, y, z = so3_log(R).tolist()
-    return x, y, z
+def _rotation_vector(R_goal: Array, R: Array) -> Triple:
+    """so3_log(R_goal R^T), with the sine for the angle where it is small: what steers a filter needs no more."""
+    (a, b, c), (u, v, w) = R_goal.tolist(), R.tolist()
+    if dot(a, u) + dot(b, v) + dot(c, w) > 2.95:
+        return 0.5 * (dot(c, v) - dot(b, w)), 0.5 * (dot(a, w) - dot(c, u)), 0.5 * (dot(b, u) - dot(a, v))
+    return triple(so3_log(R_goal @ R.T))

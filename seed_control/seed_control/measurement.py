@@ -45,10 +45,16 @@ class Gauge:
     """Turns estimates into measurements, for one tool and stiffness."""
 
     def __init__(self, tool: Tool, bushing: Bushing, gravity: bool, default_deviation: float) -> None:
-        self.tool, self.bushing, self.gravity = tool, bushing, gravity
+        self.tool, self.gravity = tool, gravity
+        self.use(bushing)
         self.p_Ttip = tool.X_Ttip[:3, 3].copy()
         self._com = np.array(tool.center_of_mass)
         self._default = default_deviation
+
+    def use(self, bushing: Bushing) -> None:
+        """Measure with another stiffness from now on."""
+        self.bushing = bushing
+        self.mean_stiffness = sum(bushing.stiffness.translation) / 3.0  # [N/m]
 
     def weight(self, R_WT: Array) -> Wrench:
         """Weight about T's origin in T; zero for a law without gravity."""
@@ -79,7 +85,7 @@ class Gauge:
         )
 
     def _rotation_deviation(self, estimate: RelativePoseEstimate) -> float:
-        stated = float(np.trace(estimate.covariance[:3, :3])) / 3.0
+        stated = sum(estimate.covariance.diagonal()[:3].tolist()) / 3.0
         return stated**0.5 if stated > 0.0 else ROTATION_DEVIATION
 
     def _variance(self, estimate: RelativePoseEstimate) -> float:

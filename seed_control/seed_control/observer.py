@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seed_control.vectors import Triple, dot, minus, triple
 from seed_core.spatial import Array
 
 MAX_SHARE = 0.85  # of beta: beyond it the environment gives way more than the grasp and 1 / (1 - beta) is mostly noise
@@ -46,7 +47,7 @@ class SurfaceObserver:
         self.tuning = tuning
         self.x = np.zeros(5)
         self.P = np.eye(5)
-        self.anchor = np.zeros(3)  # [m] in W
+        self._stand_at(np.zeros(3))  # [m] in W
         self._c0 = self._last = 0.0
         self._outside = 0
 
@@ -65,7 +66,7 @@ class SurfaceObserver:
         tuning = self.tuning
         self.x[:] = (0.0, 0.0, 0.0, 0.0, share)
         self.P = np.diag([tuning.height_prior**2, *[tuning.slope_prior**2] * 3, tuning.share_prior**2])
-        self.anchor = tip.copy()
+        self._stand_at(tip)
         self._c0, self._last, self._outside = float(n @ (undeflected - tip)), t, 0
 
     def update(self, t: float, n: Array, tip: Array, undeflected: Array, variance: float) -> float:
@@ -85,12 +86,17 @@ class SurfaceObserver:
         self.P -= np.outer(gain, Ph)
         return innovation
 
-    def target(self, n: Array, tip: Array, deflection: float) -> float:
+    @property
+    def place(self) -> Triple:
+        """The anchor, from which heights are counted [m]."""
+        return self._place
+
+    def target(self, n: Triple, tip: Triple, deflection: float) -> float:
         """Height c [m], along n from the anchor, at which c - y is the deflection wanted, with the tip at (3,)."""
-        x = self.x
-        step = tip - self.anchor
-        zeta = float(x[0] + x[1:4] @ step) - float(x[1:4] @ n) * float(n @ step)
-        return self._c0 + (zeta - self._c0 + deflection) / (1.0 - float(x[4]))
+        height, *g, share = self.x.tolist()
+        step = minus(tip, self._place)
+        zeta = height + dot(g, step) - dot(g, n) * dot(n, step)
+        return float(self._c0 + (zeta - self._c0 + deflection) / (1.0 - share))
 
     def _predict(self, t: float, n: Array, tip: Array) -> None:
         """Carry the estimate to the new place, and count heights from there."""
@@ -105,7 +111,11 @@ class SurfaceObserver:
         slope = self.tuning.slope_walk**2 * dt
         for i in (1, 2, 3):
             self.P[i, i] += slope
-        self.anchor, self._last = tip.copy(), t
+        self._stand_at(tip)
+        self._last = t
+
+    def _stand_at(self, tip: Array) -> None:
+        self.anchor, self._place = tip.copy(), triple(tip)
 
     def _stepped(self, innovation: float, variance: float) -> bool:
         side = 1 if innovation > 0 else -1

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the tool touches: some images in a row above a share of each wanted force; lost after more below another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seed_control.parameters import ControllerParameters
+from seed_core.spatial import Array
+
+_CERTAIN = 2.5  # deviations of the estimated force that contact must stand out by
+
+
+class ContactJudge:
+    """`made`: in contact now; `lost`: how often contact was lost."""
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        self._parameters = parameters
+        self._above = self._below = 0  # images in a row
+        self.made = False
+        self.lost = 0
+
+    def reset(self) -> None:
+        """Contact is to be found anew."""
+        self.made, self._above, self._below = False, 0, 0
+
+    def update(self, along: Array, wanted: Array, deviation: float) -> bool:
+        """One image: estimated and wanted force (m,) [N] along the normals, and the former's deviation [N].
+
+        Returns whether contact was made by this very image.
+        """
+        active = np.abs(wanted) > 0.0
+        if not active.any():
+            return False
+        p, felt, size = self._parameters, (along * np.sign(wanted))[active], np.abs(wanted[active])
+        above = bool(np.any(felt > np.maximum(p.contact_share * size, _CERTAIN * deviation)))
+        below = bool(np.all(felt < p.lost_share * size))
+        self._above, self._below = self._above + 1 if above else 0, self._below + 1 if below else 0
+        if not self.made and self._above >= p.contact_images:
+            self.made = True
+            return True
+        if self.made and self._below >= p.lost_images:
+            self.made = False
+            self.lost += 1
+        return False
