@@ -68,6 +68,9 @@ class GrossSlip:
 
     def update(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float) -> bool:
         """Whether a locked frame shows that the tool slides."""
+        if min(result.locked.values()) <= 0.0:  # a bubble that hardly touches: the other one mistakes yaw for x
+            self._seen.clear()
+            return False
         alone = self.dots(frames, slip) if self._doubtful(min(result.locked.values())) else None
         signs = self._signs(result, stamp)
         self._X_dots = alone.X_CT if alone else result.X_CT
