@@ -27,6 +27,7 @@ COMMANDS = (
     Command("test", DEVELOPERS, "test", "every test; further arguments go to pytest"),
     Command("evaluate", "seed_sim.evaluate", "main", "a task in closed loop without ROS, scored"),
     Command("validate", "seed_sim.validate", "main", "the estimators and maps against ground truth"),
+    Command("recordings", "seed_bringup.recordings", "main", "the estimator against recorded images"),
     Command("calibrate", "seed_estimation.calibration", "main", "range and pose of the cameras, from a capture"),
     Command("identify", "seed_sysid.identify", "main", "the stiffness of a grasp, from data"),
     Command("reproduce", "seed_bringup.reproduce", "main", "the published experiments, side by side"),

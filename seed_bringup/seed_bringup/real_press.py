@@ -21,8 +21,11 @@ from seed_estimation.press import Press, load
 START = 1_000_000_000  # [ns] time of the first frame where the recording starts at zero
 
 
-def write(press: Press, path: Path, finger: str = "left") -> None:
-    """One bag with depth (32FC1, metres), grey (mono8, on depth's pixels) and camera_info of one finger."""
+def write(press: Press, path: Path, finger: str = "left", start: int = START, frames: int | None = None) -> None:
+    """One bag with depth (32FC1, metres), grey (mono8, on depth's pixels) and camera_info of one finger.
+
+    start: time of the first frame [ns]; frames: how many of the first to write, all when None.
+    """
     space = f"/bubble_{finger}"
     with BagWriter(path) as bag:
         image, info = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
@@ -32,8 +35,8 @@ def write(press: Press, path: Path, finger: str = "left") -> None:
             "info": bag.add_topic(f"{space}/depth/camera_info", info),
         }
         store, first = bag.types.store, press.images[0].stamp
-        for images in press.images:
-            stamp = START + round((images.stamp - first) * 1e9)
+        for images in press.images[:frames]:
+            stamp = start + round((images.stamp - first) * 1e9)
             depth, grey = images.depth.astype("<f4"), np.rint(images.ir).astype(np.uint8)
             for key, kind, message in (
                 ("info", info, _info(store, press, stamp, finger)),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ from seed_ros.conversions import estimate_to_message, pose_to_matrix, seconds
 from seed_ros.images import image_message
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
-from seed_sim import tactile
+from seed_sim import tactile, validate
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]  # slow: three recordings are played in real time
 
@@ -135,3 +136,18 @@ def test_played_images_give_the_poses_of_the_bag(bench: Bench, tmp_path: Path) -
     assert np.sqrt((translation**2).mean(axis=0)).max() < 2e-4  # [m]
     assert np.rad2deg(np.sqrt((rotation**2).mean(axis=0))).max() < 0.8
     assert node.inputs.counts()["images_out_of_order"] == 0
+
+
+def test_a_bag_with_truth_is_validated_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Images before the truth becomes valid are the reference, those right after it the grasp."""
+    renderer = tactile.TactileRenderer(tactile.TactileParameters(), Hand(), seed=8)
+    poses = [None] * 12 + [np.eye(4)] * 8 + [motion(i / 29) for i in range(30)]
+    bag = write_bag(tmp_path / "whole.mcap", renderer, START, poses)
+    assert validate.main(["estimator", "--from", str(bag), "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["frames"] == 30
+    assert out["valid_fraction"] == 1.0
+    assert max(out["rmse"][name] for name in ("x_mm", "y_mm", "z_mm")) < 0.2
+    assert max(out["rmse"][name] for name in ("roll_deg", "pitch_deg", "yaw_deg")) < 0.8
+    assert validate.main(["estimator", "--method", "published", "--from", str(bag), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rmse"]["z_mm"] > 0.2  # along a long cylinder it is blind

@@ -20,6 +20,8 @@ from seed_estimation.images import Image, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 
 MAX_BYTES = 500_000_000
+UNTOUCHED, TOUCHED, HELD = 59, 64, 72  # frames: no contact before, contact from here on, still from here on
+MOST_UNSTEADY, LEAST_CORRELATION = 0.15, 0.97  # [mm] deviation of the centroid, [1] of indentation with force
 _KEYS = ("t", "depth_0p1mm", "gray_320x240", "wrench_N_Nm", "intrinsics_fxfycxcy", "inv_brown_conrady")
 
 
@@ -73,6 +75,39 @@ def metres(depth: NDArray[np.uint16]) -> Image:
 def registered(grey: NDArray[np.uint8], shape: tuple[int, int]) -> Image:
     """A smaller grey image on depth's pixels (H, W): pixel (u, v) lies at depth pixel (s u + (s - 1)/2, ...)."""
     return np.asarray(cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+class Findings(NamedTuple):
+    """What the patches of a press say. Frames are counted from 0; `contact_from` is None without lasting contact."""
+
+    frames: int
+    false_contacts: int
+    contact_from: int | None
+    centroid_std_mm: float
+    correlation: float
+
+    @property
+    def good(self) -> bool:
+        """Within what the recording is known to show."""
+        in_time = self.contact_from is not None and self.contact_from <= TOUCHED
+        steady = self.centroid_std_mm <= MOST_UNSTEADY and self.correlation > LEAST_CORRELATION
+        return self.false_contacts == 0 and in_time and steady
+
+
+def findings(found: Sequence[ContactPatch], force: Array) -> Findings:
+    """Judges one patch per frame against the measured force (N,) [N]."""
+    contact = [p.in_contact for p in found]
+    free = [i for i, c in enumerate(contact) if not c]
+    contact_from = (max(free) + 1 if free else 0) if contact[-1] else None
+    centroid = np.array([p.centroid for p in found[HELD:]])
+    indentation = [p.mean_indentation for p in found]
+    return Findings(
+        frames=len(found),
+        false_contacts=sum(contact[:UNTOUCHED]),
+        contact_from=contact_from,
+        centroid_std_mm=1e3 * float(np.std(centroid, axis=0).max()),
+        correlation=float(np.corrcoef(indentation, force)[0, 1]),
+    )
 
 
 def patches(press: Press, parameters: EstimatorParameters, still: int = 15) -> list[ContactPatch]:
