@@ -20,27 +20,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import yaml
-from scipy.optimize import least_squares
 
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import field, load_file
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
-from seed_core.spatial import Array, make_pose, rpy_from_rotation, so3_exp
+from seed_estimation.calibration_file import STEP, Calibration, FingerCalibration, frame_of, load, save
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import PatchFinder, mean_depth
+from seed_estimation.cylinder import extrinsics, seen_axis
 from seed_estimation.images import Image
 from seed_estimation.parameters import EstimatorParameters
-from seed_estimation.surface import smooth_depth, touches
+from seed_estimation.surface import smooth_depth
 
-STEP = 8  # [px] between the nodes of the stored range offset
+__all__ = ["Calibration", "FingerCalibration", "MembraneShape", "calibrate", "frame_of", "load", "main", "save"]
+
 SMOOTH = 4.0  # [px] the range error is smooth; what is finer is the camera's pattern, which averages out
-PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of a hand may be
-# Deviations of one cylinder's axis as one camera sees it: its place [m], its direction turned about x, y, z of C [rad].
-# A turn about the optical axis (y) shows on the cylinder's flanks only.
-GAP, TURN = 1e-4, np.array((2.5e-3, 8e-3, 8e-3))
 
 
 @dataclass(frozen=True)
@@ -64,63 +59,6 @@ class MembraneShape:
             return np.where(z >= rim, z, np.nan).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class FingerCalibration:
-    """One camera: its pose in C, and its range offset on a grid of every STEP-th pixel."""
-
-    pose: Frame = field(doc="optical frame in C")
-    width: int = field(low=8, high=4096, unit="px")
-    height: int = field(low=8, high=4096, unit="px")
-    range_offset: list[list[float]] = field(
-        [], unit="m", low=-0.05, high=0.05, doc="true minus measured; rows by columns"
-    )
-
-    def __post_init__(self) -> None:
-        wanted = (-(-self.height // STEP), -(-self.width // STEP))
-        shape = (len(self.range_offset), len(self.range_offset[0]) if self.range_offset else 0)
-        if self.range_offset and (shape != wanted or any(len(r) != wanted[1] for r in self.range_offset)):
-            raise ConfigError(
-                f"range_offset has {shape} nodes; an image of {self.width} x {self.height} needs {wanted}"
-            )
-
-    def offset_map(self) -> Image:
-        """(H, W) [m]; zero where none was calibrated."""
-        if not self.range_offset:
-            return np.zeros((self.height, self.width), np.float32)
-        v, u = np.mgrid[: self.height, : self.width].astype(np.float32) / np.float32(STEP)
-        grid = np.asarray(self.range_offset, np.float32)
-        return np.asarray(cv2.remap(grid, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What `./seed calibrate` writes and the estimator loads."""
-
-    fingers: dict[str, FingerCalibration] = field({}, doc="left, right")
-
-    def hand(self, hand: Hand) -> Hand:
-        """The hand with the calibrated camera poses."""
-        for finger in ("left", "right"):
-            if finger in self.fingers:
-                pose = self.fingers[finger].pose
-                hand = replace(hand, C_L=pose) if finger == "left" else replace(hand, C_R=pose)
-        return hand
-
-    def range_offsets(self) -> dict[str, Image]:
-        """Offset map (H, W) [m] of each finger that has one."""
-        return {name: one.offset_map() for name, one in self.fingers.items() if one.range_offset}
-
-
-def load(path: str | Path) -> Calibration:
-    """Raises ConfigError with file and line."""
-    return load_file(path, Calibration)
-
-
-def save(calibration: Calibration, path: Path) -> None:
-    """As YAML."""
-    path.write_text(yaml.safe_dump(to_mapping(calibration), sort_keys=False, default_flow_style=None), encoding="utf-8")
-
-
 def range_offset(measured: Image, known: Image) -> list[list[float]]:
     """Nodes of the smooth part of known - measured depth, both (H, W) [m] with NaN where there is none.
 
@@ -137,61 +75,6 @@ def range_offset(measured: Image, known: Image) -> list[list[float]]:
     fill = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, 10 * SMOOTH)
     whole = np.where(np.isfinite(smooth), smooth, np.where(np.isfinite(fill), fill, np.median(difference[valid])))
     return [[round(float(v), 6) for v in row] for row in whole[::STEP, ::STEP]]
-
-
-def cylinder_axis(points: Array, radius: float) -> tuple[Array, Array]:
-    """A point on the axis and its direction (3,), both in the camera's frame, of a cylinder seen as points (N, 3) [m].
-
-    Raises:
-        SeedError: too few points, or they are no such cylinder to 2 mm.
-    """
-    if len(points) < 100:
-        raise SeedError(f"{len(points)} pixels show the cylinder; at least 100 are needed: grasp it more firmly")
-    centre = points.mean(axis=0)
-    _, _, Vt = np.linalg.svd(points - centre, full_matrices=False)
-    d0 = Vt[0] if abs(Vt[0][2]) < 0.8 else Vt[1]
-    across = np.cross(d0, (0.0, 0.0, 1.0))
-    across /= np.linalg.norm(across)
-    into = np.cross(across, d0)
-    into *= np.sign(into[2])
-
-    def line(q: Array) -> tuple[Array, Array]:
-        d = d0 + q[0] * across + q[1] * into
-        return centre + q[2] * across + (radius + q[3]) * into, d / np.linalg.norm(d)
-
-    def residual(q: Array) -> Array:
-        a, d = line(q)
-        offset = points - a
-        return np.asarray((np.linalg.norm(offset - np.outer(offset @ d, d), axis=1) - radius) * 1e3)
-
-    found = least_squares(residual, np.zeros(4), loss="soft_l1")
-    if not np.sqrt(np.mean(found.fun**2)) < 2.0:
-        raise SeedError(
-            f"the points fit a cylinder of {radius * 1e3:g} mm to {np.sqrt(np.mean(found.fun**2)):.1f} mm rms only"
-        )
-    return line(found.x)
-
-
-def extrinsics(
-    left: Sequence[tuple[Array, Array]], right: Sequence[tuple[Array, Array]], X_CL: Array, X_CR: Array
-) -> tuple[Array, Array]:
-    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each pose one line."""
-
-    def corrected(q: Array) -> tuple[Array, Array]:
-        half = 0.5 * q * PRIOR
-        return make_pose(so3_exp(half[:3]), half[3:]) @ X_CL, make_pose(so3_exp(-half[:3]), -half[3:]) @ X_CR
-
-    def residual(q: Array) -> Array:
-        A, B = corrected(q)
-        out = [q]  # the drawing counts where nothing else tells
-        for (a, d), (b, e) in zip(left, right, strict=True):
-            a_C, d_C = A[:3, :3] @ a + A[:3, 3], A[:3, :3] @ d
-            b_C, e_C = B[:3, :3] @ b + B[:3, 3], B[:3, :3] @ e
-            gap = b_C - a_C
-            out += [(gap - (gap @ d_C) * d_C) / GAP, np.cross(d_C, e_C) / TURN]
-        return np.concatenate(out)
-
-    return corrected(least_squares(residual, np.zeros(6)).x)
 
 
 def calibrate(
@@ -217,37 +100,10 @@ def calibrate(
         one = FingerCalibration(Frame(), camera.width, camera.height, nodes[finger])
         offset = one.offset_map()
         finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
-        lines[finger] = [_axis(finder, frame + offset, radius) for frame in grasped.get(finger, ())]
+        lines[finger] = [seen_axis(finder, frame + offset, radius) for frame in grasped.get(finger, ())]
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
         X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
     return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
-
-
-def _axis(finder: PatchFinder, depth: Image, radius: float) -> tuple[Array, Array]:
-    """The cylinder's axis from the pixels where the membrane lies on it; which those are, its axis tells."""
-    depth = depth + finder.correction
-    mask, patch = finder.find(depth)
-    if not patch.in_contact:
-        raise SeedError(f"{finder.finger}: a capture of the grasped cylinder shows no contact")
-    smooth = smooth_depth(depth, np.isfinite(depth) & (mask > 0), 1.0)
-    seen = (finder.core(depth, mask) > 0) & np.isfinite(smooth)
-    points, rest = finder.camera.back_project(smooth, seen), finder.rest[seen]
-    line = cylinder_axis(points, radius)
-    for _ in range(3):
-        a, d = line
-        offset = points - a
-        outward = offset - np.outer(offset @ d, d)
-        n = (outward / np.linalg.norm(outward, axis=1, keepdims=True)).T.astype(np.float32)
-        on = touches(rest, points[:, 2].astype(np.float32), n, finder.parameters.decay)
-        line = cylinder_axis(points[on], radius)
-    return line
-
-
-def frame_of(X: Array) -> Frame:
-    """A pose (4, 4) as position and angles."""
-    rpy = np.rad2deg(rpy_from_rotation(X[:3, :3]))
-    p = X[:3, 3]
-    return Frame((float(p[0]), float(p[1]), float(p[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))
 
 
 def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]]:

@@ -19,7 +19,7 @@ import numpy as np
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
-from seed_estimation import calibration, finger_model, identity, reporting
+from seed_estimation import calibration_file, finger_model, identity, reporting
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
 from seed_estimation.frame import prepare
@@ -58,7 +58,7 @@ class Estimator:
         unknown = [f for f in cameras if f not in FINGERS]
         if unknown or not cameras:
             raise EstimatorError(f"cameras of {sorted(cameras) or 'no finger'}: give 'left', 'right' or both")
-        known = calibration.load(parameters.calibration) if parameters.calibration else None
+        known = calibration_file.load(parameters.calibration) if parameters.calibration else None
         self.parameters, self.hand = parameters, known.hand(hand) if known else hand
         self.fingers = tuple(f for f in FINGERS if f in cameras)
         self.full_cameras = dict(cameras)

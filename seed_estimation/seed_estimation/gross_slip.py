@@ -59,6 +59,7 @@ class GrossSlip:
         p = np.concatenate([m.p for m in models], axis=1)
         reach = float(np.sqrt(np.square(p[[0, 2]] - p[[0, 2]].mean(axis=1, keepdims=True)).sum(axis=0).mean()))
         self._lever = np.array((reach, 1.0, 1.0))
+        self._alone = len(models) < 2
         self._dots = [_without_depth(m) for m in models]
         self._seen: deque[_Seen] = deque()
         self._usual = 0.0  # [1] how much of the worse image is explained while the tool sticks
@@ -68,7 +69,7 @@ class GrossSlip:
 
     def update(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float) -> bool:
         """Whether a locked frame shows that the tool slides."""
-        if min(result.locked.values()) <= 0.0:  # a bubble that hardly touches: the other one mistakes yaw for x
+        if self._alone or min(result.locked.values()) <= 0.0:  # one bubble by itself mistakes yaw for x
             self._seen.clear()
             return False
         alone = self.dots(frames, slip) if self._doubtful(min(result.locked.values())) else None
