@@ -13,17 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import cv2
 import numpy as np
 
-from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import calibration_file, finger_model, identity, reporting
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
 from seed_estimation.frame import prepare
-from seed_estimation.images import Image, TactileImages, depth_problem, ir_problem
+from seed_estimation.images import Image, TactileImages
+from seed_estimation.intake import EstimatorError, Intake
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import FlowSettings, PublishedMethod
 from seed_estimation.tracking import Tracker
@@ -33,10 +32,6 @@ __all__ = ["Estimator", "EstimatorError", "EstimatorParameters"]
 FINGERS = ("left", "right")
 SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
 Frames = Sequence[Mapping[str, TactileImages]]
-
-
-class EstimatorError(SeedError):
-    """A reference or grasp that cannot be captured from the images given."""
 
 
 class Estimator:
@@ -64,8 +59,7 @@ class Estimator:
         self.full_cameras = dict(cameras)
         self.cameras = {f: cameras[f].decimated(parameters.decimate) for f in self.fingers}
         self.X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
-        self.range_offset: dict[str, Image] = {}
-        self._correction: dict[str, Image] = {}  # (H, W) [m] to add to depth: range offset, fixed pattern
+        self._intake = Intake({f: cameras[f] for f in self.fingers}, parameters)
         self.patterns: dict[str, Image] = {}
         self.patches: dict[str, ContactPatch] = {}
         self.masks: dict[str, Mask] = {}
@@ -96,12 +90,13 @@ class Estimator:
 
     def reconfigure(self, parameters: EstimatorParameters) -> None:
         """New parameters; reference and grasp are kept where they do not depend on what changed."""
-        before, self.parameters = self.parameters, parameters
+        before, self.parameters, self._intake.parameters = self.parameters, parameters, parameters
         if before.decimate != parameters.decimate or before.method != parameters.method:
             self.cameras = {f: c.decimated(parameters.decimate) for f, c in self.full_cameras.items()}
             self._forget_grasp()
         if before.decimate != parameters.decimate:
             self._finders = {}
+            self._intake.correct(self._intake.range_offset, {})
         for finder in self._finders.values():
             finder.parameters = parameters
         if self._tracker is not None:
@@ -113,19 +108,8 @@ class Estimator:
         Raises:
             EstimatorError: a map's shape is not its image's.
         """
-        n = self.parameters.decimate
-        for finger, offset in range_offset.items():
-            if finger in self.fingers and offset.shape != self.full_cameras[finger].shape:
-                raise EstimatorError(
-                    f"range offset of {finger} has shape {offset.shape}; "
-                    f"its camera has {self.full_cameras[finger].shape}"
-                )
-        self.range_offset = {
-            f: np.nan_to_num(np.asarray(range_offset[f], np.float32)[::n, ::n])
-            for f in self.fingers
-            if f in range_offset
-        }
-        self._finders, self._correction = {}, {}
+        self._intake.correct(range_offset, {})
+        self._finders = {}
         self._forget_grasp()
 
     # -- bubbles touch nothing, tool grasped ---------------------------------------------------------------------
@@ -137,7 +121,9 @@ class Estimator:
             EstimatorError: no usable images of a finger, or images of another finger or upside down.
             NoReferenceError: too little membrane in view.
         """
-        series = self._usable(frames, "reference", self.range_offset)
+        intake = Intake(self._intake.cameras, self.parameters)
+        intake.correct(self._intake.range_offset, {})
+        series = intake.usable(frames, "reference")
         for finger in self.fingers:
             mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
             if mistake:
@@ -146,8 +132,7 @@ class Estimator:
         self._finders = {
             f: PatchFinder(f, self.cameras[f], self.X_CX[f], [i.depth for i in series[f]], p) for f in self.fingers
         }
-        for f, finder in self._finders.items():
-            self._correction[f] = self.range_offset.get(f, np.float32(0.0)) + finder.correction
+        self._intake.correct(intake.range_offset, {f: finder.correction for f, finder in self._finders.items()})
         for finger in self.fingers:
             self.patterns[finger] = identity.pattern(np.mean([i.ir for i in series[finger]], axis=0, dtype=np.float32))
         self._forget_grasp()
@@ -160,7 +145,7 @@ class Estimator:
         """
         if not self.has_reference:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
-        series = self._usable(frames, "grasp", self._correction)
+        series = self._intake.usable(frames, "grasp")
         self._forget_grasp()
         p, patches, masks, ir, depth = self.parameters, {}, {}, {}, {}
         for f in self.fingers:
@@ -199,25 +184,6 @@ class Estimator:
             models.append(model)
         return Tracker(models, p, max(i[-1].stamp for i in series.values()))
 
-    def _usable(self, frames: Frames, what: str, correction: Mapping[str, Image]) -> dict[str, list[TactileImages]]:
-        """The good images of each finger, with depth corrected; raises when there are none."""
-        out: dict[str, list[TactileImages]] = {f: [] for f in self.fingers}
-        problem = "no images"
-        for images in frames:
-            for finger in self.fingers:
-                if finger not in images:
-                    problem = f"no image of the {finger} finger"
-                    continue
-                problem = self._image_problem(finger, images[finger])
-                if not problem:
-                    out[finger].append(self._reduced(images[finger], correction.get(finger)))
-                else:
-                    break
-        for finger in self.fingers:
-            if not out[finger]:
-                raise EstimatorError(f"{what}: no usable image of the {finger} finger: {problem}")
-        return out
-
     # -- at the frame rate -----------------------------------------------------------------------------------------
 
     def update(self, images: Mapping[str, TactileImages], stamp: float) -> RelativePoseEstimate:
@@ -226,7 +192,7 @@ class Estimator:
         if problem:
             self.patches, self.masks, self._images = {}, {}, {}  # what was seen before is not what is there now
             return self._invalid(stamp, problem)
-        reduced = {f: self._reduced(images[f], self._correction.get(f)) for f in self.fingers}
+        reduced = {f: self._intake.reduced(f, images[f]) for f in self.fingers}
         self._images = reduced
         step = QUICK if self._published is None else 1
         for finger in self.fingers:
@@ -247,41 +213,10 @@ class Estimator:
             return (
                 f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
             )
-        missing = [f for f in self.fingers if f not in images]
-        if missing:
-            return f"no image of the {' and '.join(missing)} finger: is the camera running?"
-        for finger in self.fingers:
-            problem = self._image_problem(finger, images[finger])
-            if problem:
-                return problem
-        stamps = [images[f].stamp for f in self.fingers]
-        if not max(stamps) - min(stamps) <= self.parameters.max_skew:
-            skew = max(stamps) - min(stamps)
-            return f"images of left and right are {skew:.3f} s apart (at most {self.parameters.max_skew:g} s)"
-        if not self.has_reference:
+        problem = self._intake.problem(images)
+        if not problem and not self.has_reference:
             return "no reference: capture_reference has not been called"
-        return ""
-
-    def _image_problem(self, finger: str, images: TactileImages) -> str:
-        p, camera = self.parameters, self.full_cameras[finger]
-        for image in (images.depth, images.ir):
-            if not isinstance(image, np.ndarray) or image.dtype.kind not in "fui":
-                return f"{finger}: an image is no array of numbers"
-        problem = depth_problem(images.depth, camera.shape, p.near, p.far, p.least_valid)
-        problem = problem or ir_problem(images.ir, camera.shape, p.saturation)
-        return f"{finger}: {problem}" if problem else ""
-
-    def _reduced(self, images: TactileImages, correction: Image | None) -> TactileImages:
-        """Images at the working resolution, depth corrected."""
-        n = self.parameters.decimate
-        depth, ir = images.depth[::n, ::n], images.ir
-        if n > 1:
-            ir = cv2.blur(ir.astype(np.float32), (n, n))[::n, ::n]
-        if correction is not None:
-            depth = depth + correction
-        return TactileImages(
-            np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(ir, np.float32), images.stamp
-        )
+        return problem
 
     def _update_published(self, images: Mapping[str, TactileImages], stamp: float) -> RelativePoseEstimate:
         assert self._published is not None
