@@ -249,6 +249,8 @@ class Demo:
             session.play(self._task_source(), overrides, tell, TASK_PATIENCE)
         finally:
             bar.close()
+        for reason in session.holds:
+            say(f"the arm held during the task: {reason}")
 
     def _task_source(self) -> str:
         file = Path(self.options.task)

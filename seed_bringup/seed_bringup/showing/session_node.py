@@ -18,10 +18,12 @@ from rclpy.signals import SignalHandlerOptions
 from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
 from seed_ros.conversions import seconds
+from seed_ros.qos import LATCHED
 
 Watch = Callable[[], None]  # raises when the run must end
 Tell = Callable[[str], None]
@@ -52,7 +54,10 @@ class Session:
         self._executor.add_node(self.node)
         self.state: ControllerState | None = None
         self.played = Played()
+        self.holds: list[str] = []  # why the arm held during the task
         self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
+        for arm in ("driver", "sim"):
+            self.node.create_subscription(String, f"{arm}/hold_reason", self._on_hold, LATCHED)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -63,6 +68,10 @@ class Session:
         self.state = message
         if message.in_contact and self.played.contact is None and self.played.phases:
             self.played.contact = seconds(message.header.stamp)
+
+    def _on_hold(self, message: String) -> None:
+        if message.data and self.played.phases and not self.played.ended:
+            self.holds.append(message.data)
 
     def spin(self, duration: float) -> None:
         """Let time pass."""
