@@ -68,6 +68,7 @@ IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a
 CORES = 4  # that the live graph wants at full rates
 STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
+FAST_RATES = (250.0, 125.0)  # [Hz] of arm and controller, with enough cores and with fewer
 
 
 def _small() -> bool:
@@ -202,11 +203,9 @@ class Demo:
         beliefs = self.folder / "beliefs.yaml"
         beliefs.write_text(yaml.safe_dump(_beliefs(self.scenario)), encoding="utf-8")
         controller = self.folder / "controller.yaml"
-        values = {k: v for k, v in self.scenario.controller.items() if k != "law"}
-        controller.write_text(
-            yaml.safe_dump({"controller": {"ros__parameters": {"rate": 125.0 if _small() else 250.0, **values}}}),
-            encoding="utf-8",
-        )
+        given = {k: v for k, v in self.scenario.controller.items() if k != "law"}
+        values = {"rate": FAST_RATES[_small()], **given}
+        controller.write_text(yaml.safe_dump({"controller": {"ros__parameters": values}}), encoding="utf-8")
         o = self.options
         return {
             **self.robot,
@@ -218,7 +217,7 @@ class Demo:
             "replay": str(self.folder / "replay.html"),
             "hand_file": str(beliefs),
             "controller_file": str(controller),
-            "sim_rate": "125.0" if _small() else "250.0",
+            "sim_rate": str(FAST_RATES[_small()]),
             "camera_rate": str(float(o.camera_rate or (SMALL_CAMERA_RATE if _small() else 0.0))),
         }
 

@@ -87,7 +87,7 @@ class EstimatorNode(Node):
         self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
         self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None)
+        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True)
         self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}

@@ -3,7 +3,8 @@
 
 An rclpy executor builds its wait set anew for every message; at 250 Hz in and out that alone is a third of a core. Here
 the streams that matter are polled once per period, without an executor, and the rest (services, actions, slow
-timers) is spun a few times between.
+timers) is spun a few times between. With use_sim_time the periods are those of /clock: where that stands still, so
+does the loop.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import ROSClock
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import (
     ExternalShutdownException,
@@ -22,11 +24,17 @@ from rclpy.executors import (
     TimeoutException,
 )
 from rclpy.node import Node
+from rclpy.time import Time
 from rclpy.timer import Timer
 
-from seed_ros.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+
+from seed_ros.qos import CLOCK, QoSProfile
 
 PERIODS = 2500  # of the last ten seconds, for percentiles
+CLOCK_LOOK = 0.002  # [s] between two looks at a simulated clock
+CLOCK_PATIENCE = 5.0  # [s] of silence before it is said
+TURNED_BACK = 1.0  # [s] further than this from being due: the simulated clock was set back
 LATE = 5  # [periods] behind which deadlines start anew: what was missed is not made up for
 IDLE_REST = 0.1  # [s] between two looks at services, actions and slow timers
 BUSY_REST = 0.02  # [s] while they are in use: for BUSY after the last call
@@ -80,12 +88,28 @@ class RestExecutor(SingleThreadedExecutor):
 class FixedRateLoop:
     """`poll` subscriptions, then `run`."""
 
-    def __init__(self, node: Node, rate: float, tick: Callable[[], None]) -> None:
+    def __init__(self, node: Node, rate: float, tick: Callable[[], None], *, steady: bool = False) -> None:
+        """steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages."""
         self.node, self.period, self._tick = node, 1.0 / rate, tick
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s]
         self.overruns = 0
+        self._next_rest = self._busy_until = 0.0
         self._group = _Polled()
         self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
+        self._unheard = bool(node.get_parameter("use_sim_time").value)  # of a simulated clock
+        self._simulated = self._unheard and not steady
+        if self._unheard:
+            self.poll(Clock, "/clock", self._on_clock, CLOCK)
+
+    def _on_clock(self, message: Clock) -> None:
+        clock = self.node.get_clock()
+        assert isinstance(clock, ROSClock)
+        clock.set_ros_time_override(Time.from_msg(message.clock))
+        self._unheard = False
+
+    def _now(self) -> float:
+        """Time that periods are counted in [s]."""
+        return self.node.get_clock().now().nanoseconds * 1e-9 if self._simulated else time.monotonic()
 
     def poll(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
         """As create_subscription; the callback runs at the beginning of a period."""
@@ -104,18 +128,55 @@ class FixedRateLoop:
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Until the context ends, or `ended()`."""
         executor = self.executor()
-        next_rest, busy_until, deadline, last = 0.0, 0.0, time.monotonic(), time.monotonic()
+        self._await_clock(ended)
+        due, last = self._now(), time.monotonic()
         while self.node.context.ok() and not ended():
-            self.take()
-            self._tick()
-            now = time.monotonic()
-            self.periods.append(now - last)
-            last = now
-            if now >= next_rest:
-                if executor.run_some():
-                    busy_until = now + BUSY
-                next_rest = now + (BUSY_REST if now < busy_until else IDLE_REST)
-            deadline = self._wait(deadline + self.period)
+            if self._await(due):
+                self.take()
+                self._tick()
+                now = time.monotonic()
+                self.periods.append(now - last)
+                last, due = now, self._next(due)
+            self._rest(executor)
+
+    def _await_clock(self, ended: Callable[[], bool]) -> None:
+        """A simulated clock that is not heard yet shows zero: no deadline could be kept by it."""
+        started, warned = time.monotonic(), False
+        while self._unheard and self.node.context.ok() and not ended():
+            time.sleep(CLOCK_LOOK)
+            self._take(self._polled[0])
+            if not warned and time.monotonic() - started > CLOCK_PATIENCE:
+                warned = True
+                self.node.get_logger().warning("use_sim_time is set, and nothing comes on /clock: waiting for it")
+
+    def _await(self, due: float) -> bool:
+        """Sleep until `due`, or for one look at the simulated clock; whether it is time."""
+        if not self._simulated:
+            time.sleep(max(due - time.monotonic(), 0.0))
+            return True
+        if not self._has_come(due):
+            time.sleep(CLOCK_LOOK)
+            self._take(self._polled[0])
+        return self._has_come(due)
+
+    def _has_come(self, due: float) -> bool:
+        """By a simulated clock, which may be set back."""
+        now = self._now()
+        return not now < due < now + TURNED_BACK
+
+    def _next(self, due: float) -> float:
+        """When the period after the one that was due then begins."""
+        now = self._now()
+        late = now - due - self.period
+        self.overruns += late > 0.0
+        return due + self.period if -TURNED_BACK < late < LATE * self.period else now
+
+    def _rest(self, executor: RestExecutor) -> None:
+        now = time.monotonic()
+        if now >= self._next_rest:
+            if executor.run_some():
+                self._busy_until = now + BUSY
+            self._next_rest = now + (BUSY_REST if now < self._busy_until else IDLE_REST)
 
     def executor(self) -> RestExecutor:
         """Of everything but the polled streams."""
@@ -131,18 +192,14 @@ class FixedRateLoop:
 
     def take(self) -> None:
         """Give every polled message that has come to its callback."""
-        for subscription, callback in self._polled:
-            with subscription.handle:
-                for _ in range(MOST):
-                    taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                    if taken is None:
-                        break
-                    callback(*taken)
+        for polled in self._polled:
+            self._take(polled)
 
-    def _wait(self, deadline: float) -> float:
-        remaining = deadline - time.monotonic()
-        if remaining > 0.0:
-            time.sleep(remaining)
-            return deadline
-        self.overruns += 1
-        return deadline if -remaining < LATE * self.period else time.monotonic()
+    def _take(self, polled: tuple[Any, Callable[[Any, Any], None]]) -> None:
+        subscription, callback = polled
+        with subscription.handle:
+            for _ in range(MOST):
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                callback(*taken)

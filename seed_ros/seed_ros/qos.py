@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The three qualities of service that the suite uses."""
+"""The qualities of service that the suite uses."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -16,3 +16,5 @@ LATCHED = QoSProfile(
 )
 # Set-points and poses of which each one counts.
 QUEUE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.RELIABLE)
+# Simulated time.
+CLOCK = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

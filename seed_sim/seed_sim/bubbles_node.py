@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,7 +29,7 @@ from seed_ros.qos import SENSOR
 from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
-LOOP_RATE = 300.0  # [Hz] at which it is looked what is due
+LOOP_RATE = 200.0  # [Hz] at which it is looked what is due
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,8 @@ class BubblesNode(Node):
         self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
         self._frames_sent = self._late = 0
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
-        self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), time.monotonic()
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick)
+        self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), 0.0
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True)
         self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
 
@@ -81,11 +80,11 @@ class BubblesNode(Node):
         self._truth = seconds(message.header.stamp), X_CT
 
     def _tick(self) -> None:
-        now = time.monotonic()
+        now = self.get_clock().now().nanoseconds * 1e-9
         if now >= self._next:
             self._next = max(self._next + self._period, now - self._period)
             self._shoot()
-        self._deliver()
+        self._deliver(now)
 
     def _shoot(self) -> None:
         """Expose: the images carry the stamp of the truth they show."""
@@ -95,8 +94,7 @@ class BubblesNode(Node):
         images = self.renderer.no_contact(self._shot) if X_CT is None else self.renderer.render(X_CT, self._shot)
         self._ready.append((self._shot, images))
 
-    def _deliver(self) -> None:
-        now = self.get_clock().now().nanoseconds * 1e-9
+    def _deliver(self, now: float) -> None:
         while self._ready and now - self._ready[0][0] >= self.settings.latency:
             stamp, images = self._ready.popleft()
             self._late += now - stamp > self.settings.latency + 0.01

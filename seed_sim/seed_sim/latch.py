@@ -14,7 +14,7 @@ class Latch:
         self._heard: float | None = None  # [s] when the last usable target came; None: none to follow yet
 
     def heard(self, now: float) -> None:
-        """A usable target came at `now` [s], steady time."""
+        """A usable target came at `now` [s]."""
         self._heard = now
 
     def refused(self, reason: str) -> None:

@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from seed_msgs.msg import RelativePose
 from seed_msgs.srv import SetGripperWidth
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
@@ -31,6 +32,7 @@ from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.arm import ELBOW_UP
+from seed_sim.awaited import Awaited
 from seed_sim.cell import GRAVITY
 from seed_sim.closed_loop import start_pose
 from seed_sim.latch import Latch
@@ -43,6 +45,7 @@ BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond i
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
+TARGET_PATIENCE, ESTIMATE_PATIENCE = 0.05, 0.13  # [s] age of the newest, from which the plant waits for the next
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -56,6 +59,7 @@ class SimSettings:
     rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
     target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="oldest target_frame that is followed")
     max_step: float = field(0.05, unit="m", low=1e-4, high=1.0, doc="a target further from the flange is a jump")
+    clock: bool = field(False, doc="publish the plant's time on /clock, and stand still for late estimates and targets")
     relative_pose: bool = field(False, doc="publish relative_pose from the truth, in place of cameras and estimator")
     robot_ip: str = field(
         "", doc="stand-in UR controller whose arm carries the gripper; empty: an arm of the cell's own"
@@ -85,12 +89,15 @@ class SimNode(Node):
         self.real_time_factor = 1.0
         self._link = self._join_robot()
         own_arm = self._link is None
-        self._outputs = Outputs(self, self.plant, self.frames, self.settings.relative_pose, own_arm)
+        self._outputs = Outputs(
+            self, self.plant, self.frames, self.settings.relative_pose, own_arm, self.settings.clock
+        )
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
         if own_arm:
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
             self._hold_reason = self.create_publisher(String, "~/hold_reason", LATCHED)
             self.create_service(Trigger, "~/resend_robot_program", self._resume)
+        self._awaited = self._await_others() if self.settings.clock else {}
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -111,6 +118,13 @@ class SimNode(Node):
         link.place(self._X_WE_start, ELBOW_UP)
         return link
 
+    def _await_others(self) -> dict[str, Awaited]:
+        """The streams that the plant waits for: those that the controller and the estimator answer with."""
+        awaited = {"target_frame": Awaited(TARGET_PATIENCE), "relative_pose": Awaited(ESTIMATE_PATIENCE)}
+        hear = awaited["relative_pose"].hear
+        self.loop.poll(RelativePose, "relative_pose", lambda m: hear(seconds(m.header.stamp)), COMMAND)
+        return awaited
+
     # time
     def _start_clock(self) -> None:
         """Tie the plant's time to the wall's, both steady and ROS's, from now on."""
@@ -126,20 +140,29 @@ class SimNode(Node):
 
     def _tick(self) -> None:
         behind = time.monotonic() - self._steady_offset - self.plant.time
-        if behind > BEHIND:
-            lost = behind - BEHIND
-            self._steady_offset += lost
-            self._ros_offset += lost
-            self._lost += lost
-        self._advance(self.plant.time + min(behind, BEHIND))
+        advance = 0.0 if self._waits() else min(behind, BEHIND)
+        self._lose(behind - advance)
+        self._advance(self.plant.time + advance)
         self._outputs.publish(self.stamp, self.grasped)
-        self._latch.check(time.monotonic())
+        self._latch.check(self.stamp)
         self._say_why_it_holds()
 
     def _say_why_it_holds(self) -> None:
         if self._latch.reason != self._said:
             self._said = self._latch.reason
             self._hold_reason.publish(String(data=self._said))
+
+    def _waits(self) -> bool:
+        """Whether the plant stands still for a process that this machine is too busy to run in time."""
+        steady = time.monotonic()
+        return any([a.late(self.stamp, steady) for a in self._awaited.values()])
+
+    def _lose(self, lost: float) -> None:
+        """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""
+        self._steady_offset += lost
+        self._lost += lost
+        if not self.settings.clock:
+            self._ros_offset += lost
 
     def _advance(self, t: float) -> None:
         if self._link is not None:
@@ -194,12 +217,15 @@ class SimNode(Node):
         if age or self._latch.reason:
             self.complaints.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
             return
-        self._latch.heard(time.monotonic())
+        self._latch.heard(self.stamp)
+        if "target_frame" in self._awaited:
+            self._awaited["target_frame"].hear(seconds(message.header.stamp))
         self.plant.command(X_WE)
 
     def _age(self, message: PoseStamped) -> str:
         """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
-        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
+        now = self.stamp if self.settings.clock else self.get_clock().now().nanoseconds * 1e-9
+        age = now - seconds(message.header.stamp)
         limit = self.settings.target_timeout
         return f"target_frame stamp is {age:.3f} s old, limit {limit:g} s; the arm holds" if abs(age) > limit else ""
 

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32, Float64
@@ -24,7 +25,7 @@ from seed_ros.conversions import (
 )
 from seed_ros.frames import FrameNames
 from seed_ros.loop import QUIET_OUT
-from seed_ros.qos import COMMAND, LATCHED, QUEUE, SENSOR
+from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR
 from seed_ros.tf import TransformBroadcaster
 from seed_sim.plant import Plant
 
@@ -32,16 +33,20 @@ from seed_sim.plant import Plant
 class Outputs:
     """Publishers of the node; `publish` is called once per tick."""
 
-    def __init__(self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool = True) -> None:
+    def __init__(
+        self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool = True, clock: bool = False
+    ) -> None:
         """stand_in: publish relative_pose from the truth, in place of cameras and estimator.
 
         own_arm: publish what an arm publishes; with a UR behind its driver, that is the driver's business.
+        clock: publish the time of each tick.
         """
         self._own_arm = own_arm
         self._plant, self._frames = plant, frames
         create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
         self._next_image = 0.0
+        self._clock = create(Clock, "/clock", CLOCK) if clock else None
         self._pose = create(PoseStamped, "current_pose", QUEUE)
         self._twist = create(TwistStamped, "current_twist", QUEUE)
         self._wrench = create(WrenchStamped, "wrench", QUEUE)
@@ -62,6 +67,8 @@ class Outputs:
     def publish(self, t: float, grasped: bool) -> None:
         """Everything that is due at time t [s]: the pose at the full rate, loads and truth at half of it."""
         X_WE = self._plant.X_WE
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=stamp_from_seconds(t)))
         if self._own_arm:
             self._pose.publish(pose_stamped(X_WE, t, self._frames.base))
         self._count += 1

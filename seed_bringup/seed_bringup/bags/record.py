@@ -37,7 +37,7 @@ class Recorder(Node):
         self.recorded: set[str] = set()
         self.refused: dict[str, str] = {}
         self.before_clock = 0
-        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None)
+        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None, steady=True)
         self.create_timer(DISCOVERY_PERIOD, self.discover, clock=rclpy.clock.Clock())
         self.discover()
 

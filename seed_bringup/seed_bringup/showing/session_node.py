@@ -158,8 +158,8 @@ class Session:
         holder["timer"] = self.node.create_timer(max(delay, 1e-3), begin)
 
     def now(self) -> float:
-        """ROS time [s]."""
-        return self.node.get_clock().now().nanoseconds * 1e-9
+        """Time of the controller's newest state [s]."""
+        return 0.0 if self.state is None else seconds(self.state.header.stamp)
 
 
 def _png(message: Image) -> bytes:

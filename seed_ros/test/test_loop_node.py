@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A loop by a simulated clock: it keeps the clock's periods, and stands still where the clock does."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from rclpy.context import Context  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+
+from seed_ros.conversions import stamp_from_seconds  # noqa: E402
+from seed_ros.loop import FixedRateLoop  # noqa: E402
+from seed_ros.qos import CLOCK  # noqa: E402
+
+PERIOD = 0.01  # [s]
+
+
+class Ticking:
+    """A node whose loop runs in a thread and notes the time of each tick."""
+
+    def __init__(self, context: Context) -> None:
+        self.node = Node("ticking", context=context, parameter_overrides=[Parameter("use_sim_time", value=True)])
+        self.times: list[float] = []
+        self.loop = FixedRateLoop(self.node, 1.0 / PERIOD, self._tick)
+        self.stopped = threading.Event()
+        self.thread = threading.Thread(target=self.loop.run, args=(self.stopped.is_set,))
+        self.thread.start()
+
+    def _tick(self) -> None:
+        self.times.append(self.node.get_clock().now().nanoseconds * 1e-9)
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    rclpy.init(args=[], context=context)
+    yield context
+    rclpy.try_shutdown(context=context)
+
+
+def test_loop_follows_the_simulated_clock_and_stands_still_with_it(context: Context) -> None:
+    source = Node("source", context=context)
+    clock = source.create_publisher(Clock, "/clock", CLOCK)
+    ticking = Ticking(context)
+    try:
+        deadline = time.monotonic() + 10.0
+        while clock.get_subscription_count() < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert ticking.times == []  # no clock was heard yet
+        for i in range(201):
+            clock.publish(Clock(clock=stamp_from_seconds(100.0 + 0.1 * PERIOD * i)))
+            time.sleep(0.004)
+        counted = len(ticking.times)
+        assert counted == pytest.approx(21, abs=2)
+        assert ticking.times[-1] == pytest.approx(100.2, abs=2 * PERIOD)
+        time.sleep(20 * PERIOD)
+        assert len(ticking.times) == counted
+        clock.publish(Clock(clock=stamp_from_seconds(50.0)))  # a bag that starts again
+        time.sleep(0.1)
+        assert ticking.times[-1] == pytest.approx(50.0, abs=PERIOD)
+    finally:
+        ticking.stopped.set()
+        ticking.thread.join()
+        ticking.node.destroy_node()
+        source.destroy_node()

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated time waits for a late stream, and not for ever."""
+
+from __future__ import annotations
+
+from seed_sim.awaited import LONGEST, Awaited
+
+
+def test_a_stream_that_never_came_is_not_waited_for() -> None:
+    assert not Awaited(0.1).late(1e9, 0.0)
+
+
+def test_time_stands_still_from_the_patience_on_until_the_next_message() -> None:
+    stream = Awaited(0.1)
+    stream.hear(5.0)
+    assert not stream.late(5.09, 0.0)
+    assert stream.late(5.11, 0.0)
+    stream.hear(5.08)
+    assert not stream.late(5.11, 0.5)
+
+
+def test_a_stream_that_has_ended_is_given_up_until_it_is_heard_again() -> None:
+    stream = Awaited(0.1)
+    stream.hear(5.0)
+    assert stream.late(5.2, 10.0)
+    assert stream.late(5.2, 10.0 + 0.9 * LONGEST)
+    assert not stream.late(5.2, 10.0 + 1.1 * LONGEST)
+    assert not stream.late(9.0, 20.0)
+    stream.hear(9.0)
+    assert stream.late(9.2, 21.0)
