@@ -62,8 +62,8 @@ class Tracker:
         for m in self.models:
             X = m.X_XC @ X_CT
             pixels = project32(m.camera, (X[:3, :3] @ m.p[:, ::7] + X[:3, 3:]).astype(np.float32))
-            u, v = np.clip(np.nan_to_num(pixels), -1e5, 1e5)
-            out[m.finger] = (int(u.min()), int(u.max()), int(v.min()), int(v.max()))
+            (u0, v0), (u1, v1) = np.clip(np.nan_to_num((pixels.min(axis=1), pixels.max(axis=1))), -1e5, 1e5).astype(int)
+            out[m.finger] = (int(u0), int(u1), int(v0), int(v1))
         return out
 
     def step(self, frames: Mapping[str, Frame], stamp: float) -> Fit:

@@ -71,7 +71,7 @@ def test_the_published_method_sees_y_and_is_blind_along_a_long_cylinder() -> Non
         seen.append(y.X_CT[1, 3])
     z = estimator.update(bubbles.render(make_pose(p=(0.0, 0.0, 0.004)), 1.0), 1.0)
     assert np.corrcoef(moved, seen)[0, 1] > 0.99
-    # the patch's mean includes membrane beside the tool, which moves less than the tool
+    # the patch grows as it is pressed: new, less indented membrane holds its mean back, on a cylinder by a quarter
     assert 0.6 < np.polyfit(moved, seen, 1)[0] < 1.1
     assert abs(z.X_CT[2, 3]) < 0.001
     assert not z.observed[2]
@@ -81,7 +81,7 @@ def test_the_published_method_sees_y_and_is_blind_along_a_long_cylinder() -> Non
 def test_the_published_method_sees_pitch() -> None:
     estimator, bubbles = held(TactileParameters(), 12, "published")
     estimate = estimator.update(bubbles.render(pose_from_rpy((0.0, 0.12, 0.0), np.zeros(3)), 0.1), 0.1)
-    assert -estimate.X_CT[2, 0] == pytest.approx(np.sin(0.12), rel=0.3)
+    assert -estimate.X_CT[2, 0] == pytest.approx(np.sin(0.12), rel=0.25)
 
 
 def test_one_finger_gives_a_reduced_estimate() -> None:
