@@ -96,10 +96,11 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
         "outliers_made": cell.outliers,
     }
     if args.in_the_loop:
-        from seed_sysid.in_the_loop import compare
+        from seed_sysid.in_the_loop import compare, read_back
 
         g = analysis.nominal
-        figures["in_the_loop"] = compare(analysis.solution.stiffness[g], cell.truth.stiffness[g], args.seed)
+        found = read_back(stiffness_file(analysis, created), analysis.widths[g])
+        figures["in_the_loop"] = compare(found, cell.truth.stiffness[analysis.grips[g]], args.seed)
     return analysis, figures
 
 

@@ -4,16 +4,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from seed_core.bushing import Stiffness
 from seed_core.spatial import Array
+from seed_core.stiffness_file import GripStiffness, StiffnessFile, load_stiffness, save_stiffness
 
 _GRAVITY = 9.81  # [m/s^2]
 _FORCE = 10.0  # [N]
 _ALLOWED = 1.2  # times the relative error of the force axis times (force + weight)
+
+
+def read_back(file: StiffnessFile, width: float) -> Array:
+    """The stiffness (6,) at a gripper width [m] that a controller finds in the file once it is written."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "stiffness.yaml"
+        save_stiffness(path, file)
+        k = GripStiffness(load_stiffness(path)).at_width(width)
+    return np.array([*k.rotation, *k.translation])
 
 
 def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
