@@ -45,8 +45,8 @@ class _Run:
 class FollowServer:
     """Call before_step and after_step around each control step."""
 
-    def __init__(self, node: Node, core: Controller, now: Callable[[], float]) -> None:
-        self._core, self._now, self._logger = core, now, node.get_logger()
+    def __init__(self, node: Node, core: Controller, now: Callable[[], float], others: Callable[[], bool]) -> None:
+        self._core, self._now, self._others, self._logger = core, now, others, node.get_logger()
         self._run: _Run | None = None
         self._server = ActionServer(
             node,
@@ -77,6 +77,8 @@ class FollowServer:
     def _start(self, goal: ServerGoalHandle) -> None:
         if self._run is not None:
             raise SeedError(f"task '{self._run.player.task.name}' is being played: cancel it first")
+        if self._others():
+            raise SeedError("the tool is being weighed: wait for ~/weigh_tool to answer")
         task = read_task(goal.request.task, goal.request.overrides)
         state = self._core.state
         if not state.enabled or state.mode == "holding":

@@ -20,10 +20,13 @@ from std_srvs.srv import SetBool
 
 from seed_control import conversions_node as convert
 from seed_control.follow_node import FollowServer
+from seed_control.grip import GripSettings
+from seed_control.grip_node import GripListener
 from seed_control.law import Controller
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import Setpoint
 from seed_control.state import ControlOutput
+from seed_control.weigh_node import WeighServer
 from seed_core.bushing import Stiffness
 from seed_core.config import field
 from seed_core.errors import SeedError
@@ -71,6 +74,7 @@ class ControllerNode(Node):
             self, DEFAULT_STIFFNESS, "grasp", live=("rotation", "translation"), on_change=self._on_stiffness
         )
         self.core = Controller(self.parameters, declare(self, Hand(), "hand"), self.tool, stiffness)
+        grip = declare(self, GripSettings(), "grip")
         refuse_unknown(self)
         self.complaints = Complaints(self)
         self.steps = 0
@@ -78,7 +82,9 @@ class ControllerNode(Node):
         self._here = np.eye(4)  # the newest flange pose
         self._output: ControlOutput | None = None
         self._wire()
-        self.follow = FollowServer(self, self.core, self.now)
+        self.follow = FollowServer(self, self.core, self.now, lambda: self.weigh.busy)
+        self.weigh = WeighServer(self, self.core, self.now, lambda: self.follow.busy)
+        GripListener(self, grip, self.complaints, self._on_stiffness)
         self._publish_tip()
         self._every = max(1, round(self.parameters.rate / self.settings.state_rate))
         self._diagnostics = diagnostics.Diagnostics(self, "controller", self._report)
@@ -138,7 +144,7 @@ class ControllerNode(Node):
         except SeedError as error:
             self.complaints.add("setpoints_unreadable", str(error))
             return
-        if self.follow.busy:
+        if self.follow.busy or self.weigh.busy:
             self.complaints.add(
                 "setpoints_during_task", "a set-point came while a task is played: cancel the task first"
             )
@@ -168,6 +174,7 @@ class ControllerNode(Node):
     def _step(self) -> None:
         now = self.now()
         self.follow.before_step(now)
+        self.weigh.before_step(now)
         self._output = output = self.core.step(now)
         self.steps += 1
         if output.X_WE is not None and self._may_send(output):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,14 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose
-from std_srvs.srv import SetBool
+from std_msgs.msg import Float32
+from std_srvs.srv import SetBool, Trigger
 
 from seed_control.node import ControllerNode
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import Hand, Tool
+from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
+from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
 from seed_ros.conversions import (
     estimate_to_message,
     fill_pose,
@@ -29,7 +32,7 @@ from seed_ros.conversions import (
     pose_to_matrix,
     stamp_from_seconds,
 )
-from seed_ros.qos import COMMAND, QUEUE
+from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -42,9 +45,9 @@ PATIENT = {"kinematics_timeout": 0.8, "estimate_timeout": 1.0, "max_estimate_age
 class Cell:
     """What stands around the controller."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, **parameters: Any) -> None:
         self.bench = bench
-        self.node = bench.add(ControllerNode, **PATIENT)
+        self.node = bench.add(ControllerNode, **PATIENT, **parameters)
         self.X_WE = X_W_TIP @ inverse_pose(Tool().X_Ttip) @ inverse_pose(Hand().X_EC)
         self.targets = 0
         self.silent: set[str] = set()
@@ -71,7 +74,8 @@ class Cell:
         if "current_pose" not in self.silent:
             self._pose.publish(pose_stamped(self.X_WE, self.now(), "base"))
         if "relative_pose" not in self.silent and self._turns % 3 == 0:
-            hanging = make_pose(None, DOWN.T @ np.array((0.0, 0.0, -0.2 * 9.81 / 800.0)))
+            R_TW = self.X_WE[:3, :3].T  # the grasp's frame is turned as the flange's is
+            hanging = make_pose(None, R_TW @ np.array((0.0, 0.0, -0.2 * 9.81)) / np.array((800.0, 1200.0, 800.0)))
             estimate = RelativePoseEstimate(self.now(), hanging, np.diag([1e-8] * 6), method="test")
             message = estimate_to_message(estimate, "compliance", "tool")
             self.change(message)
@@ -268,3 +272,42 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     cell.bench.spin(0.3)
     assert cell.state.tip.position.z - before > 0.04  # [m], of the task's lift of 0.05
     assert not cell.node.follow.busy
+
+
+def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) -> None:
+    """Takes as long as the motion: five orientations, held still."""
+    refused = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
+    assert not refused.success
+    assert "call ~/enable first" in refused.message
+    cell.enabled()
+    answer = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
+    assert answer.success, answer.message
+    mass = float(answer.message.split()[1])
+    assert mass == pytest.approx(0.2, rel=0.02)
+    assert "vertical stiffness is 1.0" in answer.message or "vertical stiffness is 0.99" in answer.message
+
+
+def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
+    soft, firm = DEFAULT_STIFFNESS, DEFAULT_STIFFNESS.scaled(1.5)
+    grips = tuple(Grip(p, w, k.rotation, k.translation) for p, w, k in ((1020.0, 0.06, soft), (1060.0, 0.05, firm)))
+    save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile("hand", "tool", "2026-01-31", grips))
+    bench = Bench()
+    try:
+        cell = Cell(bench, grip__file=str(tmp_path / "stiffness.yaml"))
+        pressures = [bench.client.create_publisher(Float32, f"bubble_{s}/pressure", SENSOR) for s in ("left", "right")]
+        pressure = 1020.0
+        bench.every.append(lambda: [p.publish(Float32(data=pressure)) for p in pressures])
+        cell.enabled()
+        gauge = cell.node.core.gauge
+        assert bench.until(lambda: abs(gauge.mean_stiffness - 2800.0 / 3.0) < 1e-6)
+        cell.setpoint.publish(cell.hold_here())
+        bench.spin(0.3)
+        before, seen = cell.X_WE.copy(), []
+        pressure = 1060.0
+        bench.every.append(lambda: seen.append(gauge.mean_stiffness))
+        assert bench.until(lambda: abs(gauge.mean_stiffness - 1400.0) < 1e-6)
+        assert len({round(k) for k in seen}) > 5  # blended, not switched
+        assert np.abs(cell.X_WE[:3, 3] - before[:3, 3]).max() < 2e-3
+        assert cell.state.mode != "holding"
+    finally:
+        bench.close()

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stiffness that belongs to the present grip, from the identification and the measured pressure or width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.bushing import Stiffness
+from seed_core.config import field
+from seed_core.stiffness_file import GripStiffness
+
+_WORTHWHILE = 0.005  # relative change of any stiffness that is passed on; less is noise of the pressure
+
+
+@dataclass(frozen=True)
+class GripSettings:
+    """Where the stiffness comes from while the grip changes."""
+
+    file: str = field("", doc="stiffness.yaml of the identification; empty: the stiffness stays as it is given")
+    follow: str = field("pressure", choices=("pressure", "width"), doc="what tells the grip")
+
+
+class GripFollower:
+    """Turns measured pressures or widths into changes of stiffness that are worth passing on."""
+
+    def __init__(self, stiffness: GripStiffness, follow: str) -> None:
+        self._at = stiffness.at_pressure if follow == "pressure" else stiffness.at_width
+        self._passed: np.ndarray | None = None
+
+    def update(self, value: float) -> Stiffness | None:
+        """A measured pressure [hPa] or width [m]; the stiffness if it differs from the one passed on last.
+
+        Raises:
+            ConfigError: the value is not finite.
+        """
+        stiffness = self._at(value)
+        now = np.array(stiffness.rotation + stiffness.translation)
+        if self._passed is not None and float(np.abs(now / self._passed - 1.0).max()) < _WORTHWHILE:
+            return None
+        self._passed = now
+        return stiffness
