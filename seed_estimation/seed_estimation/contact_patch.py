@@ -156,9 +156,10 @@ class PatchFinder:
         raw, good = grid.indentation(depth, p.largest)
         smooth = cv2.blur(raw, grid.smooth)
         binary = cv2.morphologyEx(cv2.inRange(smooth, p.threshold, 1.0), cv2.MORPH_OPEN, grid.ellipse)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(binary, connectivity=4)
-        best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])) if count > 1 else 0
-        if not best or stats[best, cv2.CC_STAT_AREA] * step * step < p.least_area:
+        count, labels = cv2.connectedComponents(binary, connectivity=4)
+        sizes = np.bincount(labels.ravel(), minlength=2)[1:]
+        best = 1 + int(np.argmax(sizes))
+        if count < 2 or sizes[best - 1] * step * step < p.least_area:
             return np.zeros(self.camera.shape, np.uint8), ContactPatch(self.finger)
         piece = (labels == best).view(np.uint8)
         seen = cv2.bitwise_and(piece, good)

@@ -30,20 +30,20 @@ class Covariance:
         """prior: (6, 6) information that the fits were given."""
         self._prior = prior
         self._scatter: Array | None = None
+        self._inverse = np.linalg.inv(prior)
 
     def update(self, result: Fit) -> None:
         """Takes a fit that is believed."""
-        inverse = self._inverse(result)
+        inverse = self._inverse = np.linalg.inv(result.H_image + result.H_depth + self._prior)
         scatter = inverse @ result.scatter @ inverse
         if self._scatter is None:
             self._scatter = scatter
         self._scatter = self._scatter + MEMORY * (scatter - self._scatter)
 
     def of(self, result: Fit, slip: MicroSlip) -> Array:
-        """(6, 6) of [rotation vector in C, translation in C]."""
-        inverse = self._inverse(result)
+        """(6, 6) of [rotation vector in C, translation in C], of the fit that `update` took last."""
         doubt = float(np.hypot(slip.deviation, SLIP_DOUBT * slip.value))
-        C = OWN**2 * inverse + doubt**2 * np.outer(result.slip_effect, result.slip_effect)
+        C = OWN**2 * self._inverse + doubt**2 * np.outer(result.slip_effect, result.slip_effect)
         if self._scatter is not None:
             C = C + INFLATE**2 * self._scatter
         R = np.zeros((6, 6))
@@ -53,6 +53,3 @@ class Covariance:
             turn, way = np.linalg.norm(so3_log(result.X_CT[:3, :3])), np.linalg.norm(result.X_CT[:3, 3])
             C += np.diag(np.square(ROUGH * doubt * np.array((turn, turn, turn, way, way, way))))
         return np.asarray(0.5 * (C + C.T))
-
-    def _inverse(self, result: Fit) -> Array:
-        return np.asarray(np.linalg.inv(result.H_image + result.H_depth + self._prior))

@@ -12,6 +12,7 @@ composition: X_CT <- X_CT exp(xi)^-1, xi = [rotation, translation]), so a frame 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -72,6 +73,14 @@ class FingerModel:
     cells: Cells  # (M,) as of the image's points
     rest: Image  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
     decay: float  # [m]
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Vec, Vec], tuple[Vec, Vec]]:
+        """Points and normals (3, N + M) of each level's image and of depth, in that order."""
+        coarse, fine = (
+            (np.concatenate((i.p, self.p), axis=1), np.concatenate((i.n, self.n), axis=1)) for i in self.levels
+        )
+        return coarse, fine
 
 
 def build(

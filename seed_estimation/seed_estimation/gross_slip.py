@@ -168,6 +168,8 @@ class GrossSlip:
             return False
         before, now = seen[: len(seen) // 2], seen[-2:]
         change = np.abs(np.mean([s.apart for s in now], axis=0) - np.mean([s.apart for s in before], axis=0))
+        if change.max() <= APART:
+            return False
         way = np.abs(np.diff([s.way for s in seen], axis=0)).sum(axis=0)
         deviation = np.median([s.deviation for s in before], axis=0)  # residuals grow when tool and dots part
         large = change > APART + APART_SURE * deviation + APART_SHARE * way

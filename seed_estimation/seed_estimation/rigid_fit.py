@@ -131,7 +131,11 @@ def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit
 
 def _sum(blocks: Sequence[Residuals]) -> tuple[Array, Array]:
     """Information (6, 6) and gradient (6,) of all blocks."""
-    return np.asarray(sum(b.H for b in blocks), float), np.asarray(sum(b.g for b in blocks), float)
+    H, g = np.zeros((6, 6)), np.zeros(6)
+    for b in blocks:
+        H += b.H
+        g += b.g
+    return H, g
 
 
 def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float, float, Array]:

@@ -73,7 +73,7 @@ class Sight:
         self.model, self.frame, self.slip = model, frame, slip
         self._picture = frame.fine if level else frame.coarse
         points = model.levels[level]
-        p, n = np.concatenate((points.p, model.p), axis=1), np.concatenate((points.n, model.n), axis=1)
+        p, n = model.surfaces[level]
         touching = _touching(model, p, n, model.X_XC @ X_CT)
         first = int(np.searchsorted(touching, points.value.size))
         d = touching[first:] - points.value.size

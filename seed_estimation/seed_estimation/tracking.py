@@ -72,14 +72,16 @@ class Tracker:
         start = self.predicted(stamp)
         steps = (COARSE_STEPS, p.iterations) if self.lost else (0, p.iterations)
         best = self._fit(frames, start, steps)
-        if self._quality(best) < p.lock:
+        quality = self._quality(best)
+        if quality < p.lock:
             others = self._next_starts() if self.lost else [start, self.X_CT]
             looked = [self._fit(frames, other, (COARSE_STEPS, 1)) for other in others]
             nearest = max(looked, key=self._quality)
             best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
-        if self._quality(best) < p.lock and 0.0 < stamp - self.stamp <= SPAN:
-            best = self._by_dots(frames, best, stamp)
-        self._accept(best, frames, stamp)
+            if self._quality(best) < p.lock and 0.0 < stamp - self.stamp <= SPAN:
+                best = self._by_dots(frames, best, stamp)
+            quality = self._quality(best)
+        self._accept(best, quality, frames, stamp)
         return best
 
     def _by_dots(self, frames: Mapping[str, Frame], best: Fit, stamp: float) -> Fit:
@@ -105,9 +107,8 @@ class Tracker:
             return 0.0
         return max(result.locked.values())
 
-    def _accept(self, result: Fit, frames: Mapping[str, Frame], stamp: float) -> None:
+    def _accept(self, result: Fit, quality: float, frames: Mapping[str, Frame], stamp: float) -> None:
         p, dt = self.parameters, stamp - self.stamp
-        quality = self._quality(result)
         if self.lost:
             self._good = self._good + 1 if quality > p.lock + SURE else 0
             if self._good < SURE_FRAMES:
