@@ -58,7 +58,7 @@ class Joint(NamedTuple):
 
 
 def joints_of(file: Path) -> list[Joint]:
-    """Joints whose child no one else publishes. Raises SeedError: no URDF, or joints that neither are fixed nor turn."""
+    """Joints whose child no one else publishes. Raises SeedError: no URDF, or joints neither fixed nor turning."""
     try:
         found = ET.parse(file).getroot().findall("joint")
         return [_joint(j) for j in found if _link(j, "child") not in OTHERS]

@@ -15,6 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
+
 from seed_core.hand import Hand, Tool
 from seed_core.ur_models import ALPHA, JOINT_NAMES, LINK_NAMES, MODELS, URModel
 

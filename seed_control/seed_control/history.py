@@ -38,7 +38,7 @@ class PoseHistory:
 
     def newest(self) -> Array:
         """The newest pose (4, 4); a view that stays until it is overwritten a whole buffer later."""
-        return self._poses[(self._count - 1) % self._capacity]
+        return np.asarray(self._poses[(self._count - 1) % self._capacity])
 
     def add(self, stamp: float, X: Array) -> bool:
         """Append a pose; False, and nothing changes, when its stamp does not rise."""

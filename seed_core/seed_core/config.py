@@ -97,14 +97,14 @@ def parse_yaml(text: str, source: str = "<text>") -> _Node:
         ConfigError: the text is no YAML, or too large.
     """
     if len(text) > MAX_BYTES:
-        raise ConfigError(f"{source}: {len(text)} characters are too many for a configuration file (at most {MAX_BYTES})")
+        raise ConfigError(f"{source}: {len(text)} characters are too many for a configuration (at most {MAX_BYTES})")
     loader = yaml.SafeLoader(text)
     try:
         return _parse(loader.get_single_node(), loader, source)
     except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f"{source}: not readable as YAML: {error}") from error
     finally:
-        loader.dispose()  # type: ignore[no-untyped-call]
+        loader.dispose()
 
 
 def load_text(text: str, cls: type[T], source: str = "<text>") -> T:
@@ -186,7 +186,7 @@ def _quantity(node: _Node, name: str, source: str, meta: Mapping[str, Any]) -> _
     except ValueError:
         values = []
     if not values or " ".join(words[len(numbers) :]) != unit:
-        _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: for example '0.5 {unit}'")
+        _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: for example 0.5 {unit}")
     return values[0] if len(values) == 1 else _Node(values, node.line)
 
 

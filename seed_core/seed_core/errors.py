@@ -3,4 +3,4 @@
 
 
 class SeedError(Exception):
-    """Something asked for cannot be done; the message names the thing, the value, the unit, the bound and the remedy."""
+    """What was asked for cannot be done; the message names the thing, the value, the unit, the bound and the remedy."""

@@ -34,7 +34,8 @@ class Hand:
     """Frames fixed on the gripper: C in the flange E, and both optical frames in C.
 
     The defaults are a parallel gripper with two bubbles whose cameras look along +y_C (right finger) and -y_C
-    (left finger), 105 mm from the grasp's centre. Columns of both images run along x_C; rows along z_C (left), -z_C (right).
+    (left finger), 105 mm from the grasp's centre. Columns of both images run along x_C; rows along z_C (left),
+    -z_C (right).
     """
 
     name: str = field("soft_bubble", doc="name of this hand")

@@ -53,7 +53,7 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
         ("speed: 0.5\ninner: 3", "f.yaml:2: inner must be a mapping"),
         ("speed: 0.5\ninner:\n  gain: 11", "f.yaml:3: inner.gain = 11 1/s must be within 0 and 10 1/s"),
         ("speed: 0.5\nway: 0.1 0.2", "f.yaml:2: way = '0.1 0.2' must be numbers with their unit, m"),
-        ("speed: 0.5\nway: 0.1 0.2 mm", "with their unit, m: for example '0.5 m'"),
+        ("speed: 0.5\nway: 0.1 0.2 mm", "with their unit, m: for example 0.5 m"),
         ("speed: 0.5\nway: 0.1 m", "f.yaml:2: way must be a list"),
         ("speed: 0.5\nway: 0.1 0.2 0.3 m", "f.yaml:2: way has 3 values; it needs 2"),
         ("speed: 0.5\nway: nan 0.2 m", r"f.yaml:2: way\[0\] = nan m must be finite"),

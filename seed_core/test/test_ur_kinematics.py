@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+
 from seed_core.errors import SeedError
 from seed_core.ur_kinematics import KinematicsError, URKinematics
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+
 from seed_core.errors import SeedError
 from seed_core.ur_pose import checked_pose, matrix_from_pose, nearest_rotation_vector, pose_from_matrix
 

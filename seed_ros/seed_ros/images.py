@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,7 @@ _LUMA_RGB = np.array((0.299, 0.587, 0.114), dtype=np.float32)  # ITU-R BT.601
 MAX_PIXELS = 5_000_000  # more than any tactile camera
 
 
-def _array(message: Image, encodings: dict[str, tuple[type, int]], name: str) -> NDArray[np.generic]:
+def _array(message: Image, encodings: Mapping[str, tuple[Any, int]], name: str) -> NDArray[np.generic]:
     if message.encoding not in encodings:
         hint = ""
         if message.encoding in ("rgb8", "bgr8", "rgba8", "bgra8"):

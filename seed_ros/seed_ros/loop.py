@@ -24,12 +24,12 @@ from rclpy.executors import (
     TimeoutException,
 )
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
 from rclpy.timer import Timer
-
 from rosgraph_msgs.msg import Clock
 
-from seed_ros.qos import CLOCK, QoSProfile
+from seed_ros.qos import CLOCK
 
 PERIODS = 2500  # of the last ten seconds, for percentiles
 CLOCK_LOOK = 0.002  # [s] between two looks at a simulated clock

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What SEED is compared with: a taught path that barely touches, and a tool bolted to the gripper with force control."""
+"""What SEED is compared with: a taught path that barely touches; a tool bolted to the gripper with force control."""
 
 from __future__ import annotations
 

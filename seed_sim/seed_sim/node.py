@@ -155,7 +155,7 @@ class SimNode(Node):
     def _waits(self) -> bool:
         """Whether the plant stands still for a process that this machine is too busy to run in time."""
         steady = time.monotonic()
-        return any([a.late(self.stamp, steady) for a in self._awaited.values()])
+        return any(a.late(self.stamp, steady) for a in self._awaited.values())
 
     def _lose(self, lost: float) -> None:
         """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""

@@ -52,7 +52,7 @@ def read_series(bag: Path, topics: dict[str, str]) -> dict[str, Series]:
     try:
         with AnyReader([bag]) as reader:
             for connection, _, data in reader.messages([c for c in reader.connections if c.topic in by_topic]):
-                message = reader.deserialize(data, connection.msgtype)
+                message: Any = reader.deserialize(data, connection.msgtype)
                 value = _value(message, connection.msgtype)
                 if value is not None:
                     stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
