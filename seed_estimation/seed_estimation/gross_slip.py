@@ -69,10 +69,11 @@ class GrossSlip:
 
     def update(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float) -> bool:
         """Whether a locked frame shows that the tool slides."""
-        if self._alone or min(result.locked.values()) <= 0.0:  # one bubble by itself mistakes yaw for x
-            self._seen.clear()
+        worse = min(result.locked.values())
+        alone = self.dots(frames, slip) if not self._alone and self._doubtful(worse) else None
+        if self._alone or (alone is None and worse <= 0.0):  # one bubble by itself mistakes yaw for x
+            self._forget(stamp)
             return False
-        alone = self.dots(frames, slip) if self._doubtful(min(result.locked.values())) else None
         signs = self._signs(result, stamp)
         self._X_dots = alone.X_CT if alone else result.X_CT
         self._seen.append(signs._replace(way=self._way(alone.X_CT)) if alone else signs)
