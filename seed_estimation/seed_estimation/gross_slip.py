@@ -71,7 +71,7 @@ class GrossSlip:
         """Whether a locked frame shows that the tool slides."""
         worse = min(result.locked.values())
         alone = self.dots(frames, slip) if not self._alone and self._doubtful(worse) else None
-        if self._alone or (alone is None and worse <= 0.0):  # one bubble by itself mistakes yaw for x
+        if self._alone or (alone is None and worse < FOUND):  # one bubble by itself mistakes yaw for x
             self._forget(stamp)
             return False
         signs = self._signs(result, stamp)
@@ -88,6 +88,7 @@ class GrossSlip:
             self._usual = explained
         less = self._usual - explained
         doubtful = less > DOUBT + DOUBT_SURE * self._spread
+        less = min(less, 2.0 * DOUBT)  # what slides is not what is usual
         self._usual -= USUAL * less
         self._spread += USUAL * (abs(less) - self._spread)
         return doubtful
