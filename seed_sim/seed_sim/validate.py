@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
     two.add_argument("--slips", type=int, default=40, help="how many slips")
     two.add_argument("--minutes", type=float, default=10.0, help="of ordinary manipulation for false alarms")
+    two.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
     two.set_defaults(run=_slip)
     for command in (one, two):
         command.add_argument("--seed", type=int, default=0)
@@ -92,7 +94,7 @@ def _report(series: Series, options: argparse.Namespace, name: str) -> Path:
 def _slip(options: argparse.Namespace) -> int:
     scenario = run.load(options.scenario)
     progress = None if options.json else _progress("slips")
-    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, progress)
+    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, max(1, options.jobs), progress)
     print(json.dumps(result, indent=2))
     return 0
 

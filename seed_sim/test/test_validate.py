@@ -186,7 +186,7 @@ def test_missing_bag_is_refused(tmp_path, capsys):
 
 
 def test_slip_command_prints_alarms_and_delays(capsys):
-    assert validate.main(["slip", "--slips", "1", "--minutes", "0.02", "--seed", "5", "--json"]) == 0
+    assert validate.main(["slip", "--slips", "1", "--minutes", "0.02", "--seed", "5", "--jobs", "1", "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert out["slips"] == 1
     assert out["alarm_fraction"] == 1.0

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from joblib import Parallel, delayed
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, so3_exp
@@ -22,6 +24,7 @@ from seed_sim.validation.trajectory import TrajectorySection, poses
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
 _AFTER = 0.25  # [s] of images after the onset
 _LONGEST = 6.0  # [s] until the slowest pull has overcome the firmest grip
+_PIECE = 60.0  # [s] of ordinary manipulation per grasp
 _SUBSTEPS = 10  # of friction per pair of images
 # ordinary manipulation moves the tool about half as far as the combined trajectory
 _ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
@@ -78,6 +81,7 @@ def moments(p: TactileParameters, reach: float, section: TrajectorySection, pull
 
 def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
     """Seconds from onset to alarm (None: none), and whether there was an alarm before the onset."""
+    cv2.setNumThreads(1)
     pull = random_pull(np.random.default_rng((seed, 5)))
     p = replace(tactile_of(scenario), hold=pull.hold, kinetic=pull.kinetic)
     renderer = TactileRenderer(p, scenario.hand, seed)
@@ -91,20 +95,20 @@ def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
     return None, False
 
 
-def false_alarms(scenario: Scenario, seed: int, minutes: float, progress: Progress | None = None) -> tuple[int, float]:
-    """Alarms in so many minutes of ordinary manipulation without slip, and the share of valid estimates.
+def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, int, int]:
+    """Alarms in so many seconds of ordinary manipulation without slip, valid estimates, and frames.
 
     The grasp is taken anew after an alarm, as an operator would.
 
     Raises:
         SeedError: the tool slid after all.
     """
+    cv2.setNumThreads(1)
     p = replace(tactile_of(scenario), hold=_HOLD)
     renderer = TactileRenderer(p, scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    section = replace(_ORDINARY, duration=max(60.0 * minutes, 1.0))
     alarms = valid = frames = 0
-    for m in moments(p, renderer.reach, section, None, seed):
+    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=duration), None, seed):
         if m.held.sliding:
             raise SeedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
         estimate = estimator.update(renderer.render(m.X_CT, m.stamp, load=m.held.load), m.stamp)
@@ -112,28 +116,39 @@ def false_alarms(scenario: Scenario, seed: int, minutes: float, progress: Progre
         if estimate.gross_slip:
             alarms += 1
             estimator = estimator_for(scenario, "rigid_fit", renderer)
-        if progress is not None:
-            progress(m.stamp / section.duration)
-    return alarms, valid / max(frames, 1)
+    return alarms, valid, frames
 
 
 def alarms(
-    scenario: Scenario, seed: int, slips: int, minutes: float, progress: Progress | None = None
+    scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int = 1, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Share of slips that raise the alarm within 100 ms, and false alarms."""
-    cv2.setNumThreads(1)
-    found = [alarm_delay(scenario, 1000 * seed + i) for i in range(slips)]
+    """Share of slips that raise the alarm within 100 ms, and false alarms, in so many processes."""
+    pieces = max(1, math.ceil(minutes * 60.0 / _PIECE))
+    duration = max(minutes * 60.0 / pieces, 1.0)
+    work = [delayed(alarm_delay)(scenario, 1000 * seed + i) for i in range(slips)]
+    work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
+    results: list[Any] = []
+    for result in Parallel(n_jobs=min(jobs, len(work)), return_as="generator")(work):
+        results.append(result)
+        if progress is not None:
+            progress(len(results) / len(work))
+    return _summary(scenario, seed, minutes, results[:slips], results[slips:])
+
+
+def _summary(
+    scenario: Scenario, seed: int, minutes: float, found: list[tuple[float | None, bool]], calm: list[tuple[int, ...]]
+) -> dict[str, Any]:
     delays = sorted(d for d, _ in found if d is not None)
-    wrong, valid = false_alarms(scenario, seed, minutes, progress)
+    wrong, valid, frames = (sum(piece[k] for piece in calm) for k in range(3))
     return {
         "scenario": scenario.name,
         "seed": seed,
-        "slips": slips,
-        "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(slips, 1),
+        "slips": len(found),
+        "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(len(found), 1),
         "alarm_delay_ms": {"median": 1e3 * float(np.median(delays)) if delays else None,
                            "max": 1e3 * delays[-1] if delays else None},
         "early_alarms": sum(early for _, early in found),
         "minutes": minutes,
         "false_alarms": wrong,
-        "valid_fraction": valid,
+        "valid_fraction": valid / max(frames, 1),
     }  # fmt: skip
