@@ -11,7 +11,7 @@ from seed_control.gravity import weight_about_T
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Tool
-from seed_core.spatial import Array, Wrench, inverse_pose
+from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
 
@@ -41,6 +41,18 @@ class Measurement:
     rotation_deviation: float
 
 
+def observed_part(estimate: RelativePoseEstimate) -> Array:
+    """X_CT (4, 4) with the tool where it was grasped on every axis that the estimate does not observe.
+
+    What an estimator says of such an axis may have the wrong sign, and fed forward it would run away.
+    """
+    if all(estimate.observed):
+        return estimate.X_CT
+    seen = np.array(estimate.observed, dtype=float)
+    R, p = estimate.X_CT[:3, :3], estimate.X_CT[:3, 3]
+    return make_pose(so3_exp(seen[:3] * so3_log(R)), seen[3:] * p)
+
+
 class Gauge:
     """Turns estimates into measurements, for one tool and stiffness."""
 
@@ -64,7 +76,7 @@ class Gauge:
 
     def measure(self, estimate: RelativePoseEstimate, X_WC: Array) -> Measurement:
         """The measurement of one estimate, the gripper having been at X_WC (4, 4) at its stamp."""
-        X_CT = estimate.X_CT
+        X_CT = observed_part(estimate)
         X_WT, X_TC = X_WC @ X_CT, inverse_pose(X_CT)
         R_WT = X_WT[:3, :3]
         lever = R_WT @ self.p_Ttip

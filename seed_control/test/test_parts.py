@@ -5,14 +5,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.bench import growth
 from seed_control.gravity import GRAVITY, spring_target, weight_about_T
 from seed_control.history import PoseHistory
 from seed_control.lag import LagEstimate
 from seed_control.limits import PoseLimiter, VectorLimiter
+from seed_control.measurement import observed_part
 from seed_control.series_elastic import loop_gain, motor_position
 from seed_control.weighing import Weighing, WeighingError
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_log
 
@@ -192,3 +195,20 @@ def test_algorithm_one_settles_at_the_force_asked_for_at_any_delay() -> None:
 def test_algorithm_one_refuses_a_stiffness_of_nothing() -> None:
     with pytest.raises(SeedError, match=r"stiffness = 0.0 N/m must be > 0"):
         motor_position(1.0, 0.0, 0.0)
+
+
+def test_what_an_estimate_does_not_observe_counts_as_undeflected() -> None:
+    """The published estimator reports a roll of the wrong sign: fed forward it would run away."""
+    seen = (False, True, False, True, True, False)
+    X_CT = pose_from_rpy((-0.2, 0.01, 0.1), (1e-3, -2e-3, 5e-3))
+    kept = observed_part(RelativePoseEstimate(0.0, X_CT, observed=seen))
+    assert_allclose(kept[:3, 3], (1e-3, -2e-3, 0.0), atol=1e-15)
+    turned = so3_log(kept[:3, :3])
+    assert_allclose(turned[[0, 2]], 0.0, atol=1e-15)
+    assert_allclose(turned[1], so3_log(X_CT[:3, :3])[1], atol=1e-15)
+    assert_allclose(observed_part(RelativePoseEstimate(0.0, X_CT)), X_CT, atol=0.0)
+
+
+def test_memory_does_not_grow_with_steps() -> None:
+    """An hour is 900 000 steps: a list or reference kept per step would show as tens of bytes each."""
+    assert growth(3000) < 1000.0  # bytes per 1000 steps
