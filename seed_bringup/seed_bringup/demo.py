@@ -41,6 +41,7 @@ from seed_sim.scenario import Scenario, load_scenario
 
 FORCE_BOUND, TORQUE_BOUND = 0.5, 0.08  # [N], [N m] rms
 GAP = 0.3  # [s] in the recording above which the score is not to be trusted
+SLOW = 0.98  # real-time factor below which it is said
 BASELINES = ("open_loop", "welded")
 TASK_PATIENCE = 75.0  # [s]
 RECORDED = [
@@ -144,6 +145,7 @@ class Demo:
         self.started = time.monotonic()
         self._log = (self.folder / "nodes.log").open("w", encoding="utf-8")
         self._failed_node = ""
+        self.real_time_factor = 1.0
 
     # --- the live part -------------------------------------------------------------------------------------------
     def run(self) -> int:
@@ -190,6 +192,7 @@ class Demo:
             session.spin(0.3)
             say("closing the bag and the cell")
         played = session.played
+        self.real_time_factor = round(played.real_time_factor, 3)
         if not played.result.success:
             raise SeedError(f"the task ended early: {played.result.message}")
         ends = [start for _, start in played.phases[1:]] + [played.ended]
@@ -282,6 +285,7 @@ class Demo:
             and score["torque_x"]["rmse"] <= TORQUE_BOUND
         )
         score["finished"] = True
+        score["real_time_factor"] = self.real_time_factor
         scores = {"seed": score, **{law: b.score for law, b in baselines.items()}}
         self._write_report(series, phases, baselines, recording, scores, held)
         o = self.options
@@ -303,6 +307,8 @@ class Demo:
         (self.folder / "summary.json").write_text(json.dumps(_finite(summary), indent=1), encoding="utf-8")
         print(f"\n{text_table(scores)}\n")
         bound = f"at most {FORCE_BOUND} N and {TORQUE_BOUND} N m rms"
+        if self.real_time_factor < SLOW:
+            say(f"the simulation ran at {self.real_time_factor:.2f} of real time: this machine was busy")
         say(f"force {'held' if held else 'NOT held'} ({bound}), {time.monotonic() - self.started:.0f} s in all")
         say(f"look at {self.folder / 'report.html'}")
         return 0 if held else 1
@@ -360,6 +366,7 @@ class Demo:
             "scenario": f"{self.scenario.name}: {self.scenario.description}".rstrip(": "),
             "first contact": "never" if contact is None else f"{contact:.2f} s after the start",
             "phases": ", ".join(f"{p.name} {p.end - p.start:.1f} s" for p in phases),
+            "real-time factor": f"{self.real_time_factor:.3f}",
             "work frame": f"{self.task.frame.position} m, {tuple(round(math.degrees(a), 1) for a in rpy)} degrees",
             "data": "bag.mcap (rosbags, ros2 bag, Foxglove), summary.json",
         }

@@ -97,7 +97,8 @@ def parse_yaml(text: str, source: str = "<text>") -> _Node:
         ConfigError: the text is no YAML, or too large.
     """
     if len(text) > MAX_BYTES:
-        raise ConfigError(f"{source}: {len(text)} characters are too many for a configuration (at most {MAX_BYTES})")
+        size = f"{len(text)} characters are too many for a configuration file"
+        raise ConfigError(f"{source}: {size} (at most {MAX_BYTES})")
     loader = yaml.SafeLoader(text)
     try:
         return _parse(loader.get_single_node(), loader, source)

@@ -41,6 +41,7 @@ class Played:
     phases: list[tuple[str, float]] = field(default_factory=list)
     ended: float = 0.0
     contact: float | None = None  # [s] of first contact
+    real_time_factor: float = 1.0
 
 
 class Session:
@@ -136,9 +137,11 @@ class Session:
         goal = FollowSetpoints.Goal(task=task, overrides=overrides)
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(sent.done, 10.0, "follow_setpoints did not answer")
+        began, steady = self.now(), time.monotonic()
         result = sent.result().get_result_async()
         self.until(result.done, patience, f"the task '{task}' did not end")
         self.played.result, self.played.ended = result.result().result, self.now()
+        self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 
     def picture(self, topic: str, keep: Callable[[bytes], None], delay: float = 0.0) -> None:
