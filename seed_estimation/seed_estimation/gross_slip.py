@@ -6,7 +6,8 @@ loose, sliding friction bears less than what it stuck with, so the membrane spri
 displacement within a frame or two and then stays where it is, while the tool goes on. Hence two signs:
 
     sprung back   the displacement of the dots since the grasp, which had been growing or resting, falls at once by a
-                  part and rests again; and where depth sees that direction well, depth does not fall with it
+                  part and rests again, and the patch, which lets go from its edge, is not explained as well
+                  as usual; and where depth sees that direction well, depth does not fall with it
     apart         depth goes on where dots do not, by more than micro-slip and noise explain
 
 A tool that is set free springs back as well, but all the way, and depth follows. Along an axis that depth does not see
@@ -50,6 +51,7 @@ class _Seen(NamedTuple):
     way: Array  # (3,) of the dots since the grasp [m]: turn about y at the patch's reach, x, z
     apart: Array  # (3,) depth minus dots [m]
     deviation: Array  # (3,) of apart [m]
+    doubtful: bool = False  # less of an image was explained than usual: the patch does not move as one
 
 
 class GrossSlip:
@@ -70,11 +72,12 @@ class GrossSlip:
     def update(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float) -> bool:
         """Whether a locked frame shows that the tool slides."""
         worse = min(result.locked.values())
-        alone = self.dots(frames, slip) if not self._alone and self._doubtful(worse) else None
+        doubtful = self._doubtful(worse)
+        alone = self.dots(frames, slip) if doubtful and not self._alone else None
         if self._alone or (alone is None and worse < FOUND):  # one bubble by itself mistakes yaw for x
             self._forget(stamp)
             return False
-        signs = self._signs(result, stamp)
+        signs = self._signs(result, stamp)._replace(doubtful=doubtful)
         self._X_dots = alone.X_CT if alone else result.X_CT
         self._seen.append(signs._replace(way=self._way(alone.X_CT)) if alone else signs)
         self._forget(stamp)
@@ -131,8 +134,8 @@ class GrossSlip:
 
     def _sprung_back(self) -> bool:
         """The displacement's size over the last frames: rising or at rest, one sudden fall, rest."""
-        if len(self._seen) < 4:
-            return False
+        if len(self._seen) < 4 or not any(s.doubtful for s in self._seen):
+            return False  # a tool that swings falls and rests as well, but its patch stays one
         way = np.array([s.way for s in self._seen])
         size = np.linalg.norm(way, axis=1)
         top = int(np.argmax(size))
