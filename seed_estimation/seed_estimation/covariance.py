@@ -15,10 +15,10 @@ from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit import Fit
 from seed_estimation.slip import MicroSlip
 
-# Chosen on rendered bubbles, seeds 31, 1100 and 1101 of nine scenarios; docs/estimation.md has the outcome on others
-INFLATE = 1.35  # [1] neighbouring cells are not quite independent, and robust weights hide some of the scatter
+# Chosen on rendered bubbles, seeds 31 and 1100 to 1102 of nine scenarios; docs/estimation.md has the outcome on others
+INFLATE = 1.25  # [1] neighbouring cells are not quite independent, and robust weights hide some of the scatter
 OWN = 0.5  # [1] deviations of the fit's own information
-SLIP_DOUBT = 0.15  # [1] share of a corrected micro-slip by which it may be wrong
+SLIP_DOUBT = 0.1  # [1] share of a corrected micro-slip by which it may be wrong
 ROUGH = 0.4  # [1] share of the slip's doubt that works in any direction
 MEMORY = 0.05  # weight of one frame in the average
 
