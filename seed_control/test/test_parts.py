@@ -210,5 +210,5 @@ def test_what_an_estimate_does_not_observe_counts_as_undeflected() -> None:
 
 
 def test_memory_does_not_grow_with_steps() -> None:
-    """An hour is 900 000 steps: a list or reference kept per step would show as tens of bytes each."""
-    assert growth(3000) < 1000.0  # bytes per 1000 steps
+    """An hour is 900 000 steps: a list or reference kept per step would show as tens of bytes each or more."""
+    assert growth(1200) < 1500.0  # bytes per 1000 steps; an array kept per step would make 100 000

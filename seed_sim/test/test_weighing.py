@@ -59,5 +59,5 @@ def test_weighing_finds_mass_and_centre_of_mass_of_the_hanging_tool() -> None:
 
 
 def test_a_stiffness_that_is_believed_too_high_shows_against_the_known_mass() -> None:
-    weight = weighed(load_scenario("nominal"), believed=1.25, estimator="truth")
-    assert weight.stiffness_ratio == pytest.approx(0.8, rel=0.02)
+    weight = weighed(load_scenario("nominal"), believed=1.25)
+    assert weight.stiffness_ratio == pytest.approx(0.8, rel=0.03)
