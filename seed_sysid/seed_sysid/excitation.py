@@ -116,7 +116,8 @@ def _combinations(
 ) -> list[Array]:
     rng = np.random.default_rng(parameters.seed)
     signs = rng.choice((-1.0, 1.0), size=(_CANDIDATES, 6)) * rng.uniform(0.4, 1.0, size=(_CANDIDATES, 6))
-    candidates = np.array([within_limits(s * amplitudes(parameters), parameters, limits) for s in signs])
+    largest = parameters.combined * amplitudes(parameters)
+    candidates = np.array([within_limits(s * largest, parameters, limits) for s in signs])
     rows = information_rows(candidates, parameters, model)
     start = information_rows(single, parameters, model).reshape(-1, 18)
     information, gains = start.T @ start, np.einsum("nki,nkj->nij", rows, rows)

@@ -17,6 +17,7 @@ class ExcitationParameters:
     poses: int = field(60, low=12, high=1000, doc="poses at each grip, repeats of the centre included")
     translation: Vector = field((0.006, 0.005, 0.006), unit="m", low=1e-4, high=0.03, doc="largest along x, y, z")
     rotation_deg: Vector = field((12.0, 12.0, 12.0), unit="deg", low=0.1, high=30.0, doc="largest roll, pitch, yaw")
+    combined: float = field(0.8, low=0.1, high=1.0, doc="share of these when several are moved at once")
     guess: Stiffness = field(DEFAULT_STIFFNESS, doc="rough stiffness, for planning within the wrench limit only")
     homes: int = field(4, low=2, high=50, doc="visits of the centre, spread over the poses: they show drift")
     seed: int = field(1, low=0, high=2**31, doc="of the search for combined poses")
