@@ -19,7 +19,7 @@ from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
 from seed_estimation.sight import Residuals, Sight
 
-DONE = 1.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
+DONE = 2.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
 
 
 @dataclass(frozen=True, eq=False)
