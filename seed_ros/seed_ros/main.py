@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -38,6 +39,9 @@ def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
             executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:  # an interrupt in the middle of publishing
+        if rclpy.ok():
+            raise
     except SeedError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

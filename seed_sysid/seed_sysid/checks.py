@@ -79,13 +79,13 @@ def _check_sensor(w: Array, data: Dataset) -> None:
                 f"{name} of the sensor stays at {values[0]:g} at every pose: "
                 "a dead channel or a frozen stream; check the sensor"
             )
-        extreme = float(np.abs(values).max())
-        times = int((np.abs(values) >= extreme * (1.0 - 1e-9)).sum())
-        if (full[j] > 0.0 and extreme >= 0.999 * full[j]) or times >= _SATURATED:
-            raise DatasetError(
-                f"{name} of the sensor saturates at {extreme:g} ({times} of {len(values)} poses): "
-                "use smaller poses or a larger range"
-            )
+        for extreme in (float(values.max()), float(values.min())):
+            times = int((np.abs(values - extreme) <= 1e-9 * abs(extreme)).sum())
+            if 0.0 < full[j] <= abs(extreme) / 0.999 or times >= _SATURATED:
+                raise DatasetError(
+                    f"{name} of the sensor saturates at {extreme:g} ({times} of {len(values)} poses): "
+                    "use smaller poses or a larger range"
+                )
 
 
 def _check_frames(data: Dataset) -> None:

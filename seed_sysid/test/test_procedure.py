@@ -23,7 +23,7 @@ K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
 def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
     """A grasp a third stiffer than guessed meets the wrench limit: poses are drawn back, none is lost."""
     scenario = load("default")
-    limits = replace(scenario.procedure.limits, force=8.0, planned_share=1.0)
+    limits = replace(scenario.procedure.limits, force=6.5, planned_share=1.0)
     scenario = replace(scenario, procedure=replace(scenario.procedure, widths=[0.02], limits=limits))
     data, cell = simulate(scenario, 2200, None)
     assert cell.stamp / 60.0 < 20.0 / 3.0
