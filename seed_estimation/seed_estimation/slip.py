@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 START_DEVIATION = 0.10  # [1] bubbles stick, as a rule
-WANDER = 0.008  # [1/sqrt(s)] how fast the share may change
+WANDER = 0.02  # [1/sqrt(s)] how fast the share may change
 DOUBT = 20.0  # frames are not independent: one frame's information counts this much less
 SYSTEMATIC = 0.05  # [1] what depth's own errors pretend in one frame, however sure it is
 ON, OFF = 0.06, 0.04  # [1] shares from which the correction is applied, and below which it is left again
@@ -38,7 +38,8 @@ class MicroSlip:
             return
         noise = DOUBT / information + SYSTEMATIC**2
         gain = self.variance / (self.variance + noise)
-        self.estimate += gain * (self.value + min(max(step, -0.5), 0.5) - self.estimate)
+        demand = self.estimate + gain * (self.value + min(max(step, -0.5), 0.5) - self.estimate)
+        self.estimate = max(demand, 0.0)  # no membrane runs ahead of the tool
         self.variance *= 1.0 - gain
         applied = self.estimate > (OFF if self.value > 0.0 else ON)
         self.value = min(self.estimate, self.most) if applied else 0.0
