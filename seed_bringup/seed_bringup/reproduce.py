@@ -41,7 +41,8 @@ def _make(args: argparse.Namespace, folder: Path) -> tuple[str, list[Path]]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="seed reproduce", formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        prog="seed reproduce",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
         description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee: "
         "SEED, open loop, welded), fig7 (pen strokes and writing). A few minutes each.",
     )

@@ -99,9 +99,7 @@ def messages(renderer: Any, images: Any) -> dict[tuple[str, str], Any]:
     return out
 
 
-def test_the_kits_topics_give_a_pose_by_launch_arguments_alone(
-    bench: Bench, launched: subprocess.Popen[bytes]
-) -> None:
+def test_the_kits_topics_give_a_pose_by_launch_arguments_alone(bench: Bench, launched: subprocess.Popen[bytes]) -> None:
     poses: list[RelativePose] = []
     patches: list[ContactPatches] = []
     bench.client.create_subscription(RelativePose, "relative_pose", poses.append, COMMAND)

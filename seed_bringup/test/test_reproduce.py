@@ -27,8 +27,12 @@ def recorded(forces: tuple[float, ...] = (1.0, 3.0)) -> Recording:
             t += 0.004
             reference = np.array((x, 0.02 * i, 0.0))
             recording.add(
-                t=t, phase=i, force=np.array((0.0, 0.0, -force)), wanted_force=np.array((0.0, 0.0, -force)),
-                tip=reference + np.array((0.0, 2e-4, 0.0)), reference=reference,
+                t=t,
+                phase=i,
+                force=np.array((0.0, 0.0, -force)),
+                wanted_force=np.array((0.0, 0.0, -force)),
+                tip=reference + np.array((0.0, 2e-4, 0.0)),
+                reference=reference,
             )
     return recording
 

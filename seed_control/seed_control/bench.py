@@ -38,8 +38,11 @@ class Pressing:
         self.controller.enable(self.t)
         resists = (True, False, False)
         self._setpoint = HybridSetpoint(
-            self._X_W_tip, Wrench(np.zeros(3), np.array((0.0, 0.0, -_FORCE))), np.diag((0.0, 0.0, 1.0)),
-            torque_axes=resists, contact_resists=resists,
+            self._X_W_tip,
+            Wrench(np.zeros(3), np.array((0.0, 0.0, -_FORCE))),
+            np.diag((0.0, 0.0, 1.0)),
+            torque_axes=resists,
+            contact_resists=resists,
         )
 
     def _feed(self) -> None:

@@ -49,9 +49,7 @@ class Walk:
         self.observers: list[SurfaceObserver] = []  # one per force direction
         self.undeflected: Triple = _ORIGIN  # commanded place of the tip if the grasp were not deflected
 
-    def target(
-        self, s: HybridSetpoint, plan: Plan, contact: bool, dt: float, lead: float, loop_time: float
-    ) -> Triple:
+    def target(self, s: HybridSetpoint, plan: Plan, contact: bool, dt: float, lead: float, loop_time: float) -> Triple:
         """Wanted gripper position p_WC [m] for this step of dt [s].
 
         Args:

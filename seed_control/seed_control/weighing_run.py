@@ -25,8 +25,13 @@ def weighing_task(X_W_tip: Array) -> Task:
     x, y, z = X_W_tip[:3, 3].tolist()
     r, p, w = np.rad2deg(rpy_from_rotation(X_W_tip[:3, :3])).tolist()
     up, dwell = (0.0, 0.0, LIFT), _STILL + _SAMPLING
-    turns = {"level": (0.0, 0.0, 0.0), "roll": (TURN, 0.0, 0.0), "roll back": (-TURN, 0.0, 0.0),
-             "pitch": (0.0, TURN, 0.0), "pitch back": (0.0, -TURN, 0.0)}
+    turns = {
+        "level": (0.0, 0.0, 0.0),
+        "roll": (TURN, 0.0, 0.0),
+        "roll back": (-TURN, 0.0, 0.0),
+        "pitch": (0.0, TURN, 0.0),
+        "pitch back": (0.0, -TURN, 0.0),
+    }
     return Task(
         name="weigh_tool",
         frame=WorkFrame((x, y, z)),
@@ -100,10 +105,14 @@ def _check_free(tool: Tool, state: ControllerState) -> None:
 
 def report(weight: Weight, tool: Tool) -> str:
     """The result in one line, for people."""
-    com = ", ".join("not seen" if not np.isfinite(s) else f"{1e3 * c:.1f} +- {1e3 * s:.1f}"
-                    for c, s in zip(weight.center_of_mass, weight.center_of_mass_std, strict=True))
+    com = ", ".join(
+        "not seen" if not np.isfinite(s) else f"{1e3 * c:.1f} +- {1e3 * s:.1f}"
+        for c, s in zip(weight.center_of_mass, weight.center_of_mass_std, strict=True)
+    )
     text = f"mass {weight.mass:.4f} +- {weight.mass_std:.4f} kg, centre of mass ({com}) mm in T"
     if weight.stiffness_ratio is None:
         return text
-    return (f"{text}; if tool.mass = {tool.mass:g} kg is right, the vertical stiffness is "
-            f"{weight.stiffness_ratio:.3f} times the one in use")
+    return (
+        f"{text}; if tool.mass = {tool.mass:g} kg is right, the vertical stiffness is "
+        f"{weight.stiffness_ratio:.3f} times the one in use"
+    )

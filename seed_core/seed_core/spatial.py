@@ -232,8 +232,12 @@ def _orthonormal(x: list[float], y: list[float], z: list[float]) -> bool:
     """Whether three rows make a rotation to 1e-6."""
     (a, b, c), (d, e, f), (g, h, i) = x, y, z
     products = (
-        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
-        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
+        a * a + b * b + c * c - 1.0,
+        d * d + e * e + f * f - 1.0,
+        g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f,
+        a * g + b * h + c * i,
+        d * g + e * h + f * i,
     )
     right_handed = g * (b * f - c * e) + h * (c * d - a * f) + i * (a * e - b * d) > 0.0
     return max(products) <= 1e-6 and min(products) >= -1e-6 and right_handed

@@ -100,7 +100,7 @@ class EstimatorNode(Node):
         self._publish_hand()
 
     def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
+        return float(self.get_clock().now().nanoseconds * 1e-9)
 
     # the core
     def _restart(self) -> None:

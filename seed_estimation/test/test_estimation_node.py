@@ -341,9 +341,7 @@ def test_a_frame_id_of_the_other_camera_is_refused(bench: Bench, renderer: Any) 
     assert rig.reason("left and right are swapped")
 
 
-def test_bubbles_that_nothing_tells_apart_are_reported_unverified(
-    bench: Bench, renderer: Any, tmp_path: Path
-) -> None:
+def test_bubbles_that_nothing_tells_apart_are_reported_unverified(bench: Bench, renderer: Any, tmp_path: Path) -> None:
     file = tmp_path / "written.npz"
     rig = Rig(bench, renderer, identity_file=str(file), **QUICK)
 

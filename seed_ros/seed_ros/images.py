@@ -44,7 +44,7 @@ def _array(message: Image, encodings: Mapping[str, tuple[Any, int]], name: str) 
             f"(step at least {row}, {message.step} x {h} bytes)"
         )
     rows = np.frombuffer(message.data, dtype=np.uint8).reshape(h, message.step)[:, :row]
-    out = np.ascontiguousarray(rows).view(dtype)
+    out: NDArray[np.generic] = np.ascontiguousarray(rows).view(dtype)
     return out.reshape(h, w, channels) if channels > 1 else out.reshape(h, w)
 
 

@@ -61,8 +61,23 @@ class _Admittance:
     def state(self, t: float) -> ControllerState:
         """What the task's player wants to know of a controller."""
         return ControllerState(
-            t, "contact", True, "hybrid", None, None, None, None, None, self._tip(), np.eye(3), (), "", True,
-            self._settled > 50, 0.0, Counters(),
+            t,
+            "contact",
+            True,
+            "hybrid",
+            None,
+            None,
+            None,
+            None,
+            None,
+            self._tip(),
+            np.eye(3),
+            (),
+            "",
+            True,
+            self._settled > 50,
+            0.0,
+            Counters(),
         )
 
     def _tip(self) -> Array:

@@ -41,8 +41,12 @@ GRAVITY = 9.81  # [m/s^2], downwards
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
 _WALL = 0.02  # [m] thickness of a hole's or slot's wall
 _STEEL = 1e7  # [N/m] of a contact point of the tool, and of a wall
-_COLOURS = {"wood": (0.76, 0.6, 0.42, 1.0), "steel": (0.35, 0.4, 0.45, 1.0), "tool": (0.1, 0.45, 0.7, 1.0),
-            "bubble": (0.85, 0.85, 0.9, 0.6)}
+_COLOURS = {
+    "wood": (0.76, 0.6, 0.42, 1.0),
+    "steel": (0.35, 0.4, 0.45, 1.0),
+    "tool": (0.1, 0.45, 0.7, 1.0),
+    "bubble": (0.85, 0.85, 0.9, 0.6),
+}
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,14 @@ class Cell:
     """A finished Drake plant with its context. `bushing` is None when the tool is welded to the gripper."""
 
     def __init__(
-        self, scenario: Scenario, surface: Surface, shape: ToolShape, inertia: ToolInertia | None,
-        damping: tuple[Array, Array], dt_step: float, meshcat: Any,
+        self,
+        scenario: Scenario,
+        surface: Surface,
+        shape: ToolShape,
+        inertia: ToolInertia | None,
+        damping: tuple[Array, Array],
+        dt_step: float,
+        meshcat: Any,
     ) -> None:
         self.surface, self.shape = surface, shape
         self.bushing: Any = None
@@ -101,15 +111,22 @@ class Cell:
 
     def _soft_tool(self, scenario: Scenario, inertia: ToolInertia, damping: tuple[Array, Array]) -> Any:
         unit = inertia.about_T / inertia.moving_mass
-        body = self.plant.AddRigidBody("tool", self.tool_model, dt.SpatialInertia(
-            inertia.moving_mass, inertia.moving_com,
-            dt.UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2]),
-        ))
+        body = self.plant.AddRigidBody(
+            "tool",
+            self.tool_model,
+            dt.SpatialInertia(
+                inertia.moving_mass,
+                inertia.moving_com,
+                dt.UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2]),
+            ),
+        )
         self.plant.set_gravity_enabled(self.tool_model, False)  # see _weigh
         k = scenario.grasp.stiffness
-        self.bushing = self.plant.AddForceElement(dt.LinearBushingRollPitchYaw(
-            body.body_frame(), self.gripper.body_frame(), k.rotation, damping[0], k.translation, damping[1]
-        ))
+        self.bushing = self.plant.AddForceElement(
+            dt.LinearBushingRollPitchYaw(
+                body.body_frame(), self.gripper.body_frame(), k.rotation, damping[0], k.translation, damping[1]
+            )
+        )
         return body
 
     def _weigh(self, inertia: ToolInertia) -> None:
@@ -123,8 +140,12 @@ class Cell:
     def _material(self, stiffness: float, dissipation: float) -> Any:
         properties = dg.ProximityProperties()
         mu = self.surface.friction
-        dg.AddContactMaterial(dissipation=dissipation, point_stiffness=stiffness,
-                              friction=dp.CoulombFriction(mu, mu), properties=properties)
+        dg.AddContactMaterial(
+            dissipation=dissipation,
+            point_stiffness=stiffness,
+            friction=dp.CoulombFriction(mu, mu),
+            properties=properties,
+        )
         return properties
 
     def _touch(self, scenario: Scenario) -> None:
@@ -143,7 +164,13 @@ class Cell:
         self._wall(self.plant.world_body(), self.surface.X_WS, (0.0, 0.0, -0.5), (4.0, 4.0, 1.0), "table", in_series)
 
     def _wall(
-        self, body: Any, X_body: Array, centre: tuple[float, ...], size: tuple[float, ...], name: str, stiffness: float,
+        self,
+        body: Any,
+        X_body: Array,
+        centre: tuple[float, ...],
+        size: tuple[float, ...],
+        name: str,
+        stiffness: float,
         colour: str = "",
     ) -> None:
         X = RigidTransform(X_body @ make_pose(None, centre))
@@ -162,25 +189,41 @@ class Cell:
     def _add_hole(self, half: float) -> None:
         """Four walls around a square hole on the table."""
         out, long = half + 0.5 * _WALL, 2.0 * (half + _WALL)
-        for i, (x, y, a, b) in enumerate((
-            (out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL)
-        )):
-            self._wall(self.plant.world_body(), self.surface.X_WS, (x, y, 0.5 * HOLE_DEPTH), (a, b, HOLE_DEPTH),
-                       f"hole{i}", _STEEL, "steel")
+        for i, (x, y, a, b) in enumerate(
+            ((out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL))
+        ):
+            self._wall(
+                self.plant.world_body(),
+                self.surface.X_WS,
+                (x, y, 0.5 * HOLE_DEPTH),
+                (a, b, HOLE_DEPTH),
+                f"hole{i}",
+                _STEEL,
+                "steel",
+            )
 
     def _add_screw(self, half: float) -> None:
         """A slotted head that turns about the table's normal against a spring and a damper."""
         model = self.plant.AddModelInstance("screw")
         self.plant.set_gravity_enabled(model, False)
         screw = self.plant.AddRigidBody("screw", model, dt.SpatialInertia.SolidBoxWithMass(0.3, 0.05, 0.05, 0.02))
-        fixed = self.plant.AddFrame(dt.FixedOffsetFrame(
-            "screw_axis", self.plant.world_frame(), RigidTransform(self.surface.X_WS)))
-        joint = self.plant.AddJoint(dt.RevoluteJoint(
-            "screw", fixed, screw.body_frame(), [0.0, 0.0, 1.0], damping=SCREW_DAMPING))
+        fixed = self.plant.AddFrame(
+            dt.FixedOffsetFrame("screw_axis", self.plant.world_frame(), RigidTransform(self.surface.X_WS))
+        )
+        joint = self.plant.AddJoint(
+            dt.RevoluteJoint("screw", fixed, screw.body_frame(), [0.0, 0.0, 1.0], damping=SCREW_DAMPING)
+        )
         self.plant.AddForceElement(dt.RevoluteSpring(joint, 0.0, SCREW_STIFFNESS))
         for name, side in (("slot_left", 1.0), ("slot_right", -1.0)):
-            self._wall(screw, np.eye(4), (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH),
-                       (0.03, _WALL, SLOT_DEPTH), name, _STEEL, "steel")
+            self._wall(
+                screw,
+                np.eye(4),
+                (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH),
+                (0.03, _WALL, SLOT_DEPTH),
+                name,
+                _STEEL,
+                "steel",
+            )
 
     def _draw(self, scene: Any, builder: Any, meshcat: Any) -> None:
         world, add = self.plant.world_body(), self.plant.RegisterVisualGeometry
@@ -191,7 +234,12 @@ class Cell:
             add(self.tool, RigidTransform(list(centre)), dg.Box(*size), f"tool{i}", colour["tool"])
         for name, y in (("left", 0.03), ("right", -0.03)):
             add(self.gripper, RigidTransform([0, y, 0]), dg.Ellipsoid(0.04, 0.02, 0.03), name, colour["bubble"])
-            add(self.gripper, RigidTransform([0, 2.2 * y, -0.03]), dg.Box(0.09, 0.03, 0.1), f"{name}_finger",
-                colour["steel"])
+            add(
+                self.gripper,
+                RigidTransform([0, 2.2 * y, -0.03]),
+                dg.Box(0.09, 0.03, 0.1),
+                f"{name}_finger",
+                colour["steel"],
+            )
         add(self.gripper, RigidTransform([0, 0, -0.12]), dg.Box(0.09, 0.2, 0.06), "palm", colour["steel"])
         dg.MeshcatVisualizer.AddToBuilder(builder, scene, meshcat, dg.MeshcatVisualizerParams(publish_period=1 / 30))

@@ -51,8 +51,14 @@ def parameters_of(scenario: Scenario, law: str) -> ControllerParameters:
 
 
 def run_closed_loop(
-    scenario: Scenario, task: Task, *, law: str = "seed", estimator: str = "truth", seed: int = 0,
-    meshcat: Any = None, progress: Progress | None = None,
+    scenario: Scenario,
+    task: Task,
+    *,
+    law: str = "seed",
+    estimator: str = "truth",
+    seed: int = 0,
+    meshcat: Any = None,
+    progress: Progress | None = None,
 ) -> Run:
     """Play the task once. Deterministic: everything but the wall time depends on the arguments alone."""
     began = time.perf_counter()
@@ -118,8 +124,15 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
         recording.torque_axes = s.torque_axes
     to_work = inverse_pose(X_work)
     recording.add(
-        t=t, phase=phase, force=R_work.T @ load.force, torque=R_work.T @ load.torque, torque_T=R_T.T @ load.torque,
-        wanted_force=wanted_force, wanted_torque_T=wanted_torque,
-        tip=(to_work @ X_WT @ X_Ttip)[:3, 3], reference=(to_work @ s.X_W_tip)[:3, 3],
-        lean=lean_of(s.X_W_tip[:3, :3] @ X_Ttip[:3, :3].T, R_T), X_CT=plant.X_CT,
+        t=t,
+        phase=phase,
+        force=R_work.T @ load.force,
+        torque=R_work.T @ load.torque,
+        torque_T=R_T.T @ load.torque,
+        wanted_force=wanted_force,
+        wanted_torque_T=wanted_torque,
+        tip=(to_work @ X_WT @ X_Ttip)[:3, 3],
+        reference=(to_work @ s.X_W_tip)[:3, 3],
+        lean=lean_of(s.X_W_tip[:3, :3] @ X_Ttip[:3, :3].T, R_T),
+        X_CT=plant.X_CT,
     )

@@ -46,8 +46,15 @@ def scored_phase(task: Task) -> str:
 
 
 def run(
-    task: str | Task = "squeegee", *, law: str = "seed", estimator: str = "truth", force: float | None = None,
-    seed: int = 0, scenario: str | Path | Scenario | None = None, meshcat: Any = None, progress: Progress | None = None,
+    task: str | Task = "squeegee",
+    *,
+    law: str = "seed",
+    estimator: str = "truth",
+    force: float | None = None,
+    seed: int = 0,
+    scenario: str | Path | Scenario | None = None,
+    meshcat: Any = None,
+    progress: Progress | None = None,
 ) -> Evaluation:
     """Play a task once in closed loop and score it; deterministic per seed but for `real_time_factor`.
 
@@ -65,13 +72,17 @@ def run(
     if law in BASELINES:
         done = run_baseline(what, loaded, kind=law, seed=seed, meshcat=meshcat)
     elif law in LAWS:
-        done = run_closed_loop(what, loaded, law=law, estimator=estimator, seed=seed, meshcat=meshcat,
-                               progress=progress)
+        done = run_closed_loop(
+            what, loaded, law=law, estimator=estimator, seed=seed, meshcat=meshcat, progress=progress
+        )
     else:
         raise SeedError(f"law '{law}' is unknown; known: {', '.join(LAWS)}")
     recording = done.recording
     result = {
-        "task": loaded.name, "scenario": what.name, "law": law, "seed": seed,
+        "task": loaded.name,
+        "scenario": what.name,
+        "law": law,
+        "seed": seed,
         "estimator": "none" if law in BASELINES else estimator,
         **score(recording, scored_phase(loaded)),
         "message": recording.message,
@@ -83,20 +94,30 @@ def run(
 # --- command line ------------------------------------------------------------------------------------------------
 def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
-        prog="seed evaluate", formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        prog="seed evaluate",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
         description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces. "
         "With --scenarios N, sweep over seeds and columns.",
     )
     p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
     p.add_argument("--law", choices=LAWS, default="seed", help="control law or baseline")
-    p.add_argument("--estimator", choices=ESTIMATORS, default="truth",
-                   help="where relative poses come from: exact; exact with noise and delay; rendered images")
+    p.add_argument(
+        "--estimator",
+        choices=ESTIMATORS,
+        default="truth",
+        help="where relative poses come from: exact; exact with noise and delay; rendered images",
+    )
     p.add_argument("--force", type=float, default=None, help="[N] size of every force in the task")
     p.add_argument("--seed", type=int, default=7, help="draws table and errors; first seed of a sweep")
     p.add_argument("--scenario", default=None, help=f"one of {', '.join(shipped_scenarios())}, or a file")
     p.add_argument("--scenarios", type=int, default=0, metavar="N", help="sweep: seeds per column")
-    p.add_argument("--column", action="append", choices=shipped_scenarios(), metavar="NAME",
-                   help="sweep: only this column, any shipped scenario (may be repeated)")
+    p.add_argument(
+        "--column",
+        action="append",
+        choices=shipped_scenarios(),
+        metavar="NAME",
+        help="sweep: only this column, any shipped scenario (may be repeated)",
+    )
     p.add_argument("--jobs", type=int, default=1, metavar="J", help="sweep: processes")
     p.add_argument("--plot", type=Path, default=None, help="sweep: where to write the plot (PNG)")
     p.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
@@ -158,8 +179,15 @@ def main(argv: list[str] | None = None) -> int:
             parser.error("--column belongs to a sweep: give --scenarios N as well")
         bar = _Bar()
         try:
-            result = run(args.task, law=args.law, estimator=args.estimator, force=args.force, seed=args.seed,
-                         scenario=args.scenario, progress=bar).result
+            result = run(
+                args.task,
+                law=args.law,
+                estimator=args.estimator,
+                force=args.force,
+                seed=args.seed,
+                scenario=args.scenario,
+                progress=bar,
+            ).result
         finally:
             bar.close()
     except SeedError as error:

@@ -241,8 +241,10 @@ class Plant:
         g = self.scenario.grasp
         grip = 1.0 + g.stiffening * (g.nominal_width - width)
         if not 0.3 <= grip <= 4.0:
-            raise PlantError(f"gripper width = {width:.4f} m would make the grip {grip:.2f} times as stiff; 0.3 to 4 "
-                             "times is possible")
+            raise PlantError(
+                f"gripper width = {width:.4f} m would make the grip {grip:.2f} times as stiff; 0.3 to 4 "
+                "times is possible"
+            )
         if self._inertia is not None:
             self._stiffen(g.stiffness.scaled(grip))
         self.width, self._grip = width, grip
@@ -252,8 +254,10 @@ class Plant:
         ratio = self.scenario.grasp.damping_ratio
         rate = fastest_rate(self._inertia, stiffness, ratio) * DT / self._substeps
         if rate >= 0.95:
-            raise PlantError(f"so firm a grip cannot be integrated with this tool (rate x step = {rate:.2f}, below "
-                             "0.95 is needed): close less")
+            raise PlantError(
+                f"so firm a grip cannot be integrated with this tool (rate x step = {rate:.2f}, below "
+                "0.95 is needed): close less"
+            )
         damping = damping_of(self._inertia, stiffness, ratio)
         bushing, context = self._cell.bushing, self._cell.context
         bushing.SetTorqueStiffnessConstants(context, np.array(stiffness.rotation))
@@ -298,14 +302,16 @@ class Plant:
         g = self.scenario.grasp
         none = (np.zeros(3), np.zeros(3))
         damping = damping_of(self._inertia, g.stiffness, g.damping_ratio) if self._inertia is not None else none
-        self._cell = Cell(self.scenario, self.surface, self.shape, self._inertia, damping, DT / self._substeps,
-                          self._meshcat)
+        self._cell = Cell(
+            self.scenario, self.surface, self.shape, self._inertia, damping, DT / self._substeps, self._meshcat
+        )
 
 
 def _pose_and_velocity(X_WC: Array, velocity: Array, angular_velocity: Array) -> Array:
     """(13,) quaternion w, x, y, z, position, angular velocity and velocity in the world, as Drake orders them."""
-    return np.array((*_quaternion_wxyz(X_WC[:3, :3]), *X_WC[:3, 3].tolist(),
-                     *angular_velocity.tolist(), *velocity.tolist()))
+    return np.array(
+        (*_quaternion_wxyz(X_WC[:3, :3]), *X_WC[:3, 3].tolist(), *angular_velocity.tolist(), *velocity.tolist())
+    )
 
 
 def _quaternion_wxyz(R: Array) -> tuple[float, float, float, float]:
@@ -327,11 +333,13 @@ def _rotation_of(q: Array) -> Array:
     """R (3, 3) of a quaternion w, x, y, z, whatever its norm."""
     w, x, y, z = q.tolist()
     n = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array((
-        (1.0 - n * (y * y + z * z), n * (x * y - w * z), n * (x * z + w * y)),
-        (n * (x * y + w * z), 1.0 - n * (x * x + z * z), n * (y * z - w * x)),
-        (n * (x * z - w * y), n * (y * z + w * x), 1.0 - n * (x * x + y * y)),
-    ))
+    return np.array(
+        (
+            (1.0 - n * (y * y + z * z), n * (x * y - w * z), n * (x * z + w * y)),
+            (n * (x * y + w * z), 1.0 - n * (x * x + z * z), n * (y * z - w * x)),
+            (n * (x * z - w * y), n * (y * z + w * x), 1.0 - n * (x * x + y * y)),
+        )
+    )
 
 
 def save_replay(meshcat: Any, path: Path) -> None:

@@ -85,8 +85,12 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
         size = float(np.abs(wanted[:, 2]).max(initial=0.0))
         none = {"rmse": size, "mean": 0.0, "max_abs_error": size}
         return out | {
-            "force_z": none, "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0}, "torque_z": None,
-            "lean_deg": {"rms": 0.0, "max": 0.0}, "path_rmse_mm": float("nan"), "samples": 0,
+            "force_z": none,
+            "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0},
+            "torque_z": None,
+            "lean_deg": {"rms": 0.0, "max": 0.0},
+            "path_rmse_mm": float("nan"),
+            "samples": 0,
         }
     force = recording["force"][keep][:, 2]
     error = force - recording["wanted_force"][keep][:, 2]

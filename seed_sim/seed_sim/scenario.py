@@ -49,8 +49,9 @@ class TableSection:
 
     tilt_x: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, span=True, doc="about the work frame's x")
     tilt_y: Range = field((-2.0, 2.0), unit="deg", low=-30, high=30, span=True, doc="about the work frame's y")
-    height: Range = field((-3.0, 3.0), unit="mm", low=-50, high=50, span=True,
-                          doc="of the surface at the work frame's origin")
+    height: Range = field(
+        (-3.0, 3.0), unit="mm", low=-50, high=50, span=True, doc="of the surface at the work frame's origin"
+    )
     friction: float = field(0.4, low=0.0, high=2.0, doc="Coulomb, static and dynamic")
     contact_stiffness: float = field(8000.0, unit="N/m", low=10.0, high=1e6, doc="of each contact point")
     total_stiffness: float | None = field(None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead")
@@ -62,8 +63,13 @@ class MeasurementSection:
     """How relative poses are measured when no images are rendered, and when they arrive."""
 
     rate: float = field(45.0, unit="Hz", low=1.0, high=500.0, doc="of the cameras")
-    delay: float | None = field(None, unit="s", low=0.0, high=0.5, doc="from image to estimate; default 50 ms with "
-                                "noise, 30 ms with images, 0 with truth")
+    delay: float | None = field(
+        None,
+        unit="s",
+        low=0.0,
+        high=0.5,
+        doc="from image to estimate; default 50 ms with noise, 30 ms with images, 0 with truth",
+    )
     position_noise: float = field(0.3, unit="mm", low=0.0, high=10.0, doc="white, per axis and frame")
     rotation_noise: float = field(0.5, unit="deg", low=0.0, high=10.0, doc="white, per axis and frame")
     kinematics_noise: float = field(0.0, unit="mm", low=0.0, high=10.0, doc="white, of the reported flange position")
@@ -111,6 +117,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     if path.suffix not in (".yaml", ".yml"):
         path = folder() / f"{name_or_path}.yaml"
         if not path.is_file():
-            raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped_scenarios())}; "
-                              "or name a .yaml file")
+            raise ConfigError(
+                f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped_scenarios())}; or name a .yaml file"
+            )
     return load_file(path, Scenario)

@@ -45,8 +45,15 @@ def column_summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def sweep(
-    task: str, columns: list[str], seeds: list[int], *, law: str, estimator: str, force: float | None = None,
-    jobs: int = 1, progress: bool = True,
+    task: str,
+    columns: list[str],
+    seeds: list[int],
+    *,
+    law: str,
+    estimator: str,
+    force: float | None = None,
+    jobs: int = 1,
+    progress: bool = True,
 ) -> dict[str, Any]:
     """Every column with every seed. Uses joblib's active back end: see docs/control.md for Dask and Ray."""
     from tqdm import tqdm
@@ -61,7 +68,10 @@ def sweep(
     for (column, _), result in zip(cases, results, strict=True):
         by_column[column].append(result)
     return {
-        "task": task, "law": law, "estimator": estimator, "seeds": seeds,
+        "task": task,
+        "law": law,
+        "estimator": estimator,
+        "seeds": seeds,
         "columns": {c: column_summary(runs) for c, runs in by_column.items()},
     }
 
@@ -74,8 +84,9 @@ def plot(result: dict[str, Any], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for axis, key, sub, label in zip(axes, ("force_z", "lean_deg"), ("rmse", "max"),
-                                     ("force error, RMSE [N]", "largest lean [deg]"), strict=True):
+    for axis, key, sub, label in zip(
+        axes, ("force_z", "lean_deg"), ("rmse", "max"), ("force error, RMSE [N]", "largest lean [deg]"), strict=True
+    ):
         for i, column in enumerate(result["columns"].values()):
             values = [r[key][sub] for r in column["runs"] if key in r]
             axis.plot([i] * len(values), values, "o", alpha=0.5)
@@ -96,8 +107,10 @@ def _table(result: dict[str, Any]) -> None:
             print(f"{name:18s} every run failed: {c['runs'][0]['error']}")
             continue
         f = c["force_z_rmse"]
-        print(f"{name:18s} {f['mean']:13.3f} N {f['p95']:7.3f} {f['max']:7.3f} {c['lean_deg_rms']['mean']:9.2f} "
-              f"{c['lean_deg_max']['max']:9.2f}  {c['failed'] or '-'}")
+        print(
+            f"{name:18s} {f['mean']:13.3f} N {f['p95']:7.3f} {f['max']:7.3f} {c['lean_deg_rms']['mean']:9.2f} "
+            f"{c['lean_deg_max']['max']:9.2f}  {c['failed'] or '-'}"
+        )
 
 
 def sweep_command(args: argparse.Namespace) -> int:

@@ -66,8 +66,23 @@ def held(short: str) -> dict:
 def swept(short: str, tmp_path_factory: pytest.TempPathFactory) -> dict:
     """The welded baseline over two seeds, as a sweep."""
     plot = tmp_path_factory.mktemp("plots") / "sweep.png"
-    result = printed([short, "--law", "welded", "--force", "8", "--scenarios", "2", "--seed", "1003", "--column",
-                      "nominal", "--plot", str(plot)])
+    result = printed(
+        [
+            short,
+            "--law",
+            "welded",
+            "--force",
+            "8",
+            "--scenarios",
+            "2",
+            "--seed",
+            "1003",
+            "--column",
+            "nominal",
+            "--plot",
+            str(plot),
+        ]
+    )
     assert plot.stat().st_size > 1000
     return result["columns"]["nominal"]
 
@@ -120,19 +135,29 @@ def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_
     assert 0.01 < done.result["force_z"]["rmse"] < 1.0  # [N]; noise costs something, not contact
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["squeegee", "--scenario", "calm"], "scenario 'calm' is unknown"),
-    (["sqeegee"], "no task 'sqeegee'"),
-    (["squeegee", "--force", "-3"], "force = -3.0 N must be above 0"),
-    (["squeegee", "--scenario", "missing.yaml"], "cannot be read"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["squeegee", "--scenario", "calm"], "scenario 'calm' is unknown"),
+        (["sqeegee"], "no task 'sqeegee'"),
+        (["squeegee", "--force", "-3"], "force = -3.0 N must be above 0"),
+        (["squeegee", "--scenario", "missing.yaml"], "cannot be read"),
+    ],
+)
 def test_wrong_arguments_are_named(arguments, words, capsys):
     assert main(arguments) == 2
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["squeegee", "--law", "best"], ["squeegee", "--estimator", "guess"],
-                                       ["squeegee", "--seed", "x"], ["squeegee", "--column", "nominal"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["squeegee", "--law", "best"],
+        ["squeegee", "--estimator", "guess"],
+        ["squeegee", "--seed", "x"],
+        ["squeegee", "--column", "nominal"],
+    ],
+)
 def test_unknown_choices_end_with_usage(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
@@ -145,8 +170,13 @@ def test_summary_of_known_numbers():
 
 
 def test_failed_run_is_told_and_not_averaged():
-    good = {"seed": 1, "finished": True, "force_z": {"rmse": 0.1}, "torque_x": {"rmse": 0.0},
-            "lean_deg": {"rms": 1.0, "max": 2.0}}
+    good = {
+        "seed": 1,
+        "finished": True,
+        "force_z": {"rmse": 0.1},
+        "torque_x": {"rmse": 0.0},
+        "lean_deg": {"rms": 1.0, "max": 2.0},
+    }
     out = column_summary([good, {"seed": 2, "finished": False, "error": "diverged"}])
     assert out["failed"] == [2]
     assert out["force_z_rmse"]["mean"] == 0.1
@@ -157,4 +187,8 @@ def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
     from seed_control.tasks import load_task
 
     assert [evaluate.scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg", "torque_driver")] == [
-        "wipe", "draw", "press", "tighten"]
+        "wipe",
+        "draw",
+        "press",
+        "tighten",
+    ]

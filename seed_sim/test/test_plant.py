@@ -152,8 +152,12 @@ def test_impossible_grip_is_refused_and_changes_nothing():
 
 
 def test_light_tool_is_cut_into_substeps_and_stays_finite():
-    pen = replace(STILL, tool_kind="pen", tool=Tool("pen", Frame((0.0, 0.0, 0.08)), 0.02, (0.0, 0.0, 0.02)),
-                  grasp=GraspSection(pad_mass=0.02, pad_radius=0.02))
+    pen = replace(
+        STILL,
+        tool_kind="pen",
+        tool=Tool("pen", Frame((0.0, 0.0, 0.08)), 0.02, (0.0, 0.0, 0.02)),
+        grasp=GraspSection(pad_mass=0.02, pad_radius=0.02),
+    )
     plant = settled(pen, -0.003, 0.5)
     assert plant._substeps > 1
     assert_allclose(balance(plant), np.zeros(6), atol=5e-3)

@@ -26,7 +26,11 @@ def test_every_column_is_shipped_and_differs_from_nominal():
 def test_nominal_is_the_default():
     nominal, default = load_scenario("nominal"), Scenario()
     assert (nominal.grasp, nominal.servo, nominal.table, nominal.measurement) == (
-        default.grasp, default.servo, default.table, default.measurement)
+        default.grasp,
+        default.servo,
+        default.table,
+        default.measurement,
+    )
 
 
 def test_unknown_name_lists_what_there_is():
@@ -34,14 +38,17 @@ def test_unknown_name_lists_what_there_is():
         load_scenario("calm")
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("tabel: {friction: 0.3}", r"mine\.yaml:1: unknown key 'tabel'"),
-    ("name: x\ntable: {friction: -1}", r"mine\.yaml:2: table\.friction = -1 must be within 0 and 2"),
-    ("grasp:\n  damping_ratio: .nan", r"mine\.yaml:2: grasp\.damping_ratio = nan must be finite"),
-    ("servo: {lag: 15 ms}", r"servo\.lag = '15 ms' must be a number \(s; first-order lag"),
-    ("grasp: {stiffness: {rotation: [4, 3, 0], translation: [1, 1, 1]}}", r"rotation\[2\] = 0\.0 N m/rad must be"),
-    ("servo: {arm: panda}", r"servo\.arm = 'panda' must be one of: cartesian, ur5e, ur10e"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("tabel: {friction: 0.3}", r"mine\.yaml:1: unknown key 'tabel'"),
+        ("name: x\ntable: {friction: -1}", r"mine\.yaml:2: table\.friction = -1 must be within 0 and 2"),
+        ("grasp:\n  damping_ratio: .nan", r"mine\.yaml:2: grasp\.damping_ratio = nan must be finite"),
+        ("servo: {lag: 15 ms}", r"servo\.lag = '15 ms' must be a number \(s; first-order lag"),
+        ("grasp: {stiffness: {rotation: [4, 3, 0], translation: [1, 1, 1]}}", r"rotation\[2\] = 0\.0 N m/rad must be"),
+        ("servo: {arm: panda}", r"servo\.arm = 'panda' must be one of: cartesian, ur5e, ur10e"),
+    ],
+)
 def test_wrong_file_is_refused_with_line_and_bound(tmp_path: Path, text, message):
     file = tmp_path / "mine.yaml"
     file.write_text(text)

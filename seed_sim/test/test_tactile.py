@@ -118,7 +118,9 @@ def test_dots_in_contact_move_rigidly_with_the_tool(tool, turn):
     X_CT = pose_from_rpy((0.0, turn, 0.0), (0.003, 0.0, -0.002))
     held, moved = membrane.press(np.eye(4), np.eye(4)), membrane.press(X_CT, X_CT)
     touching = tool_depth(membrane.rays, tool, X_CT) - moved.depth < 1e-5
-    stuck = touching & (cv2.erode((_at(membrane._share(0.0), moved.material) > 0.999).astype(np.uint8), np.ones((3, 3))) > 0)
+    stuck = touching & (
+        cv2.erode((_at(membrane._share(0.0), moved.material) > 0.999).astype(np.uint8), np.ones((3, 3))) > 0
+    )
     p_T = membrane.rays.at(moved.depth)[:, stuck].T.astype(float) @ X_CT[:3, :3] + inverse_pose(X_CT)[:3, 3]
     assert stuck.sum() > 100
     assert_allclose(moved.material[:, stuck], p_T[:, ::2].T, atol=2e-5)  # [m]

@@ -38,10 +38,12 @@ def test_moment_of_inertia_follows_steiner():
 
 def test_fastest_rate_is_the_plain_oscillator_s_without_coupling():
     still = inertia("squeegee", (0.0, 0.0, 0.0))
-    k_over_m = np.concatenate([
-        np.array(DEFAULT_STIFFNESS.rotation) / np.diag(still.about_T),
-        np.array(DEFAULT_STIFFNESS.translation) / still.moving_mass,
-    ])
+    k_over_m = np.concatenate(
+        [
+            np.array(DEFAULT_STIFFNESS.rotation) / np.diag(still.about_T),
+            np.array(DEFAULT_STIFFNESS.translation) / still.moving_mass,
+        ]
+    )
     assert_allclose(fastest_rate(still, DEFAULT_STIFFNESS, 0.0), np.sqrt(k_over_m.max()), rtol=1e-9)
 
 
@@ -55,6 +57,4 @@ def test_damping_has_the_ratio_that_was_asked_for():
     tool = inertia("peg", pad=0.05)
     rotation, translation = damping_of(tool, DEFAULT_STIFFNESS, 0.3)
     assert_allclose(translation / (2.0 * np.sqrt(np.array(DEFAULT_STIFFNESS.translation) * tool.moving_mass)), 0.3)
-    assert_allclose(
-        rotation / (2.0 * np.sqrt(np.array(DEFAULT_STIFFNESS.rotation) * np.diag(tool.about_T))), 0.3
-    )
+    assert_allclose(rotation / (2.0 * np.sqrt(np.array(DEFAULT_STIFFNESS.rotation) * np.diag(tool.about_T))), 0.3)

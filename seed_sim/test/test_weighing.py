@@ -20,8 +20,9 @@ from seed_sim.sources import source_for
 def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy", seed: int = 3) -> Weight:
     task = load_task("squeegee")
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
-    controller = Controller(ControllerParameters(), scenario.hand, scenario.tool,
-                            scenario.grasp.stiffness.scaled(believed))
+    controller = Controller(
+        ControllerParameters(), scenario.hand, scenario.tool, scenario.grasp.stiffness.scaled(believed)
+    )
     source, run, t = source_for(estimator, scenario, seed, 250.0), None, 0.0
     while t < 40.0:
         while source.next_image() <= t + 1e-9:

@@ -38,8 +38,18 @@ def _table(runs: dict[str, Evaluation], seed: int, force: float) -> str:
     for label, evaluation in runs.items():
         r = evaluation.result
         f, x, lean = r["force_z"], r["torque_x"], r["lean_deg"]
-        rows.append([label, f"{f['rmse']:.3f}", f"{f['mean']:.2f}", f"{f['max_abs_error']:.2f}", f"{x['rmse']:.4f}",
-                     f"{lean['rms']:.2f}", f"{lean['max']:.2f}", "yes" if r["finished"] else r["message"][:40]])
+        rows.append(
+            [
+                label,
+                f"{f['rmse']:.3f}",
+                f"{f['mean']:.2f}",
+                f"{f['max_abs_error']:.2f}",
+                f"{x['rmse']:.4f}",
+                f"{lean['rms']:.2f}",
+                f"{lean['max']:.2f}",
+                "yes" if r["finished"] else r["message"][:40],
+            ]
+        )
     header = ["squeegee", "force rmse N", "mean N", "worst N", "torque rmse N m", "lean rms deg", "max", "finished"]
     return f"Fig. 6 in simulation: {force:g} N, seed {seed}, from 2 s after contact\n\n" + table(header, rows)
 

@@ -31,8 +31,12 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
         progress = Progress(label)
         across = task == "pen_across"
         runs[label] = run(
-            str(shipped("pen_across.yaml")) if across else task, law=law, estimator=estimator, seed=seed,
-            scenario=shipped("pen_across_scenario.yaml") if across else None, progress=progress,
+            str(shipped("pen_across.yaml")) if across else task,
+            law=law,
+            estimator=estimator,
+            seed=seed,
+            scenario=shipped("pen_across_scenario.yaml") if across else None,
+            progress=progress,
         )
         progress.done()
     progress = Progress(f"writing '{text}'")
@@ -41,9 +45,13 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
     label = f"writing '{text}', tactile images"
     lines = {name: strokes_of(e.run.recording) for name, e in (runs | {label: written}).items()}
     words = _table(lines, runs | {label: written}, seed)
-    values = {name: {"score": (runs | {label: written})[name].result,
-                     "strokes": [s.statistics() | {"name": s.name} for s in strokes]}
-              for name, strokes in lines.items()}
+    values = {
+        name: {
+            "score": (runs | {label: written})[name].result,
+            "strokes": [s.statistics() | {"name": s.name} for s in strokes],
+        }
+        for name, strokes in lines.items()
+    }
     files = write(folder, "fig7", words, values)
     return words, [*files, _draw(lines, label, folder / "fig7.png")]
 
@@ -53,9 +61,18 @@ def _table(lines: dict[str, list[Stroke]], runs: dict[str, Evaluation], seed: in
     for label, strokes in lines.items():
         for stroke in strokes:
             s = stroke.statistics()
-            rows.append([label, stroke.name.removesuffix(" draw"), f"{s['commanded']:.1f}", f"{s['force_mean']:.2f}",
-                         f"{s['force_rmse']:.3f}", f"{s['width_mm_mean']:.2f}", f"{s['width_mm_commanded']:.2f}",
-                         f"{s['path_rmse_mm']:.2f}"])
+            rows.append(
+                [
+                    label,
+                    stroke.name.removesuffix(" draw"),
+                    f"{s['commanded']:.1f}",
+                    f"{s['force_mean']:.2f}",
+                    f"{s['force_rmse']:.3f}",
+                    f"{s['width_mm_mean']:.2f}",
+                    f"{s['width_mm_commanded']:.2f}",
+                    f"{s['path_rmse_mm']:.2f}",
+                ]
+            )
         if not runs[label].result["finished"]:
             rows.append([label, "stopped: " + runs[label].result["message"], *[""] * 6])
     header = ["pen", "stroke", "asked N", "mean N", "rmse N", "width mm", "asked mm", "path rmse mm"]
@@ -83,8 +100,14 @@ def _widths(axis: Any, lines: dict[str, list[Stroke]]) -> None:
     """Width of the line against the commanded force, and what the model would give for exactly that force."""
     for (label, _, _, _), marker in zip(CASES, "osd^", strict=True):
         stats = [s.statistics() for s in lines[label]]
-        axis.errorbar([s["commanded"] for s in stats], [s["width_mm_mean"] for s in stats],
-                      yerr=[s["width_mm_std"] for s in stats], fmt=marker, capsize=3, label=label)
+        axis.errorbar(
+            [s["commanded"] for s in stats],
+            [s["width_mm_mean"] for s in stats],
+            yerr=[s["width_mm_std"] for s in stats],
+            fmt=marker,
+            capsize=3,
+            label=label,
+        )
     asked = [s.statistics() for s in lines[CASES[0][0]]]
     axis.plot([s["commanded"] for s in asked], [s["width_mm_commanded"] for s in asked], "k--", lw=0.8, label="asked")
     axis.set_xlabel("commanded force [N]")

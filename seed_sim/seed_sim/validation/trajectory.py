@@ -26,9 +26,7 @@ class TrajectorySection:
     rate: float = field(45.0, unit="Hz", low=1.0, high=200.0, doc="pairs of images per second")
     translation_mm: Vector = field((4.5, 2.1, 3.0), unit="mm rms", low=0.0, high=20.0, doc="x, y, z")
     rotation_deg: Vector = field((8.0, 6.0, 6.0), unit="deg rms", low=0.0, high=30.0, doc="roll, pitch, yaw")
-    peak_deg: Vector | None = field(
-        None, unit="deg", low=0.0, high=60.0, doc="largest roll, pitch, yaw, not rms"
-    )
+    peak_deg: Vector | None = field(None, unit="deg", low=0.0, high=60.0, doc="largest roll, pitch, yaw, not rms")
     score_from: float = field(0.0, unit="s", low=0.0, high=600.0, doc="frames before it are not scored")
 
 
