@@ -9,7 +9,7 @@ import random
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import pytest
 
@@ -43,6 +43,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 for _folder in sorted(Path(__file__).parent.glob("seed_*/setup.py")):
     with contextlib.suppress(ImportError):
         importlib.import_module(_folder.parent.name)
+
+
+@pytest.fixture
+def bench() -> Iterator[Any]:
+    """A context for nodes under test, with a client: seed_ros.testing.Bench."""
+    from seed_ros.testing import Bench  # needs ROS, which most tests do not
+
+    bench = Bench()
+    try:
+        yield bench
+    finally:
+        bench.close()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -69,12 +69,17 @@ IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a
 CORES = 4  # that the live graph wants at full rates
 STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
-FAST_RATES = (250.0, 125.0)  # [Hz] of arm and controller, with enough cores and with fewer
+LOOP_RATE, SMALL_LOOP_RATE = 250.0, 125.0  # [Hz] of arm and controller, with enough cores and with fewer
 
 
 def _small() -> bool:
     """Whether this machine is too small for cameras at 45 Hz and control at 250 Hz beside a simulation."""
     return len(os.sched_getaffinity(0)) < CORES
+
+
+def _loop_rate() -> float:
+    """Rate of arm and controller on this machine [Hz]."""
+    return SMALL_LOOP_RATE if _small() else LOOP_RATE
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -154,7 +159,7 @@ class Demo:
         say(f"task {self.task.name}, scenario {self.scenario.name}, seed {options.seed}, estimator {options.estimator}")
         say(f"results go to {self.folder}")
         if _small() and not options.camera_rate:
-            say(f"fewer than {CORES} cores: cameras at {SMALL_CAMERA_RATE:g} Hz, control at 125 Hz")
+            say(f"fewer than {CORES} cores: cameras at {SMALL_CAMERA_RATE:g} Hz, control at {SMALL_LOOP_RATE:g} Hz")
         phases = self._live()
         pool, futures = start_baselines(BASELINES, options.task, options.force, options.seed, self.scenario_name)
         try:
@@ -186,9 +191,8 @@ class Demo:
                 "the recorder did not start",
             )
             self._play(session)
-            if self._replays:
-                with contextlib.suppress(SeedError):
-                    session.trigger("sim/save_replay")
+            with contextlib.suppress(SeedError):
+                session.trigger("sim/save_replay")
             session.spin(0.3)
             say("closing the bag and the cell")
         played = session.played
@@ -198,16 +202,12 @@ class Demo:
         ends = [start for _, start in played.phases[1:]] + [played.ended]
         return [Phase(name, start, end) for (name, start), end in zip(played.phases, ends, strict=True)]
 
-    @property
-    def _replays(self) -> bool:
-        return True
-
     def _arguments(self) -> dict[str, str]:
         beliefs = self.folder / "beliefs.yaml"
         beliefs.write_text(yaml.safe_dump(_beliefs(self.scenario)), encoding="utf-8")
         controller = self.folder / "controller.yaml"
         given = {k: v for k, v in self.scenario.controller.items() if k != "law"}
-        values = {"rate": FAST_RATES[_small()], **given}
+        values = {"rate": _loop_rate(), **given}
         controller.write_text(yaml.safe_dump({"controller": {"ros__parameters": values}}), encoding="utf-8")
         o = self.options
         return {
@@ -220,7 +220,7 @@ class Demo:
             "replay": str(self.folder / "replay.html"),
             "hand_file": str(beliefs),
             "controller_file": str(controller),
-            "sim_rate": str(FAST_RATES[_small()]),
+            "sim_rate": str(_loop_rate()),
             "use_sim_time": str(self.robot["robot"] == "sim").lower(),  # the driver lives by the wall's clock
             "camera_rate": str(float(o.camera_rate or (SMALL_CAMERA_RATE if _small() else 0.0))),
         }

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_sim import tactile, validate
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]  # slow: three recordings are played in real time
+pytestmark = [pytest.mark.ros, pytest.mark.realtime, pytest.mark.slow]  # slow: three recordings are played in real time
 
 PERIOD = 0.08  # [s]: leaves time to a busy test machine
 START = 1_700_000_000.0  # [s]
@@ -76,15 +75,6 @@ def write_bag(path: Path, renderer: Any, start: float, poses: list[np.ndarray | 
                     SENSOR,
                 )
     return path
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    bench = Bench()
-    try:
-        yield bench
-    finally:
-        bench.close()
 
 
 def play(bag: Path, *arguments: str) -> subprocess.Popen[bytes]:

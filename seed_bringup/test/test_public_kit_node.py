@@ -35,15 +35,6 @@ PERIOD = 0.1  # [s]: two images of 640 x 480 each, on a busy machine
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    bench = Bench()
-    try:
-        yield bench
-    finally:
-        bench.close()
-
-
-@pytest.fixture
 def launched() -> Iterator[subprocess.Popen[bytes]]:
     prefixes = [f"{finger}_bubble:={prefix}" for finger, prefix in BUBBLES.items()]
     command = [sys.executable, "-P", "-m", "seed_bringup.cli", "launch", "perception", *prefixes]

@@ -3,10 +3,10 @@
 
 Micro-slip: while the tool moves, the membrane in contact follows a constant share of its motion along the surface. The
 image sees the membrane and depth sees the tool, so wherever depth sees the motion at all the share can be learnt: a
-scalar Kalman filter, slow. A share below a few per cent cannot be told from depth's own errors and is not corrected.
+scalar Kalman filter, of a second or two. A share below a few per cent cannot be told from depth's own errors and is
+not corrected.
 
-Gross slip: the membrane lets go. Then depth suddenly wants to go where the image does not: the disagreement of the two,
-which changes slowly while the tool sticks, jumps.
+Gross slip, where the membrane lets go, is `gross_slip`'s.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -116,15 +115,6 @@ class Rig:
         """Whether an invalid estimate with these words comes."""
         self.poses.clear()
         return self.bench.until(lambda: any(not p.valid and words in p.reason for p in self.poses), 20.0)
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    bench = Bench()
-    try:
-        yield bench
-    finally:
-        bench.close()
 
 
 QUICK = {"reference_frames": 6, "grasp_frames": 4, "max_gap": 5.0}

@@ -13,6 +13,11 @@ class Latch:
         self.reason = ""  # why it holds; empty while it follows
         self._heard: float | None = None  # [s] when the last usable target came; None: none to follow yet
 
+    @property
+    def following(self) -> bool:
+        """Whether there are targets, and it goes to them."""
+        return self._heard is not None and not self.reason
+
     def heard(self, now: float) -> None:
         """A usable target came at `now` [s]."""
         self._heard = now

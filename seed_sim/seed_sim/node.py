@@ -97,7 +97,8 @@ class SimNode(Node):
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
             self._hold_reason = self.create_publisher(String, "~/hold_reason", LATCHED)
             self.create_service(Trigger, "~/resend_robot_program", self._resume)
-        self._awaited = self._await_others() if self.settings.clock else {}
+        if self.settings.clock:
+            self.loop.poll(RelativePose, "relative_pose", self._on_estimate, COMMAND)
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -118,13 +119,6 @@ class SimNode(Node):
         link.place(self._X_WE_start, ELBOW_UP)
         return link
 
-    def _await_others(self) -> dict[str, Awaited]:
-        """The streams that the plant waits for: those that the controller and the estimator answer with."""
-        awaited = {"target_frame": Awaited(TARGET_PATIENCE), "relative_pose": Awaited(ESTIMATE_PATIENCE)}
-        hear = awaited["relative_pose"].hear
-        self.loop.poll(RelativePose, "relative_pose", lambda m: hear(seconds(m.header.stamp)), COMMAND)
-        return awaited
-
     # time
     def _start_clock(self) -> None:
         """Tie the plant's time to the wall's, both steady and ROS's, from now on."""
@@ -132,6 +126,7 @@ class SimNode(Node):
         self._ros_offset = self.get_clock().now().nanoseconds * 1e-9 - self.plant.time
         self._lost = 0.0
         self._rated = (time.monotonic(), self.plant.time)
+        self._targets, self._estimates = Awaited(TARGET_PATIENCE), Awaited(ESTIMATE_PATIENCE)
 
     @property
     def stamp(self) -> float:
@@ -155,7 +150,8 @@ class SimNode(Node):
     def _waits(self) -> bool:
         """Whether the plant stands still for a process that this machine is too busy to run in time."""
         steady = time.monotonic()
-        return any(a.late(self.stamp, steady) for a in self._awaited.values())
+        late = [stream.late(self.stamp, steady) for stream in (self._targets, self._estimates)]
+        return self.settings.clock and any(late)
 
     def _lose(self, lost: float) -> None:
         """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""
@@ -218,9 +214,11 @@ class SimNode(Node):
             self.complaints.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
             return
         self._latch.heard(self.stamp)
-        if "target_frame" in self._awaited:
-            self._awaited["target_frame"].hear(seconds(message.header.stamp))
+        self._targets.hear(seconds(message.header.stamp))
         self.plant.command(X_WE)
+
+    def _on_estimate(self, message: RelativePose) -> None:
+        self._estimates.hear(seconds(message.header.stamp))
 
     def _age(self, message: PoseStamped) -> str:
         """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
@@ -317,6 +315,8 @@ class SimNode(Node):
             return diagnostics.WARN, f"slower than real time: {self.real_time_factor:.3f}", values
         if self._latch.reason:
             return diagnostics.WARN, f"holds: {self._latch.reason}{REMEDY}", values
+        if not self._latch.following:
+            return diagnostics.OK, self.complaints.last or "no target_frame yet: the arm holds", values
         return diagnostics.OK, "following target_frame", values
 
 

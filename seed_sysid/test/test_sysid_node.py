@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,13 +36,6 @@ QUICK = {
     "procedure__settle__hold": 0.6,
     "procedure__settle__average": 0.4,
 }
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    b = Bench()
-    yield b
-    b.close()
 
 
 def _nodes(bench: Bench) -> tuple[Any, Any]:
