@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import inspect
 import os
+import signal
 import sys
 from collections.abc import Callable
 
@@ -46,6 +47,7 @@ def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C comes twice below `ros2 launch`: the node is ending
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
