@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,6 +31,7 @@ from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
 LOOP_RATE = 200.0  # [Hz] at which it is looked what is due
+STANDSTILL = 0.05  # [s] without a step of the clock: simulated time stands still
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class BubblesNode(Node):
         self._shot = -np.inf
         self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
         self._frames_sent = self._late = 0
+        self._stepped = (0.0, 0.0)  # the clock's last step, by itself and by a steady clock [s]
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
         self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), 0.0
         self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True)
@@ -81,9 +84,12 @@ class BubblesNode(Node):
 
     def _tick(self) -> None:
         now = self.get_clock().now().nanoseconds * 1e-9
-        if now >= self._next:
+        due = now >= self._next
+        if due:
             self._next = max(self._next + self._period, now - self._period)
             self._shoot()
+        if due or now != self._stepped[0]:
+            self._stepped = now, time.monotonic()
         self._deliver(now)
 
     def _shoot(self) -> None:
@@ -95,7 +101,8 @@ class BubblesNode(Node):
         self._ready.append((self._shot, images))
 
     def _deliver(self, now: float) -> None:
-        while self._ready and now - self._ready[0][0] >= self.settings.latency:
+        awaited = time.monotonic() - self._stepped[1] > STANDSTILL  # time stands still for these images
+        while self._ready and (awaited or now - self._ready[0][0] >= self.settings.latency):
             stamp, images = self._ready.popleft()
             self._late += now - stamp > self.settings.latency + 0.01
             self._send(stamp, images)

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated cameras by simulated time."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from rosgraph_msgs.msg import Clock
+from seed_msgs.msg import RelativePose
+from sensor_msgs.msg import Image
+
+from seed_ros.conversions import stamp_from_seconds
+from seed_ros.qos import CLOCK, SENSOR
+from seed_ros.testing import Bench
+from seed_sim.bubbles_node import BubblesNode
+
+pytestmark = pytest.mark.ros
+
+EXPOSED = 12.0  # [s]
+
+
+def test_images_for_which_simulated_time_stands_still_are_sent(bench: Bench) -> None:
+    bench.add(BubblesNode, use_sim_time=True, latency=0.5)
+    clock = bench.client.create_publisher(Clock, "/clock", CLOCK)
+    truth = bench.client.create_publisher(RelativePose, "sim/ground_truth/relative_pose", SENSOR)
+    images: list[Image] = []
+    bench.client.create_subscription(Image, "bubble_left/depth/image_rect_raw", images.append, SENSOR)
+    stamp = stamp_from_seconds(EXPOSED)
+
+    def stand_still() -> None:
+        clock.publish(Clock(clock=stamp))
+        message = RelativePose()
+        message.header.stamp = stamp
+        truth.publish(message)
+
+    bench.every.append(stand_still)
+    assert bench.until(lambda: images, patience=10.0)
+    assert images[0].header.stamp == stamp
