@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint, SetpointError
-from seed_core.bushing import Stiffness
 from seed_core.spatial import Array, Wrench
 
 _TORQUE_TOLERANCE = 1e-6  # [N m]
@@ -62,27 +59,6 @@ def check_deflection(displacement: Array, angles: Array, parameters: ControllerP
             f"needs a rotation of {worst:.1f} degrees in the grasp, at most {parameters.max_rotation:g} is safe "
             "against slip: ask for less torque or a stiffer grip",
         )
-
-
-def check_tipping(
-    force_T: Array, p_Ttip: Array, torque_axes: tuple[bool, bool, bool], stiffness: Stiffness, margin: float
-) -> None:
-    """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are softer than F H."""
-    size = sqrt(float(force_T @ force_T))
-    moment = float(force_T @ p_Ttip)  # F H, positive when the tip is pressed away from T
-    if size == 0.0 or moment <= 0.0:
-        return
-    along = np.abs(force_T) / size
-    for i, k in enumerate(stiffness.rotation):
-        if torque_axes[i] or along[i] > 0.9:  # about the force's own axis nothing tips
-            continue
-        if k < margin * moment:
-            raise SetpointError(
-                "SP14",
-                f"the tool would tip: {size:.3g} N at a lever of {moment / size:.3g} m needs more than "
-                f"{margin * moment:.3g} N m/rad about T's {'xyz'[i]}, the grasp has {k:.3g}: ask for at most "
-                f"{size * k / (margin * moment):.3g} N or a stiffer grip",
-            )
 
 
 def check_observed(

@@ -20,14 +20,10 @@ class PoseHistory:
         self._poses = np.zeros((capacity, 4, 4))
         self._stamps = np.full(capacity, -np.inf)
         self._count = 0
+        self.newest_stamp = -np.inf  # [s]; minus infinity while empty
 
     def __len__(self) -> int:
         return min(self._count, self._capacity)
-
-    @property
-    def newest_stamp(self) -> float:
-        """Stamp of the newest pose [s]; minus infinity while empty."""
-        return float(self._stamps[(self._count - 1) % self._capacity]) if self._count else -np.inf
 
     @property
     def oldest_stamp(self) -> float:
@@ -38,7 +34,8 @@ class PoseHistory:
 
     def newest(self) -> Array:
         """The newest pose (4, 4); a view that stays until it is overwritten a whole buffer later."""
-        return np.asarray(self._poses[(self._count - 1) % self._capacity])
+        X: Array = self._poses[(self._count - 1) % self._capacity]
+        return X
 
     def add(self, stamp: float, X: Array) -> bool:
         """Append a pose; False, and nothing changes, when its stamp does not rise."""
@@ -46,7 +43,7 @@ class PoseHistory:
             return False
         i = self._count % self._capacity
         self._poses[i] = X
-        self._stamps[i] = stamp
+        self._stamps[i] = self.newest_stamp = stamp
         self._count += 1
         return True
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One control law for force, torque, position and angle at once: from images and a set-point to a gripper pose.
 
-`image` does the geometry at the camera's rate, `target` the little that changes with every step.
+This is the geometry, done at the camera's rate; `walk` is the little that changes with every step.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from seed_control.contact import ContactJudge
+from seed_control.directions import force_directions
 from seed_control.features import Features
 from seed_control.hybrid import PartialInverseError, hybrid_translation, partial_angles
 from seed_control.measurement import Gauge, Measurement
 from seed_control.observer import ObserverTuning, SurfaceObserver
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint
+from seed_control.tipping import tipping_gain
 from seed_control.tool_filter import ToolFilter
 from seed_control.vectors import Triple, triple
 from seed_control.walking import Plan, Walk
 from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
-
-_LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 
 
 class HybridLaw:
@@ -45,7 +45,6 @@ class HybridLaw:
         self.X_TC_wanted = np.eye(4)
         self.normals = np.zeros((0, 3))  # (m, 3) force directions in W
         self.loop_time = 0.1  # [s] from an image to the arm's answer, set by whoever knows
-        self._plan = Plan()
         self._tipping_gain = 1.0
         self._wanted = np.zeros(0)  # (m,) force along the normals [N]
 
@@ -68,7 +67,7 @@ class HybridLaw:
         self._task_axes(setpoint)
         if not same:
             self._new_directions(setpoint, p_WC)
-        self._solve(setpoint)
+        self.walk.renew(self._solve(setpoint), self.contact)
 
     def _task_axes(self, s: HybridSetpoint) -> None:
         self.R_W_task = self.tool.R_WT @ self.R_tipT.T if s.task_frame == "tool" else s.R_W_task
@@ -100,11 +99,12 @@ class HybridLaw:
         self.measured = m
         if self.setpoint is not None:
             self._task_axes(self.setpoint)
-            self._solve(self.setpoint)
+            plan = self._solve(self.setpoint)
             self._judge_contact(m)
             for n, observer in zip(self.normals, self.walk.observers, strict=True):
                 if self.contact:
                     observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
+            self.walk.renew(plan, self.contact)
         self._tell(m)
 
     def _judge_contact(self, m: Measurement) -> None:
@@ -122,41 +122,31 @@ class HybridLaw:
         error = np.abs(self.normals @ filtered.force - self._wanted)
         self.settled = self.contact and bool((error < np.maximum(0.1 * np.abs(self._wanted), 0.3)).all())
 
-    def _solve(self, s: HybridSetpoint) -> None:
-        """Wanted gripper rotation and deflections from the set-point and the newest filtered measurement."""
+    def _solve(self, s: HybridSetpoint) -> Plan:
+        """Wanted gripper rotation, and the walk's plan, from the set-point and the newest filtered measurement."""
         self.limits = ()
         P = self.R_W_task @ s.force_projector @ self.R_W_task.T
-        self.normals = _directions(P, len(self.walk.observers))
+        self.normals = force_directions(P, len(self.walk.observers))
         self._wanted = self.normals @ (self.R_W_task @ s.wrench.force)
-        self._tipping_gain = self._gain_of_tipping(s)
+        force_T = self.tool.R_WT.T @ (self.R_W_task @ s.wrench.force)
+        stiffness = self.gauge.bushing.stiffness
+        # fed-forward deflection has this gain in its loop: its time grows with it, so the loop's speed stays the same
+        self._tipping_gain = tipping_gain(force_T, self.gauge.p_Ttip, s.torque_axes, stiffness)
         self._solve_rotation(s, P)
         d = self._solve_translation(s, P)
         tip_to_C = self.tool.offset
         if not self.features.feedforward:
             tip_to_C = -(s.X_W_tip[:3, :3] @ self.R_tipT @ self.gauge.p_Ttip)
-        self._plan = Plan(
-            normals=tuple(triple(n) for n in self.normals),
-            wanted=tuple(self._wanted.tolist()),
-            deflections=tuple((self.normals @ d).tolist()),
+        return Plan(
+            normals=[triple(n) for n in self.normals],
+            wanted=self._wanted.tolist(),
+            deflections=(self.normals @ d).tolist(),
             softness=1.0 / self.gauge.mean_stiffness,
-            position_part=(np.eye(3) - P).tolist(),
             tip=triple(self.tool.tip),
             lever=triple(self.tool.R_WT @ self.gauge.p_Ttip),
             tip_to_C=triple(tip_to_C),
+            approach_speed=s.approach_speed or self.parameters.approach_speed,
         )
-
-    def _gain_of_tipping(self, s: HybridSetpoint) -> float:
-        """How much further than the gripper a pressed tool turns, 1 / (1 - F H / k) on its weakest held axis.
-
-        The fed-forward deflection is integral action on the tool's angle with this gain in its loop, so the time
-        constant grows with it and the loop's speed stays the same.
-        """
-        force_T = self.tool.R_WT.T @ (self.R_W_task @ s.wrench.force)
-        moment = float(force_T @ self.gauge.p_Ttip)
-        k = [k for k, on in zip(self.gauge.bushing.stiffness.rotation, s.torque_axes, strict=True) if not on]
-        if moment <= 0.0 or not k:
-            return 1.0
-        return 1.0 / max(1.0 - moment / min(k), _LEAST_MARGIN)
 
     def _solve_rotation(self, s: HybridSetpoint, P: Array) -> None:
         R_WT_des = s.X_W_tip[:3, :3] @ self.R_tipT
@@ -211,29 +201,3 @@ class HybridLaw:
             d = d * (bound / size)
         self.X_TC_wanted = make_pose(R_TC, R_WT.T @ d)
         return d
-
-    # --- per step ----------------------------------------------------------------------------------------------
-    def target(self, dt: float, lead: float, loop_time: float) -> Triple:
-        """Wanted gripper position p_WC [m] for this step of dt [s]; see Walk.target."""
-        assert self.setpoint is not None
-        return self.walk.target(self.setpoint, self._plan, self.contact, dt, lead, loop_time)
-
-
-def _directions(P: Array, m: int) -> Array:
-    """(m, 3) orthonormal basis of the range of the projector P, always the same one for the same P."""
-    if m == 3:
-        return np.eye(3)
-    if m == 0:
-        return np.zeros((0, 3))
-    order = np.argsort(-np.diag(P), kind="stable")
-    out: list[Array] = []
-    for i in order:
-        v = P[i].copy()
-        for n in out:
-            v -= (n @ v) * n
-        size = float(np.sqrt(v @ v))
-        if size > 0.3:
-            out.append(v / size)
-        if len(out) == m:
-            break
-    return np.array(out)

@@ -5,12 +5,9 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
-from seed_control.vectors import Triple, dot, minus, plus, triple
-from seed_core.spatial import Array, make_pose, so3_exp, so3_log
-
-_RENEW = 64  # turns
+from seed_control.turns import NO_TURN, Quaternion, pose_of, quaternion, turn_between, turned_on
+from seed_control.vectors import Triple, placed, plus
+from seed_core.spatial import Array
 
 
 class VectorLimiter:
@@ -48,66 +45,53 @@ class VectorLimiter:
     def _towards(self, vx: float, vy: float, vz: float, dt: float) -> Triple:
         """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds."""
         gain = min(2.0 * self.bandwidth, 1.0 / dt)
-        ux, uy, uz = self.v
-        ax, ay, az = _clipped((vx - ux) * gain, (vy - uy) * gain, (vz - uz) * gain, self.acceleration)
-        bx, by, bz = self.a
-        jx, jy, jz = _clipped(ax - bx, ay - by, az - bz, self.jerk * dt)
-        self.a = ax, ay, az = bx + jx, by + jy, bz + jz
+        (ux, uy, uz), (bx, by, bz) = self.v, self.a
+        ax, ay, az = (vx - ux) * gain, (vy - uy) * gain, (vz - uz) * gain
+        size, bound = sqrt(ax * ax + ay * ay + az * az), self.acceleration
+        if size > bound:
+            s = bound / size
+            ax, ay, az = s * ax, s * ay, s * az
+        jx, jy, jz = ax - bx, ay - by, az - bz
+        size, bound = sqrt(jx * jx + jy * jy + jz * jz), self.jerk * dt
+        if size > bound:
+            s = bound / size
+            ax, ay, az = bx + s * jx, by + s * jy, bz + s * jz
+        self.a = ax, ay, az
         self.v = ux, uy, uz = ux + ax * dt, uy + ay * dt, uz + az * dt
         return ux * dt, uy * dt, uz * dt
 
 
-def _clipped(x: float, y: float, z: float, bound: float) -> Triple:
-    norm = sqrt(x * x + y * y + z * z)
-    if norm <= bound:
-        return x, y, z
-    s = bound / norm
-    return x * s, y * s, z * s
-
-
 class PoseLimiter:
-    """The commanded pose: what is sent to the arm, moved towards each step's target within the limits."""
+    """The commanded pose of a body, moved towards each step's target within the limits of one of its points.
 
-    def __init__(self, linear: VectorLimiter, angular: VectorLimiter) -> None:
-        self.linear, self.angular = linear, angular
-        self.p: Triple = (0.0, 0.0, 0.0)
-        self.R = np.eye(3)
-        self._turns = 0
+    Args:
+        point: (3,) [m] in the body, whose speed `linear` limits.
+    """
+
+    def __init__(self, linear: VectorLimiter, angular: VectorLimiter, point: Triple = (0.0, 0.0, 0.0)) -> None:
+        self.linear, self.angular, self.point = linear, angular, point
+        self.p: Triple = point  # of the point, in the parent frame
+        self.q: Quaternion = NO_TURN  # of the body
 
     def reset(self, X: Array) -> None:
-        """At rest at X (4, 4)."""
-        self.p, self.R = triple(X[:3, 3]), X[:3, :3].copy()
+        """At rest with the body at X (4, 4)."""
+        self.p, self.q = placed(X.tolist(), self.point), quaternion(X[:3, :3])
         self.linear.reset()
         self.angular.reset()
 
-    def advance(self, p: Triple, R: Array, dt: float, speed: float) -> None:
-        """One step of dt [s] towards position p [m] and rotation R (3, 3); speed [m/s] bounds it now."""
-        self.p = plus(self.p, self.linear.advance(*minus(p, self.p), dt, speed))
-        self._turn(self.angular.advance(*_rotation_vector(R, self.R), dt, self.angular.speed))
+    def advance(self, p: Triple, q: Quaternion, dt: float, speed: float) -> None:
+        """One step of dt [s] towards the point's place p [m] and rotation q; speed [m/s] bounds it now."""
+        (x, y, z), (a, b, c) = self.p, p
+        u, v, w = self.linear.advance(a - x, b - y, c - z, dt, speed)
+        self.p = x + u, y + v, z + w
+        self.q = turned_on(self.q, self.angular.advance(*turn_between(q, self.q), dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
         self.p = plus(self.p, self.linear.stop(dt))
-        self._turn(self.angular.stop(dt))
+        self.q = turned_on(self.q, self.angular.stop(dt))
 
     @property
     def pose(self) -> Array:
         """The commanded pose (4, 4), a copy."""
-        return make_pose(self.R, self.p)
-
-    def _turn(self, step: Triple) -> None:
-        if step == (0.0, 0.0, 0.0):
-            return
-        R = so3_exp(step) @ self.R
-        self._turns += 1
-        if self._turns % _RENEW == 0:  # rounding would add up over hours: a Newton step towards an orthonormal matrix
-            R = 1.5 * R - 0.5 * R @ (R.T @ R)
-        self.R = R
-
-
-def _rotation_vector(R_goal: Array, R: Array) -> Triple:
-    """so3_log(R_goal R^T), with the sine for the angle where it is small: what steers a filter needs no more."""
-    (a, b, c), (u, v, w) = R_goal.tolist(), R.tolist()
-    if dot(a, u) + dot(b, v) + dot(c, w) > 2.95:
-        return 0.5 * (dot(c, v) - dot(b, w)), 0.5 * (dot(a, w) - dot(c, u)), 0.5 * (dot(b, u) - dot(a, v))
-    return triple(so3_log(R_goal @ R.T))
+        return pose_of(self.q, self.p, self.point)

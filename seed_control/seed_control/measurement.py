@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seed_control.blend import Blend
 from seed_control.gravity import weight_about_T
-from seed_core.bushing import Bushing
+from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Tool
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
@@ -58,13 +59,28 @@ class Gauge:
 
     def __init__(self, tool: Tool, bushing: Bushing, gravity: bool, default_deviation: float) -> None:
         self.tool, self.gravity = tool, gravity
-        self.use(bushing)
+        self._use(bushing)
+        self._blend: Blend | None = None
         self.p_Ttip = tool.X_Ttip[:3, 3].copy()
         self._com = np.array(tool.center_of_mass)
         self._default = default_deviation
 
-    def use(self, bushing: Bushing) -> None:
-        """Measure with another stiffness from now on."""
+    def change(self, stiffness: Stiffness, t: float, duration: float) -> None:
+        """Take over another stiffness from time t [s] on, within duration [s]."""
+        self._blend = Blend(self.bushing.stiffness, stiffness, t, duration)
+        if duration == 0.0:
+            self.advance(t)
+
+    def advance(self, t: float) -> None:
+        """Go on with taking over a stiffness, if one is being taken over."""
+        blend = self._blend
+        if blend is None:
+            return
+        self._use(Bushing(blend.at(t), self.bushing.model))
+        if blend.share(t) >= 1.0:
+            self._blend = None
+
+    def _use(self, bushing: Bushing) -> None:
         self.bushing = bushing
         self.mean_stiffness = sum(bushing.stiffness.translation) / 3.0  # [N/m]
 

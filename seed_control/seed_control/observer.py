@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_control.vectors import Triple, dot, minus, triple
+from seed_control.vectors import Triple, along, dot, triple
 from seed_core.spatial import Array
 
 MAX_SHARE = 0.85  # of beta: beyond it the environment gives way more than the grasp and 1 / (1 - beta) is mostly noise
@@ -41,13 +41,13 @@ class ObserverTuning:
 
 
 class SurfaceObserver:
-    """The filter along one direction. `start` at first contact, `update` per image, `target` whenever asked."""
+    """The filter along one direction. `start` at first contact, `update` and `course` per image."""
 
     def __init__(self, tuning: ObserverTuning) -> None:
         self.tuning = tuning
         self.x = np.zeros(5)
         self.P = np.eye(5)
-        self._stand_at(np.zeros(3))  # [m] in W
+        self.anchor = np.zeros(3)  # [m] in W; heights are counted from it
         self._c0 = self._last = 0.0
         self._outside = 0
 
@@ -66,7 +66,7 @@ class SurfaceObserver:
         tuning = self.tuning
         self.x[:] = (0.0, 0.0, 0.0, 0.0, share)
         self.P = np.diag([tuning.height_prior**2, *[tuning.slope_prior**2] * 3, tuning.share_prior**2])
-        self._stand_at(tip)
+        self.anchor = tip.copy()
         self._c0, self._last, self._outside = float(n @ (undeflected - tip)), t, 0
 
     def update(self, t: float, n: Array, tip: Array, undeflected: Array, variance: float) -> float:
@@ -86,17 +86,17 @@ class SurfaceObserver:
         self.P -= np.outer(gain, Ph)
         return innovation
 
-    @property
-    def place(self) -> Triple:
-        """The anchor, from which heights are counted [m]."""
-        return self._place
+    def course(self, n: Triple, deflection: float) -> tuple[float, Triple]:
+        """Height c along n at which c - y is the deflection [m] wanted, wherever the tip is going to be.
 
-    def target(self, n: Triple, tip: Triple, deflection: float) -> float:
-        """Height c [m], along n from the anchor, at which c - y is the deflection wanted, with the tip at (3,)."""
+        Returns offset [m] and gradient (3,): with the tip at (3,) in W, c = offset + gradient . tip.
+        """
         height, *g, share = self.x.tolist()
-        step = minus(tip, self._place)
-        zeta = height + dot(g, step) - dot(g, n) * dot(n, step)
-        return float(self._c0 + (zeta - self._c0 + deflection) / (1.0 - share))
+        gain, place = 1.0 / (1.0 - share), triple(self.anchor)
+        x, y, z = along(g, -dot(g, n), n)  # across n
+        gradient = gain * x, gain * y, gain * z
+        start = self._c0 + gain * (height - self._c0 + deflection)
+        return dot(n, place) + start - dot(gradient, place), gradient
 
     def _predict(self, t: float, n: Array, tip: Array) -> None:
         """Carry the estimate to the new place, and count heights from there."""
@@ -111,11 +111,8 @@ class SurfaceObserver:
         slope = self.tuning.slope_walk**2 * dt
         for i in (1, 2, 3):
             self.P[i, i] += slope
-        self._stand_at(tip)
+        self.anchor = tip.copy()
         self._last = t
-
-    def _stand_at(self, tip: Array) -> None:
-        self.anchor, self._place = tip.copy(), triple(tip)
 
     def _stepped(self, innovation: float, variance: float) -> bool:
         side = 1 if innovation > 0 else -1

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from seed_control.vectors import Triple, triple
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, SpatialError, Wrench, check_pose
 
@@ -92,25 +93,27 @@ class HybridSetpoint:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
     stamp: float | None = None
+    motion: tuple[Triple, Triple] = field(init=False, repr=False)  # tip's place and velocity once more, for each step
 
     def __post_init__(self) -> None:
         _check_frame(self.task_frame, TASK_FRAMES)
         put = object.__setattr__
-        put(self, "X_W_tip", _checked_pose(self.X_W_tip, "X_W_tip"))
         put(self, "wrench", _checked_wrench(self.wrench))
         put(self, "force_projector", _checked_projector(self.force_projector))
         put(self, "R_W_task", _checked_rotation(self.R_W_task, self.task_frame))
-        put(self, "velocity", _checked_vector(self.velocity, "velocity", "m/s"))
+        self._put_motion(self.X_W_tip, self.velocity)
         self._check_selection()
 
     def moved(self, X_W_tip: Array, velocity: Array) -> HybridSetpoint:
         """The same set-point at another place: cheap, for paths; everything but the two arguments is shared."""
         out = object.__new__(HybridSetpoint)
         out.__dict__.update(self.__dict__)
-        put = object.__setattr__
-        put(out, "X_W_tip", _checked_pose(X_W_tip, "X_W_tip"))
-        put(out, "velocity", _checked_vector(velocity, "velocity", "m/s"))
+        out._put_motion(X_W_tip, velocity)
         return out
+
+    def _put_motion(self, X_W_tip: Array, velocity: Array) -> None:
+        X, v = _checked_pose(X_W_tip, "X_W_tip"), _checked_vector(velocity, "velocity", "m/s")
+        self.__dict__.update(X_W_tip=X, velocity=v, motion=(triple(X[:3, 3]), triple(v)))
 
     def _check_selection(self) -> None:
         stray = self.wrench.force - self.force_projector @ self.wrench.force

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from seed_core.spatial import Array, Wrench
@@ -24,8 +23,20 @@ class Counters(NamedTuple):
     holds: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerState:
+class Journal:
+    """What has been counted, and the last remark: one for all parts of a controller."""
+
+    def __init__(self, note: str) -> None:
+        self.counters, self.note = Counters(), note
+
+    def count(self, name: str, note: str | None = None) -> None:
+        """One more of a counter, with a remark."""
+        self.counters = self.counters._replace(**{name: getattr(self.counters, name) + 1})
+        if note is not None:
+            self.note = note
+
+
+class ControllerState(NamedTuple):
     """A picture of the controller at one step.
 
     Attributes:

@@ -6,8 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from seed_control.law import BANDWIDTH, ControllerParameters
+from seed_control.command import BANDWIDTH
 from seed_control.observer import MAX_SHARE, ObserverTuning, SurfaceObserver
+from seed_control.parameters import ControllerParameters
 from seed_control.stability import (
     environment_share,
     lean_crossover,

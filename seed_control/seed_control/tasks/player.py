@@ -11,12 +11,11 @@ from seed_control.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
 from seed_control.tasks.script import Step, steps_of
-from seed_control.tasks.task import AXES, Control, Phase, Task
-from seed_core.spatial import Array, Wrench, make_pose, rotation_from_rpy, so3_exp, so3_log
+from seed_control.tasks.step_run import StepRun, expected_time
+from seed_control.tasks.task import Phase, Task
+from seed_core.spatial import Array, rotation_from_rpy
 
-_TURN_SPEED = 0.3  # [rad/s] of the reference
 _LIFT_SPEED = 0.05  # [m/s]
-_TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,13 @@ class TaskPlayer:
         self._X_W = task.frame.pose
         self._R_tip = rotation_from_rpy(np.deg2rad(task.tip_rpy))
         self._index = -1
-        self._run: _Run | None = None
+        self._run: StepRun | None = None
         self._status = TaskStatus(None, "waiting", 0.0)
         self._ending = ""  # why the task ends early
         self._cancelled = False
         self._paused = False
         self._last: float | None = None
-        weights = [_expected(s) for s in self._steps]
+        weights = [expected_time(s) for s in self._steps]
         self._before = np.concatenate([[0.0], np.cumsum(weights)])
 
     @property
@@ -145,16 +144,16 @@ class TaskPlayer:
         self._index += 1
         self._run = self._begin(self._steps[self._index], state)
 
-    def _lift(self, state: ControllerState) -> _Run:
+    def _lift(self, state: ControllerState) -> StepRun:
         start = self._start(state)
         end = start + np.array((0.0, 0.0, self.task.lift))
         path = Path([start, end], _LIFT_SPEED, 0.2)
         R = self._run.R_end if self._run else self._local(state)[:3, :3]
         word = "cancel" if self._cancelled else "failure"
         phase = Phase(f"lift after {word}")
-        return _Run(Step(phase), path, R, R, self._X_W)
+        return StepRun(Step(phase), path, R, R, self._X_W)
 
-    def _begin(self, step: Step, state: ControllerState) -> _Run:
+    def _begin(self, step: Step, state: ControllerState) -> StepRun:
         phase = step.phase
         start = self._start(state)
         path = Path(np.array([start, *step.points]), phase.speed, phase.acceleration)
@@ -162,7 +161,7 @@ class TaskPlayer:
         R1 = R0 if self._run else self._R_tip
         if phase.tilt is not None:
             R1 = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
-        return _Run(step, path, R0, R1, self._X_W)
+        return StepRun(step, path, R0, R1, self._X_W)
 
     def _local(self, state: ControllerState) -> Array:
         assert state.X_W_tip is not None
@@ -199,79 +198,3 @@ class TaskPlayer:
                 word,
             )
         return self._status
-
-
-class _Run:
-    """One step being played; everything in the work frame until the set-point."""
-
-    def __init__(self, step: Step, path: Path, R_start: Array, R_end: Array, X_W: Array) -> None:
-        self.step, self.path, self.R_end, self._X_W = step, path, R_end, X_W
-        self._R_start = R_start
-        self._turn = so3_log(R_start.T @ R_end)
-        angle = float(np.sqrt(self._turn @ self._turn))
-        self.duration = max(path.duration, angle / _TURN_SPEED)
-        self._t = self._waited = self._held = 0.0
-        self.finish = False
-        self.share = 0.0
-        self.position, self.velocity = path.at(0.0)
-        control = step.phase.control
-        self.force_projector = _projector(control, self._R_start)
-        self._wrench = Wrench(np.array(control.torque), np.array(control.force)) if control else Wrench.zero()
-        self._first = self._first_setpoint(control)
-
-    def advance(self, dt: float, state: ControllerState) -> str:
-        """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
-        phase = self.step.phase
-        self._t += dt
-        self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
-        self.share = min(self._t / max(self.duration, _TYPICAL if phase.until != "arrived" else 1e-9), 1.0)
-        if self.finish:
-            return "done"
-        if self._t < self.duration:
-            return ""
-        self._waited += dt
-        met = {"arrived": True, "contact": state.in_contact, "settled": state.settled}[phase.until]
-        self._held = self._held + dt if met else 0.0
-        if met and self._held >= phase.dwell:
-            return "done"
-        return "timeout" if self._waited > phase.timeout + phase.dwell else ""
-
-    def setpoint(self) -> HybridSetpoint:
-        """The set-point of this moment."""
-        share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
-        R = self.R_end if share >= 1.0 else self._R_start @ so3_exp(share * self._turn)
-        X_W_tip = self._X_W @ make_pose(R, self.position)
-        return self._first.moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
-
-    def _first_setpoint(self, control: Control | None) -> HybridSetpoint:
-        X_W_tip = self._X_W @ make_pose(self._R_start, self.position)
-        if control is None:
-            return HybridSetpoint(X_W_tip)
-        return HybridSetpoint(
-            X_W_tip=X_W_tip,
-            wrench=self._wrench,
-            force_projector=_projector(control, None),
-            torque_axes=control.flags(control.torque_axes),
-            contact_resists=control.flags(control.contact_resists),
-            task_frame="tool" if control.frame == "tool" else "surface",
-            R_W_task=self._X_W[:3, :3],
-            approach_speed=control.approach_speed,
-        )
-
-
-def _projector(control: Control | None, R_tip: Array | None) -> Array:
-    """Force directions as a projector in the control's frame; in the work frame when R_tip (3, 3) is given."""
-    P = np.zeros((3, 3))
-    for axis in control.force_directions if control else ():
-        n = np.array(AXES[axis])
-        if control is not None and control.frame == "tool" and R_tip is not None:
-            n = R_tip @ n
-        P += np.outer(n, n)
-    return P
-
-
-def _expected(step: Step) -> float:
-    points = np.array(step.points).reshape(-1, 3)
-    length = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum()) if len(points) > 1 else 0.1
-    waiting = _TYPICAL if step.phase.until != "arrived" else 0.0
-    return waiting + step.phase.dwell + (length / step.phase.speed if len(points) else 0.0)

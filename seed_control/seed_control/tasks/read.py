@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from seed_control.tasks.task import Task, TaskError, changed, load_task
+from seed_control.tasks.load import changed, load_task
+from seed_control.tasks.task import Task, TaskError
 from seed_core.config import field, load_text
 
 MAX_TEXT = 100_000  # characters of a task sent as text

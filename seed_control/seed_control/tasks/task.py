@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
 
-from seed_core.config import ConfigError, field, load_file
+from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
 
@@ -153,61 +152,3 @@ class Task:
             raise ConfigError("a task needs at least one phase")
         if self.draw is not None and len(self.phases) < 2:
             raise ConfigError("a task that draws needs a first phase (to approach) and a last one (to lift)")
-
-
-def shipped_tasks() -> dict[str, Path]:
-    """The tasks that come with the package, by name."""
-    return {f.stem: f for f in sorted(_shipped_folder().glob("*.yaml"))}
-
-
-def load_task(source: str | Path, force: float | None = None, text: str | None = None) -> Task:
-    """A task from a file, or by the name of a shipped one.
-
-    Args:
-        source: path of a YAML file, or one of shipped_tasks().
-        force: [N] replaces the size of every force in the task.
-        text: replaces the text of a task that writes.
-
-    Raises:
-        TaskError: no such task.
-        ConfigError: with file and line.
-    """
-    shipped = shipped_tasks()
-    path = shipped.get(str(source), Path(source))
-    if not path.is_file():
-        raise TaskError(f"no task '{source}': neither a file nor one of {', '.join(shipped)}")
-    return changed(load_file(path, Task), force, text)
-
-
-def changed(task: Task, force: float | None = None, text: str | None = None) -> Task:
-    """The task with another size of every force [N], or another text to write. Raises TaskError."""
-    if force is not None:
-        task = _with_force(task, force)
-    if text is not None:
-        task = _with_text(task, text)
-    return task
-
-
-def _with_force(task: Task, force: float) -> Task:
-    if not 0.0 < force <= 200.0:
-        raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
-    phases = tuple(replace(p, control=p.control.scaled_to(force)) if p.control else p for p in task.phases)
-    draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
-    return replace(task, phases=phases, draw=draw)
-
-
-def _with_text(task: Task, text: str) -> Task:
-    if task.draw is None or not task.draw.text:
-        raise TaskError(f"task '{task.name}' does not write a text")
-    if not text.strip() or len(text) > 80:
-        raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
-    return replace(task, draw=replace(task.draw, text=text))
-
-
-def _shipped_folder() -> Path:
-    """config/tasks of the source tree, or of the installed share folder."""
-    for parent in Path(__file__).resolve().parents:
-        for folder in (parent / "config" / "tasks", parent / "share" / "seed_control" / "config" / "tasks"):
-            if folder.is_dir():
-                return folder
-    raise TaskError("the shipped tasks (seed_control/config/tasks) are not installed: build the workspace again")
