@@ -36,6 +36,9 @@ class InputSettings:
     rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
     pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
     finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
+    clock_offset: float = field(
+        0.0, unit="s", low=-1.0, high=1.0, doc="by which images' stamps are ahead of the robot's"
+    )
     silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
 
 
@@ -98,7 +101,7 @@ class ImageInputs:
             self.on_calibration()
 
     def _on_image(self, finger: str, kind: str, message: Image) -> None:
-        stamp = seconds(message.header.stamp)
+        stamp = seconds(message.header.stamp) - self.settings.clock_offset
         done = self._images[finger].add(kind, stamp, message)
         if done is None:
             return

@@ -24,7 +24,7 @@ from seed_estimation import identity
 from seed_estimation.images import TactileImages
 from seed_estimation.node import EstimatorNode
 from seed_ros.cameras import Intrinsics, camera_info
-from seed_ros.conversions import pose_to_matrix
+from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import image_message
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
@@ -136,6 +136,15 @@ def test_a_moved_tool_is_found_where_it_is_with_the_stamp_of_its_images(bench: B
     assert (last.header.frame_id, last.child_frame_id) == ("compliance", "tool")
     assert 0.0 < rig.now() - (last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec) < 5.0
     assert all(p.in_contact for p in rig.patches[-1].patches)
+
+
+def test_estimates_carry_the_robots_time_where_the_cameras_clock_is_ahead(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, clock_offset=0.5)
+    exposed: list[float] = []
+    rig.hooks.append(lambda _, __, message: exposed.append(seconds(message.header.stamp)) or message)
+    assert bench.until(lambda: len(rig.poses) > 2)
+    stamp = seconds(rig.poses[-1].header.stamp)
+    assert min(abs(stamp + 0.5 - t) for t in exposed) < 1e-6
 
 
 def test_without_a_reference_or_a_grasp_it_says_so(bench: Bench, renderer: Any) -> None:

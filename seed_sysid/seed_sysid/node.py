@@ -7,7 +7,8 @@ import json
 import sys
 from concurrent.futures import Future as Job
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from dataclasses import field as member
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,15 @@ from std_srvs.srv import Trigger
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
-from seed_core.spatial import Array
-from seed_ros.conversions import check_frame, estimate_from_message, pose_stamped, pose_to_matrix, wrench_to_core
+from seed_core.spatial import Array, inverse_pose
+from seed_ros.conversions import (
+    check_frame,
+    estimate_from_message,
+    pose_stamped,
+    pose_to_matrix,
+    seconds,
+    wrench_to_core,
+)
 from seed_ros.counters import Complaints
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
@@ -37,6 +45,7 @@ from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_sysid.analysis import Analysis
 from seed_sysid.bag import TOPIC
+from seed_sysid.clock import ClockError, ClockOffset, ClockWatch
 from seed_sysid.dataset import Header
 from seed_sysid.live import Live, LiveError, Streams
 from seed_sysid.output import stiffness_file, summary, write_stiffness
@@ -60,6 +69,15 @@ class Settings:
     output: str = field("results/identification", doc="folder used when the goal names none")
 
 
+@dataclass(frozen=True)
+class Findings:
+    """What a finished run tells."""
+
+    analysis: Analysis
+    clock: ClockOffset | None
+    remarks: tuple[str, ...]
+
+
 @dataclass
 class _Active:
     """A goal being worked on."""
@@ -70,8 +88,9 @@ class _Active:
     source: str
     finished: Future
     target: Array
+    clocks: ClockWatch = member(default_factory=ClockWatch)
     fed_back: float = 0.0
-    job: Job[Analysis] | None = None
+    job: Job[Findings] | None = None
 
 
 class SysidNode(Node):
@@ -114,11 +133,20 @@ class SysidNode(Node):
         """ROS time [s]."""
         return self.get_clock().now().nanoseconds * 1e-9
 
+    @property
+    def _moving(self) -> _Active | None:
+        """The goal whose poses are being visited."""
+        return self._active if self._active is not None and self._active.job is None else None
+
     # in
     def _on_pose(self, message: PoseStamped) -> None:
         try:
             check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
-            self.streams.X_WE, self.streams.pose_stamp = pose_to_matrix(message.pose, "current_pose"), self.now()
+            X_WE = pose_to_matrix(message.pose, "current_pose")
+            self.streams.X_WE, self.streams.pose_stamp = X_WE, self.now()
+            if self._moving is not None:
+                X_TC = inverse_pose(self._moving.live.X_WT) @ X_WE @ self.hand.X_EC
+                self._moving.clocks.robot(seconds(message.header.stamp), X_TC)
         except SeedError as error:
             self.complaints.add("poses_refused", str(error))
 
@@ -132,8 +160,11 @@ class SysidNode(Node):
     def _on_estimate(self, message: RelativePose) -> None:
         try:
             check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
-            self.streams.estimate = estimate_from_message(message)
-            self.streams.slip.append(self.streams.estimate.slip)
+            estimate = estimate_from_message(message)
+            self.streams.estimate = estimate
+            self.streams.slip.append(estimate.slip)
+            if self._moving is not None and estimate.valid:
+                self._moving.clocks.camera(estimate.stamp, inverse_pose(estimate.X_CT))
         except SeedError as error:
             self.complaints.add("estimates_refused", str(error))
 
@@ -218,7 +249,7 @@ class SysidNode(Node):
         if command.sample:
             self._lines.publish(String(data=active.live.lines()[-1]))
         if command.done:
-            active.job = self._worker.submit(active.live.analyse, active.source)
+            active.job = self._worker.submit(_analysed, active)
         self._feed_back(active, command)
 
     def _feed_back(self, active: _Active, command: Command) -> None:
@@ -233,24 +264,25 @@ class SysidNode(Node):
             )
         )
 
-    def _finish(self, active: _Active, job: Job[Analysis]) -> None:
+    def _finish(self, active: _Active, job: Job[Findings]) -> None:
         try:
-            analysis = job.result()
-            result = self._write(active.folder, analysis)
+            result = self._write(active.folder, job.result())
         except (SeedError, OSError) as error:
             self._end(active, IdentifyStiffness.Result(success=False, message=str(error)), "abort")
             return
         self._end(active, result, "succeed")
 
-    def _write(self, folder: Path, a: Analysis) -> IdentifyStiffness.Result:
+    def _write(self, folder: Path, found: Findings) -> IdentifyStiffness.Result:
+        a = found.analysis
         file, figures = folder / "stiffness.yaml", summary(a)
+        figures["camera_clock"] = asdict(found.clock) if found.clock else None
         write_stiffness(file, stiffness_file(a, _date()))
         (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
         write_report(folder / "report.html", a, figures)
         k, std = a.solution.stiffness[a.nominal], a.solution.stiffness_std[a.nominal]
         return IdentifyStiffness.Result(
             success=True,
-            message="; ".join(a.warnings),
+            message="; ".join([*a.warnings, *found.remarks]),
             stiffness_file=str(file),
             rotation=k[:3],
             translation=k[3:],
@@ -272,6 +304,17 @@ class SysidNode(Node):
             self._active.live.close()
         self._worker.shutdown(wait=False, cancel_futures=True)
         super().destroy_node()
+
+
+def _analysed(active: _Active) -> Findings:
+    analysis = active.live.analyse(active.source)
+    if not active.clocks.seen:
+        return Findings(analysis, None, ())
+    try:
+        clock = active.clocks.offset()
+    except ClockError as error:
+        return Findings(analysis, None, (str(error),))
+    return Findings(analysis, clock, (clock.advice,) if clock.advice else ())
 
 
 def _date() -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -38,8 +39,8 @@ QUICK = {
 }
 
 
-def _nodes(bench: Bench) -> tuple[Any, Any]:
-    return bench.add(CellNode, seed=5), bench.add(SysidNode, **SENSOR, **QUICK)
+def _nodes(bench: Bench, camera_clock: float = 0.0) -> tuple[Any, Any]:
+    return bench.add(CellNode, seed=5, camera_clock=camera_clock), bench.add(SysidNode, **SENSOR, **QUICK)
 
 
 def _begin(cell: Any, node: Any, folder: Path) -> None:
@@ -64,7 +65,7 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
 
 
 def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench, tmp_path: Path) -> None:
-    cell, node = _nodes(bench)
+    cell, node = _nodes(bench, camera_clock=0.04)
     _begin(cell, node, tmp_path)
     lines: list[str] = []
     bench.client.create_subscription(String, "identification/samples", lambda m: lines.append(m.data), LINES)
@@ -79,6 +80,9 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     np.testing.assert_allclose([*result.rotation, *result.translation], true, rtol=0.03)
     grips = load_stiffness(result.stiffness_file).grips
     np.testing.assert_allclose([*grips[0].rotation, *grips[0].translation], true, rtol=0.03)
+    clock = json.loads((tmp_path / "summary.json").read_text())["camera_clock"]
+    assert clock["value"] == pytest.approx(0.04, abs=0.005)
+    assert "clock_offset" in result.message
     assert "<svg" in (tmp_path / "report.html").read_text()
     assert bench.until(lambda: len(lines) == len(data.samples) + 1)
     away = np.abs(cell.X_WE - cell.settings.flange.pose).max()

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far the cameras' clock is from the robot's, from the motion between the poses of an identification.
+
+The tool is held fast, so that arm and cameras watch the same motion: the offset is the shift in time that makes them
+agree best. Gain and bias of each axis are free, hence a wrong estimate that is only wrong in size does not matter.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.errors import SeedError
+from seed_core.spatial import Array, so3_log
+
+FARTHEST, STEP = 0.3, 0.005  # [s] of the offsets that are tried
+BLOCKS = 8  # of time, each left out once, for the standard deviation
+TRUSTED = 0.005  # [s] of standard deviation
+LEAST = 200  # estimates
+MOST = 20_000  # readings that are kept of each stream
+FLOOR = 1e-5  # [m], [rad] of noise that every estimate has
+
+
+class ClockError(SeedError):
+    """The offset cannot be told from these readings."""
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """By which the stamps of images are ahead of the robot's, and its standard deviation [s]."""
+
+    value: float
+    std: float
+
+    @property
+    def advice(self) -> str:
+        """What to do about it, or ''."""
+        if abs(self.value) < max(2.0 * self.std, 0.002):
+            return ""
+        ahead = "ahead of" if self.value > 0.0 else "behind"
+        return (
+            f"the images' stamps are {1e3 * abs(self.value):.1f} +- {1e3 * self.std:.1f} ms {ahead} the robot's: "
+            f"set the estimator's clock_offset {1e3 * self.value:+.1f} ms from what it was"
+        )
+
+
+class ClockWatch:
+    """Remembers both streams; `offset` afterwards."""
+
+    def __init__(self) -> None:
+        self._robot: deque[Array] = deque(maxlen=MOST)
+        self._camera: deque[Array] = deque(maxlen=MOST)
+
+    def robot(self, stamp: float, X_TC: Array) -> None:
+        """A pose (4, 4) of C in the fixed tool from the arm's joints, at its stamp [s]."""
+        self._robot.append(_row(stamp, X_TC))
+
+    def camera(self, stamp: float, X_TC: Array) -> None:
+        """The same from images."""
+        self._camera.append(_row(stamp, X_TC))
+
+    @property
+    def seen(self) -> bool:
+        """Whether there are cameras at all."""
+        return bool(self._camera)
+
+    def offset(self) -> ClockOffset:
+        """Raises ClockError: too few readings, or too little motion."""
+        robot, camera = (np.array(rows).reshape(-1, 7) for rows in (self._robot, self._camera))
+        if len(robot) > 1:
+            inside = (camera[:, 0] > robot[0, 0] + FARTHEST) & (camera[:, 0] < robot[-1, 0] - FARTHEST)
+            camera = camera[inside]
+        if len(robot) < 2 or len(camera) < LEAST:
+            raise ClockError(f"the clocks cannot be compared: {len(camera)} estimates, {LEAST} are needed")
+        return _fit(robot, camera)
+
+
+def _row(stamp: float, X: Array) -> Array:
+    return np.array([stamp, *so3_log(X[:3, :3]), *X[:3, 3]])
+
+
+def _fit(robot: Array, camera: Array) -> ClockOffset:
+    offsets = np.arange(-FARTHEST, FARTHEST + 0.5 * STEP, STEP)
+    sums = np.array([_sums(robot, camera, o) for o in offsets])  # (offsets, BLOCKS, 6, 6)
+    left_out = [_best(offsets, sums.sum(axis=1) - sums[:, b]) for b in range(BLOCKS)]
+    spread = float(np.std(left_out))
+    std = spread * float(np.sqrt(BLOCKS - 1))  # the jackknife's
+    value = _best(offsets, sums.sum(axis=1))
+    if not std <= TRUSTED or abs(value) > FARTHEST - STEP:
+        raise ClockError(f"the clocks cannot be compared: offset {value:.3f} +- {std:.3f} s, the arm moved too little")
+    return ClockOffset(value, std)
+
+
+def _sums(robot: Array, camera: Array, offset: float) -> Array:
+    """(BLOCKS, 6, 6): per block and axis the sums 1, r, c, rr, rc, cc of robot r and camera c."""
+    r = np.array([np.interp(camera[:, 0] - offset, robot[:, 0], robot[:, i]) for i in range(1, 7)])
+    c = camera[:, 1:].T
+    terms = np.stack([np.ones_like(r), r, c, r * r, r * c, c * c], axis=2)
+    return np.array([part.sum(axis=1) for part in np.array_split(terms, BLOCKS, axis=1)])
+
+
+def _best(offsets: Array, sums: Array) -> float:
+    """The offset of least residual, each axis weighed by its own noise."""
+    n, r, c, rr, rc, cc = np.moveaxis(sums, -1, 0)
+    var_r, cov, var_c = rr - r * r / n, rc - r * c / n, cc - c * c / n
+    left = np.maximum(var_c - cov**2 / np.maximum(var_r, 1e-12), 0.0) + n * FLOOR**2
+    cost = (left / left.min(axis=0)).sum(axis=1)
+    i = int(np.clip(np.argmin(cost), 1, len(offsets) - 2))
+    a, b, d = cost[i - 1 : i + 2]
+    return float(offsets[i] + STEP * np.clip(0.5 * (a - d) / max(a - 2.0 * b + d, 1e-12), -1.0, 1.0))

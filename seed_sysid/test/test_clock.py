@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The offset between the clocks of cameras and robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
+from seed_sysid.clock import ClockError, ClockWatch
+
+
+def watch(offset: float, *, travel: float = 1.0, seed: int = 3) -> ClockWatch:
+    """A minute of moves with rests between, seen at 250 Hz and 30 Hz; the camera reads y 25 % low and roll biased."""
+    rng = np.random.default_rng(seed)
+    goals = travel * rng.normal(size=(13, 6)) * [0.05, 0.05, 0.05, 0.003, 0.002, 0.003]
+    knots = np.sort(np.concatenate([np.arange(13) * 5.0, np.arange(13) * 5.0 + 3.5]))
+
+    def pose(t: float) -> np.ndarray:
+        v = np.array([np.interp(t, knots, np.repeat(g, 2)) for g in goals.T])
+        return make_pose(so3_exp(v[:3]), v[3:])
+
+    watch = ClockWatch()
+    for t in np.arange(0.0, 60.0, 0.004):
+        watch.robot(1e9 + t, pose(t))
+    for t in np.arange(0.0, 60.0, 1.0 / 30.0):
+        X = pose(t)
+        X[1, 3] *= 0.75
+        X = X @ pose_from_rpy(0.001 * rng.normal(size=3) + [0.02, 0.0, 0.0], 5e-5 * rng.normal(size=3))
+        watch.camera(1e9 + t + offset, X)
+    return watch
+
+
+@pytest.mark.parametrize("offset", [-0.12, 0.0, 0.0137, 0.2])
+def test_offset_is_found_within_two_milliseconds_whatever_the_estimates_gain_and_bias(offset: float) -> None:
+    found = watch(offset).offset()
+    assert found.value == pytest.approx(offset, abs=2e-3)
+    assert abs(found.value - offset) < 4.0 * found.std + 2e-4
+    assert bool(found.advice) == (offset != 0.0)
+
+
+def test_offset_beyond_reach_is_refused() -> None:
+    with pytest.raises(ClockError, match="cannot be compared"):
+        watch(0.5).offset()
+
+
+def test_an_arm_that_stands_still_tells_nothing_of_the_clocks() -> None:
+    with pytest.raises(ClockError, match="moved too little"):
+        watch(0.02, travel=1e-3).offset()
+
+
+def test_too_few_estimates_are_refused() -> None:
+    few = ClockWatch()
+    few.robot(0.0, np.eye(4))
+    with pytest.raises(ClockError, match="0 estimates"):
+        few.offset()
