@@ -7,7 +7,7 @@ CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5
 depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
 (at least three, tilted by 10 to 20 degrees against each other).
 
-Range: the membrane's shape at rest is known, so the smooth part of (known - measured) depth is the correction.
+Range: the membrane's shape at rest is known, so known - measured depth is the correction, and its smooth part is stored.
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from seed_core.config import field, load_file
 from seed_core.errors import SeedError
-from seed_core.hand import Frame, Hand
+from seed_core.hand import Hand
 from seed_estimation.calibration_file import STEP, Calibration, FingerCalibration, frame_of, load, save
 from seed_estimation.camera import Camera
 from seed_estimation.contact_patch import PatchFinder, mean_depth
@@ -35,7 +35,8 @@ from seed_estimation.surface import smooth_depth
 
 __all__ = ["Calibration", "FingerCalibration", "MembraneShape", "calibrate", "frame_of", "load", "main", "save"]
 
-SMOOTH = 4.0  # [px] the range error is smooth; what is finer is the camera's pattern, which averages out
+SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
+FILL = 40.0  # [px] blur of what stands in for pixels without depth
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,8 @@ class MembraneShape:
             return np.where(z >= rim, z, np.nan).astype(np.float32)
 
 
-def range_offset(measured: Image, known: Image) -> list[list[float]]:
-    """Nodes of the smooth part of known - measured depth, both (H, W) [m] with NaN where there is none.
+def range_error(measured: Image, known: Image) -> Image:
+    """known - measured depth (H, W) [m], smooth where there is none.
 
     Raises:
         SeedError: the two hardly overlap.
@@ -71,10 +72,15 @@ def range_offset(measured: Image, known: Image) -> list[list[float]]:
         raise SeedError(
             f"only {valid.mean():.0%} of the image show the known membrane (20 % needed): check its shape and distance"
         )
-    smooth = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, SMOOTH)
-    fill = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, 10 * SMOOTH)
-    whole = np.where(np.isfinite(smooth), smooth, np.where(np.isfinite(fill), fill, np.median(difference[valid])))
-    return [[round(float(v), 6) for v in row] for row in whole[::STEP, ::STEP]]
+    fill = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, FILL)
+    rest = np.where(np.isfinite(fill), fill, np.median(difference[valid]))
+    return np.asarray(np.where(valid, difference, rest), np.float32)
+
+
+def range_offset(error: Image) -> list[list[float]]:
+    """Nodes of the smooth part of a range error (H, W) [m]."""
+    smooth = smooth_depth(error, np.ones(error.shape, bool), SMOOTH)
+    return [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
 
 
 def calibrate(
@@ -96,9 +102,8 @@ def calibrate(
     for finger, camera in cameras.items():
         known = shape.depth(camera) if isinstance(shape, MembraneShape) else shape[finger]
         measured, _ = mean_depth(no_contact[finger], p.near, p.far)
-        nodes[finger] = range_offset(measured, known)
-        one = FingerCalibration(Frame(), camera.width, camera.height, nodes[finger])
-        offset = one.offset_map()
+        offset = range_error(measured, known)  # of every pixel: its fixed pattern would tilt the cylinder's axis
+        nodes[finger] = range_offset(offset)
         finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
         lines[finger] = [seen_axis(finder, frame + offset, radius) for frame in grasped.get(finger, ())]
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:

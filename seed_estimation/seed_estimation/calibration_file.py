@@ -15,7 +15,7 @@ from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_estimation.images import Image
 
-STEP = 8  # [px] between the nodes of the stored range offset
+STEP = 4  # [px] between the nodes of the stored range offset
 
 
 @dataclass(frozen=True)

@@ -238,13 +238,13 @@ class Estimator:
             tracker.lose()
         boxes = tracker.boxes(tracker.predicted(stamp))
         frames = {f: prepare(images[f].ir, images[f].depth, boxes[f]) for f in self.fingers}
-        result = tracker.step(frames, stamp)
+        result = tracker.step(frames, stamp, [f for f, patch in self.patches.items() if patch.in_contact])
         if tracker.gross_slip:
             return self._invalid(stamp, SLIPPED)
         if tracker.lost:
             mistakes = (identity.mistaken(f, images[f].ir, self.patterns) for f in self.fingers)
             reason = next((m for m in mistakes if m), "")
-            return self._invalid(stamp, reason or reporting.lost_reason(result, p.lock))
+            return self._invalid(stamp, reason or reporting.lost_reason(result, self.patches, p.lock))
         return reporting.rigid_fit(stamp, result, tracker, self.patches, p)
 
     def _invalid(self, stamp: float, reason: str) -> RelativePoseEstimate:

@@ -73,6 +73,7 @@ class FingerModel:
     cells: Cells  # (M,) as of the image's points
     rest: Image  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
     decay: float  # [m]
+    picture: Image  # (H, W) coarse infrared of the patch, 0 beside it
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Vec, Vec], tuple[Vec, Vec]]:
@@ -107,13 +108,14 @@ def build(
         return None
     v, u = _by_cell(*_spread(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], X_CX)
+    blurred = coarse(ir)
     levels = (
-        _image_points(coarse(ir), good, points, normals, camera, X_CX, p.image_points // 2),
+        _image_points(blurred, good, points, normals, camera, X_CX, p.image_points // 2),
         _image_points(normalised(ir), good, points, normals, camera, X_CX, p.image_points),
     )
     return FingerModel(
         finger, camera, inverse_pose(X_CX), levels, _rows(P), _rows(n), (n * P).sum(axis=1), _motion(P, n),
-        _cell(v, u), rest, p.decay,
+        _cell(v, u), rest, p.decay, np.where(good, blurred, np.float32(0.0)),
     )  # fmt: skip
 
 

@@ -57,9 +57,13 @@ def rigid_fit(
     )  # fmt: skip
 
 
-def lost_reason(result: Fit, lock: float) -> str:
+def lost_reason(result: Fit, patches: Mapping[str, ContactPatch], lock: float) -> str:
     """How badly the images fit."""
+    if not any(patch.in_contact for patch in patches.values()):
+        return "track lost: the tool touches no bubble; searching"
     shares = ", ".join(f"{f} {max(share, 0.0):.0%}" for f, share in result.locked.items())
+    if min(result.locked.values()) >= lock:
+        return f"track lost: depth contradicts the infrared images, of which {shares} are explained; searching"
     return f"track lost: the motion explains {shares} of the infrared images, below {lock:.0%}; searching"
 
 

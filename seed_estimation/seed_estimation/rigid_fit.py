@@ -32,7 +32,7 @@ class Fit:
         g_image, g_depth: (6,) where either kind would like to go: H^-1 g is its own step.
         scatter: (6, 6) of the gradient, from how parts of the patches contradict each other.
         locked: share of each finger's image that the motion explains, 1 - sum w r^2 / sum w I_0^2.
-        depth_rms: robust deviation of the depth residuals of each finger [m].
+        depth_rms: robust deviation of the depth residuals of each finger [m]; infinite where too few are left.
         slip_step, slip_information: by how much the images ask to change the slip, and how sure they are.
         slip_effect: (6,) by how much xi changes with the slip.
         iterations: Gauss-Newton steps made.
@@ -121,7 +121,7 @@ def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit
         g_depth=g_depth,
         scatter=np.asarray(sum(block.scatter() for block in (*image, *depth))),
         locked={s.model.finger: s.locked() for s in sights},
-        depth_rms={s.model.finger: s.depth.deviation for s in sights},
+        depth_rms={s.model.finger: s.depth.deviation if s.depth.r.size else np.inf for s in sights},
         slip_step=step,
         slip_information=information,
         slip_effect=effect,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -14,16 +14,20 @@ from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Box, Frame, project32
 from seed_estimation.gross_slip import SPAN, GrossSlip
 from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.relock import Search
 from seed_estimation.rigid_fit import Fit, fit
 from seed_estimation.slip import MicroSlip
 
 # Information that holds an axis which nothing sees where the prediction puts it: deviations of 0.5 rad and 20 mm
 PRIOR = np.diag([1 / 0.5**2] * 3 + [1 / 0.02**2] * 3)
 COARSE_STEPS = 6
-SURE = 0.05  # a track that was lost must explain this much more of the image to count as found
+SURE = 0.05  # a track that was lost must explain this much more of every image to count as found
 SURE_FRAMES = 2  # and do so this many frames in a row
-STARTS = 3  # places tried per frame while lost: one camera period is not enough for all of them
 REACH = 0.35, 0.012  # [rad], [m] no tool jumps further than this between two frames
+RANGE = 0.9, 0.03  # [rad], [m] nor is it found further than this from where it was grasped
+HIDDEN = 0.4  # [1] an image of which less is explained shows something else, or nothing
+APART = 3.0  # times the usual depth residual: the tool is not there
+USUAL = 0.05  # weight of a frame in what is usual
 
 
 class Tracker:
@@ -39,12 +43,14 @@ class Tracker:
         self.slip = MicroSlip(parameters.max_slip)
         self.covariance = Covariance(PRIOR)
         self._watch = GrossSlip(models)
+        self._touching: Collection[str] = ()
         self._good = 0  # frames in a row since it was found again
-        self._starts: Iterator[Array] = iter(())
+        self._search: Search | None = None
+        self._usual: dict[str, float] = {}  # [m] depth residual of each finger
 
     def lose(self) -> None:
         """Too much time has passed: the track must be found again."""
-        self.lost, self._good, self._starts = True, 0, iter(())
+        self.lost, self._good, self._search = True, 0, None
 
     def predicted(self, stamp: float) -> Array:
         """X_CT (4, 4) expected at a time [s]."""
@@ -57,7 +63,9 @@ class Tracker:
         return X
 
     def boxes(self, X_CT: Array) -> dict[str, Box]:
-        """Where each finger's points are expected: first, last u, first, last v [px]."""
+        """Where each finger's points are expected: first, last u, first, last v [px]; anywhere while it is lost."""
+        if self.lost:
+            return {m.finger: (0, m.camera.width, 0, m.camera.height) for m in self.models}
         out = {}
         for m in self.models:
             X = m.X_XC @ X_CT
@@ -66,18 +74,22 @@ class Tracker:
             out[m.finger] = (int(u0), int(u1), int(v0), int(v1))
         return out
 
-    def step(self, frames: Mapping[str, Frame], stamp: float) -> Fit:
-        """The best fit to the frames; `lost` says whether it may be believed."""
-        p = self.parameters
+    def step(self, frames: Mapping[str, Frame], stamp: float, touching: Collection[str]) -> Fit:
+        """The best fit to the frames; `lost` says whether it may be believed.
+
+        touching: fingers whose depth shows a contact, wherever it is.
+        """
+        p, self._touching = self.parameters, touching
         start = self.predicted(stamp)
         steps = (COARSE_STEPS, p.iterations) if self.lost else (0, p.iterations)
         best = self._fit(frames, start, steps)
         quality = self._quality(best)
         if quality < p.lock:
-            others = self._next_starts() if self.lost else [start, self.X_CT]
+            others = self._likely(frames) if self.lost else [start, self.X_CT]
             looked = [self._fit(frames, other, (COARSE_STEPS, 1)) for other in others]
-            nearest = max(looked, key=self._quality)
-            best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
+            if looked:
+                nearest = max(looked, key=_explained)
+                best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
             if self._quality(best) < p.lock and 0.0 < stamp - self.stamp <= SPAN:
                 best = self._by_dots(frames, best, stamp)
             quality = self._quality(best)
@@ -87,25 +99,39 @@ class Tracker:
     def _by_dots(self, frames: Mapping[str, Frame], best: Fit, stamp: float) -> Fit:
         """A lock that broke just now: the dots may have sprung back with the tool, or without it, which is a slip."""
         dots = self._watch.dots(frames, self.slip.value)
-        if dots is not None:
-            both = self._fit(frames, dots.X_CT, (0, self.parameters.iterations))
-            if self._quality(both) >= self.parameters.lock:
-                return both
-        self.gross_slip |= self._watch.lost(dots.X_CT if dots else None, stamp)
+        if dots is None:  # covered, or carried further than dots spring back: not a slip but a lost track
+            return best
+        both = self._fit(frames, dots.X_CT, (0, self.parameters.iterations))
+        if self._quality(both) >= self.parameters.lock:
+            return both
+        self.gross_slip |= self._watch.lost(dots.X_CT, stamp)
         return best
 
     def _fit(self, frames: Mapping[str, Frame], start: Array, steps: tuple[int, int]) -> Fit:
         return fit(self.models, frames, start, self.slip.value, PRIOR, steps)
 
+    def _likely(self, frames: Mapping[str, Frame]) -> list[Array]:
+        self._search = self._search or Search(self.models)
+        return self._search.starts(frames)
+
     def _quality(self, result: Fit) -> float:
         """Share of the images explained by the motion; a motion that no tool makes explains nothing."""
-        step = inverse_pose(self.X_CT) @ result.X_CT
-        if not np.isfinite(step).all():
+        X = result.X_CT if self.lost else inverse_pose(self.X_CT) @ result.X_CT
+        if not np.isfinite(X).all() or self._contradicted(result):
             return 0.0
-        angle, way = float(np.linalg.norm(so3_log(step[:3, :3]))), float(np.linalg.norm(step[:3, 3]))
-        if angle > REACH[0] or way > REACH[1]:
+        angle, way = float(np.linalg.norm(so3_log(X[:3, :3]))), float(np.linalg.norm(X[:3, 3]))
+        most = RANGE if self.lost else REACH
+        if angle > most[0] or way > most[1]:
             return 0.0
-        return max(result.locked.values())
+        shares = [result.locked[f] for f in self._touching]
+        return max(result.locked.values()) if not self.lost else min(shares)
+
+    def _contradicted(self, result: Fit) -> bool:
+        """Whether a finger that touches something does not see the tool there, by its image or by its depth."""
+        off = {f: rms > APART * self._usual.get(f, np.inf) for f, rms in result.depth_rms.items()}
+        hidden = {f: share < HIDDEN for f, share in result.locked.items()}
+        told = [f for f in self._touching if np.isfinite(result.depth_rms[f])]
+        return not told or any(off[f] for f in told) or any(hidden[f] and f not in told for f in self._touching)
 
     def _accept(self, result: Fit, quality: float, frames: Mapping[str, Frame], stamp: float) -> None:
         p, dt = self.parameters, stamp - self.stamp
@@ -122,34 +148,21 @@ class Tracker:
         self.rate = self._rate(result.X_CT, dt) if follow else np.zeros(6)
         self.X_CT, self.stamp, self.lost = result.X_CT, stamp, False
         self.covariance.update(result)
+        self._learn_usual(result)
         self.gross_slip |= self._watch.update(frames, result, stamp, self.slip.value)
         if p.learn_slip and follow:
             self.slip.update(result.slip_step, result.slip_information, dt)
+
+    def _learn_usual(self, result: Fit) -> None:
+        for f, rms in result.depth_rms.items():
+            if np.isfinite(rms):
+                usual = self._usual.setdefault(f, rms)
+                self._usual[f] = usual + USUAL * (min(rms, 2.0 * usual) - usual)
 
     def _rate(self, X_CT: Array, dt: float) -> Array:
         turn = so3_log(X_CT[:3, :3] @ self.X_CT[:3, :3].T)
         return np.concatenate([turn, X_CT[:3, 3] - self.X_CT[:3, 3]]) / dt
 
-    def _next_starts(self) -> list[Array]:
-        """The next few places to look at, around where the tool was last seen."""
-        out = []
-        for _ in range(STARTS):
-            start = next(self._starts, None)
-            if start is None:
-                self._starts = iter(around(self.X_CT))
-                start = next(self._starts)
-            out.append(start)
-        return out
 
-
-def around(X_CT: Array) -> list[Array]:
-    """Poses near X_CT (4, 4), nearest first, about as far apart as the coarse level reaches: 3 px, 5 degrees."""
-    out = []
-    for dx in (0.0, -0.0015, 0.0015, -0.003, 0.003):
-        for dz in (0.0, -0.0015, 0.0015, -0.003, 0.003):
-            for pitch in (0.0, -0.08, 0.08, -0.16, 0.16):
-                X = X_CT.copy()
-                X[:3, :3] = so3_exp((0.0, pitch, 0.0)) @ X[:3, :3]
-                X[:3, 3] += (dx, 0.0, dz)
-                out.append((abs(dx) / 0.0015 + abs(dz) / 0.0015 + abs(pitch) / 0.08, X))
-    return [X for _, X in sorted(out, key=lambda item: item[0])]
+def _explained(result: Fit) -> float:
+    return min(result.locked.values())
