@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 MODELS = ("plumb_bob", "inverse_brown_conrady")
 MAX_SIDE = 4096  # [px]; larger sizes are a broken message
 _STEPS = 20  # Newton steps; the strongest lens in use needs 6
+_ALIKE = 0.02  # [px] another model of the lens may differ by
 _EXACT = 1e-9  # [1], on unit-z rays: 2e-7 px
 
 
@@ -118,12 +119,27 @@ class Camera:
         return rays
 
     @cached_property
-    def single(self) -> Single:
-        """The calibration in single precision."""
-        K, D = self.K.astype(np.float32), self.D.astype(np.float32)
-        return Single(
-            K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), tuple(D), bool(D.any()), bool(D[2:4].any())
-        )
+    def single(self) -> Single | None:
+        """The calibration in single precision, as plumb_bob; None where that model does not fit the lens."""
+        D = self.D if self.model == "plumb_bob" else self._as_plumb_bob()
+        if D is None:
+            return None
+        K = self.K.astype(np.float32)
+        tangential = bool(D[2:4].any())
+        return Single(K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), tuple(D.astype(np.float32)),
+                      bool(D.any()), tangential)  # fmt: skip
+
+    def _as_plumb_bob(self) -> Array | None:
+        """(5,) of the plumb_bob that gives the same pixels to _ALIKE all over the image, by least squares."""
+        u, v = np.meshgrid(np.linspace(0.0, self.width - 1.0, 33), np.linspace(0.0, self.height - 1.0, 33))
+        a, b = (u.ravel() - self.K[0, 2]) / self.K[0, 0], (v.ravel() - self.K[1, 2]) / self.K[1, 1]
+        x, y = brown(a, b, self.D)
+        unit = np.eye(5)
+        columns = np.array([np.concatenate(brown(x, y, one)) - np.concatenate((x, y)) for one in unit]).T
+        shift = np.concatenate((a - x, b - y))
+        D = np.linalg.lstsq(columns, shift, rcond=None)[0]
+        worst = float(np.abs(columns @ D - shift).max()) * float(max(self.K[0, 0], self.K[1, 1]))
+        return np.asarray(D) if worst < _ALIKE else None
 
     def pixel_rays(self, pixels: ArrayLike) -> Array:
         """(..., 3) rays with z = 1 through pixels (..., 2) given as (u, v)."""

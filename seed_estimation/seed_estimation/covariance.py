@@ -4,7 +4,9 @@
 Residuals of neighbouring pixels err alike (blurred dots, smooth range errors, shading), so the inverse of the
 information H promises too much. The patches are cut into cells whose errors count as independent; with g_c the
 gradient of cell c, sum over c of H^-1 g_c g_c^T H^-1 is what the fit's error scatters by (a sandwich estimator with
-clusters; Liang and Zeger 1986). Averaged over a few frames, because a few dozen cells tell a variance roughly only.
+clusters; Liang and Zeger 1986). What it is larger than H^-1 by is averaged over a few frames, because a few dozen cells
+tell a variance roughly only: with H = L L^T, the average is of L^-1 (sum of g_c g_c^T) L^-T. So it follows at once when
+one camera sees less.
 """
 
 from __future__ import annotations
@@ -29,23 +31,22 @@ class Covariance:
     def __init__(self, prior: Array) -> None:
         """prior: (6, 6) information that the fits were given."""
         self._prior = prior
-        self._scatter: Array | None = None
-        self._inverse = np.linalg.inv(prior)
+        self._excess: Array | None = None
+        self._root = np.linalg.inv(np.linalg.cholesky(prior))
 
     def update(self, result: Fit) -> None:
         """Takes a fit that is believed."""
-        inverse = self._inverse = np.linalg.inv(result.H_image + result.H_depth + self._prior)
-        scatter = inverse @ result.scatter @ inverse
-        if self._scatter is None:
-            self._scatter = scatter
-        self._scatter = self._scatter + MEMORY * (scatter - self._scatter)
+        root = self._root = np.linalg.inv(np.linalg.cholesky(result.H_image + result.H_depth + self._prior))
+        excess = root @ result.scatter @ root.T
+        if self._excess is None:
+            self._excess = excess
+        self._excess = self._excess + MEMORY * (excess - self._excess)
 
     def of(self, result: Fit, slip: MicroSlip) -> Array:
         """(6, 6) of [rotation vector in C, translation in C], of the fit that `update` took last."""
         doubt = float(np.hypot(slip.deviation, SLIP_DOUBT * slip.value))
-        C = OWN**2 * self._inverse + doubt**2 * np.outer(result.slip_effect, result.slip_effect)
-        if self._scatter is not None:
-            C = C + INFLATE**2 * self._scatter
+        own = OWN**2 * np.eye(6) + (0.0 if self._excess is None else INFLATE**2 * self._excess)
+        C = self._root.T @ own @ self._root + doubt**2 * np.outer(result.slip_effect, result.slip_effect)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = result.X_CT[:3, :3]
         C = R @ C @ R.T

@@ -59,9 +59,9 @@ def averaged_depth(depth: Image) -> Image:
 
 def project32(camera: Camera, p: Vec) -> Vec:
     """Pixels (2, N) of points (3, N) in the optical frame, in single precision."""
-    if camera.model != "plumb_bob":
-        return np.ascontiguousarray(camera.project(p.T).T, dtype=np.float32)
     single = camera.single
+    if single is None:
+        return np.ascontiguousarray(camera.project(p.T).T, dtype=np.float32)
     out = p[:2] / p[2]
     if single.distorted:
         k1, k2, p1, p2, k3 = single.D

@@ -69,7 +69,7 @@ class Intake:
         n = self.parameters.decimate
         depth, ir = images.depth[::n, ::n], images.ir
         if n > 1:
-            ir = cv2.blur(ir.astype(np.float32), (n, n))[::n, ::n]
+            ir = cv2.blur(np.asarray(ir, np.float32), (n, n))[::n, ::n]
         if finger in self._added:
             depth = depth + self._added[finger]
         return TactileImages(

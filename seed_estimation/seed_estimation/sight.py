@@ -19,6 +19,7 @@ ROBUST = 2.0  # residuals of this many deviations weigh half (Cauchy)
 SHARE_IMAGE = 1.0 / 6.0  # neighbouring residuals are not independent: a blurred dot covers about six pixels
 SHARE_DEPTH = 1.0 / 3.0  # depth is averaged over 3 x 3 pixels and read at about every second one
 DEPTH_FLOOR = 1.0e-4  # [m] what a depth image gets wrong in common, however still it is
+DEPTH_COMMON = 6.0e-5  # [m] of it, what a whole patch gets wrong by one and the same amount
 IMAGE_FLOOR = 0.05  # [1] the same of a normalised image
 FEW = 60  # points; fewer that touch tell nothing
 ONE = np.float32(1.0)
@@ -31,8 +32,8 @@ class Residuals:
         H, g: (6, 6) information about xi, and (6,) gradient.
     """
 
-    def __init__(self, J: Vec, cells: NDArray[np.intp], share: float, floor: float) -> None:
-        self.J, self.cells, self.share, self.floor = J, cells, share, floor
+    def __init__(self, J: Vec, cells: NDArray[np.intp], share: float, floor: float, common: float = 0.0) -> None:
+        self.J, self.cells, self.share, self.floor, self.common = J, cells, share, floor, common
         self.deviation = floor
         self.r = self.w = np.zeros(0, np.float32)
         self.Jw = J[:, :0]
@@ -57,12 +58,16 @@ class Residuals:
         self.g = (self.Jw @ r).astype(float) * self.scale
 
     def scatter(self) -> Array:
-        """(6, 6) sum of g_c g_c^T over the patch's cells c: what the gradient's own uncertainty is."""
+        """(6, 6) sum of g_c g_c^T over the patch's cells c: what the gradient's own uncertainty is.
+
+        What all of a patch gets wrong alike, by `common`, no cell contradicts; it is added.
+        """
         if self.r.size == 0:
             return np.zeros((6, 6))
         edges = np.flatnonzero(self.cells[1:] != self.cells[:-1]) + 1
         g = np.add.reduceat(self.Jw * self.r, np.concatenate(((0,), edges)), axis=1).astype(float) * self.scale
-        return np.asarray(g @ g.T)
+        alike = self.common * self.scale * self.Jw.sum(axis=1, dtype=float)
+        return np.asarray(g @ g.T + np.outer(alike, alike))
 
 
 class Sight:
@@ -80,7 +85,7 @@ class Sight:
         self.points, self.p = points.chosen(touching[:first]), p.take(touching, axis=1)
         self.n, self.n_p = model.n.take(d, axis=1), model.n_p[d]
         self.image = Residuals(self.points.jacobian(slip), self.points.cells, SHARE_IMAGE, IMAGE_FLOOR)
-        self.depth = Residuals(model.J.take(d, axis=1), model.cells[d], SHARE_DEPTH, DEPTH_FLOOR)
+        self.depth = Residuals(model.J.take(d, axis=1), model.cells[d], SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)
 
     def evaluate(self, X_CT: Array, rescale: bool) -> None:
         """Residuals, weights and information at a pose."""
