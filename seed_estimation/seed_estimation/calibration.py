@@ -7,7 +7,7 @@ CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5
 depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
 (at least three, tilted by 10 to 20 degrees against each other).
 
-Range: the membrane's shape at rest is known, so known - measured depth is the correction, and its smooth part is stored.
+Range: the membrane's shape at rest is known, so known - measured depth is the correction; its smooth part is stored.
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
 """
 

@@ -182,7 +182,10 @@ class Estimator:
             if model is None:
                 raise EstimatorError(f"{f} bubble: the patch is too small to follow; close the gripper further")
             models.append(model)
-        return Tracker(models, p, max(i[-1].stamp for i in series.values()))
+        tracker = Tracker(models, p, max(i[-1].stamp for i in series.values()))
+        boxes = tracker.boxes(np.eye(4))
+        tracker.expect({f: prepare(series[f][-1].ir, series[f][-1].depth, boxes[f]) for f in self.fingers})
+        return tracker
 
     # -- at the frame rate -----------------------------------------------------------------------------------------
 

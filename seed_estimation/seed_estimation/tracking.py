@@ -48,6 +48,10 @@ class Tracker:
         self._search: Search | None = None
         self._usual: dict[str, float] = {}  # [m] depth residual of each finger
 
+    def expect(self, frames: Mapping[str, Frame]) -> None:
+        """Takes frames of the grasp itself, to know how well depth fits when all is well."""
+        self._learn_usual(self._fit(frames, np.eye(4), (0, 1)))
+
     def lose(self) -> None:
         """Too much time has passed: the track must be found again."""
         self.lost, self._good, self._search = True, 0, None

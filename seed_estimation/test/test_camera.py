@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seed_estimation.camera import Camera, CameraError
+from seed_estimation.frame import project32
 
 PICOFLEXX = Camera.from_info(
     224, 171, [214.06, 0, 116.25, 0, 214.06, 87.57, 0, 0, 1], [0.368, -4.494, 0, 0, 7.971], "plumb_bob"
@@ -26,6 +27,13 @@ def test_projection_inverts_back_projection(camera: Camera) -> None:
     points = camera.back_project(depth, np.ones(camera.shape))
     v, u = np.nonzero(np.ones(camera.shape))
     np.testing.assert_allclose(camera.project(points), np.stack((u, v), axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize("camera", [PICOFLEXX, D405], ids=["picoflexx", "d405"])
+def test_the_quick_projection_agrees_with_the_exact_one(camera: Camera) -> None:
+    pixels = np.random.default_rng(3).uniform((0, 0), (camera.width - 1, camera.height - 1), (2000, 2))
+    points = (0.09 * camera.pixel_rays(pixels)).astype(np.float32)
+    np.testing.assert_allclose(project32(camera, points.T).T, pixels, atol=0.02)  # [px]
 
 
 def test_plumb_bob_agrees_with_opencv() -> None:
