@@ -15,7 +15,7 @@ import numpy as np
 
 from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit import Fit
-from seed_estimation.slip import MicroSlip
+from seed_estimation.slip import OFF, MicroSlip
 
 # Chosen on rendered bubbles, seeds 31 and 1100 to 1102 of nine scenarios; docs/estimation.md has the outcome on others
 INFLATE = 1.25  # [1] neighbouring cells are not quite independent, and robust weights hide some of the scatter
@@ -50,7 +50,7 @@ class Covariance:
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = result.X_CT[:3, :3]
         C = R @ C @ R.T
-        if slip.value > 0.0:  # one share for the whole patch and all axes is a rough model
+        if slip.estimate > OFF:  # one share for the whole patch and all axes is a rough model
             turn, way = np.linalg.norm(so3_log(result.X_CT[:3, :3])), np.linalg.norm(result.X_CT[:3, 3])
             C += np.diag(np.square(ROUGH * doubt * np.array((turn, turn, turn, way, way, way))))
         return np.asarray(0.5 * (C + C.T))
