@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a control step costs: CPU time of this thread, pressing with force, torque and position at once."""
+"""What a control step costs, pressing with force, torque and position at once, and how evenly its node runs."""
 
 from __future__ import annotations
 
 import gc
 import time
 import tracemalloc
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -86,7 +87,10 @@ def growth(steps: int) -> float:
 
 
 def run(steps: int = 5000) -> dict[str, object]:
-    """Median and 99th percentile of a step [us]; every sixth takes in an image as well. Memory growth."""
+    """Cost of a step [us], CPU time of this thread, every sixth with an image; memory growth; and the node's periods.
+
+    The node needs ROS 2 and runs while one process per core keeps the machine busy.
+    """
     loop = Pressing()
     for _ in range(500):
         loop.step()
@@ -97,4 +101,13 @@ def run(steps: int = 5000) -> dict[str, object]:
         "step_p99_us": float(np.percentile(spent, 99)),
         "mode": loop.controller.state.mode,
         "growth_bytes_per_1000_steps": growth(steps),
+        "node": _node(),
     }
+
+
+def _node() -> object:
+    if find_spec("rclpy") is None:
+        return "needs ROS 2"
+    from seed_control import loop_bench_node
+
+    return loop_bench_node.run()

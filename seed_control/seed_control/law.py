@@ -102,10 +102,11 @@ class Controller:
         self._release()
         self._enabled, self._held, self.journal.note, self._inputs.bad_in_a_row = True, "", "", 0
 
-    def disable(self, t: float, reason: str) -> None:  # noqa: ARG002 - the same shape as enable
+    def disable(self, t: float, reason: str) -> None:
         """Decelerate to rest and ignore set-points until enabled again."""
         self._release()
         self._enabled, self._held, self.journal.note = False, "", reason or "disabled"
+        self._describe(t, ())  # whoever plays something sees it at once
 
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""

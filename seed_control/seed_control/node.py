@@ -59,6 +59,7 @@ class NodeSettings:
 
     state_rate: float = field(50.0, unit="Hz", low=1.0, high=1000.0, doc="of ~/state and wrench_estimate")
     publish_tf: bool = field(True, doc="publish tool to tip on /tf_static")
+    realtime_priority: int = field(40, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
 
 
 class ControllerNode(Node):
@@ -99,7 +100,7 @@ class ControllerNode(Node):
         self._state = self.create_publisher(StateMsg, "~/state", COMMAND, event_callbacks=QUIET_OUT)
         self._reference = self.create_publisher(PoseStamped, "~/reference", COMMAND, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.loop = FixedRateLoop(self, self.parameters.rate, self._step)
+        self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
         self.loop.poll(RelativePose, "relative_pose", self._on_estimate, QUEUE)
         self.loop.poll(HybridMsg, "~/setpoint", self._on_hybrid, COMMAND)

@@ -33,7 +33,8 @@ class ToolFilter:
     def update(self, m: Measurement, loop_time: float, tipping_gain: float) -> None:
         """Take in one image, whose answer takes loop_time [s].
 
-        What is fed forward has the tipping gain in its loop: near tipping a tool gives way to a side force as well.
+        What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
+        winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting.
         """
         q, offset = rpy_from_rotation(m.X_TC[:3, :3]), m.X_WC[:3, 3] - m.tip
         if self._stamp is None:
@@ -50,7 +51,8 @@ class ToolFilter:
         self.R_WT = self.R_WT @ so3_exp(self._share(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
         least = p.feedforward_ratio * loop_time
         self.q = self.q + share_of(dt, max(p.angle_feedforward, least) * gain) * (q - self.q)
-        self.offset = self.offset + share_of(dt, max(p.position_feedforward, least) * gain) * (offset - self.offset)
+        slow = max(p.position_feedforward, least) * gain**3
+        self.offset = self.offset + share_of(dt, slow) * (offset - self.offset)
         a = share_of(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)

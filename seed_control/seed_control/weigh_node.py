@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -21,7 +22,8 @@ class WeighServer:
         self._core, self._now, self._others, self._logger = core, now, others, node.get_logger()
         self._run: WeighingRun | None = None
         self._done: Future | None = None
-        node.create_service(Trigger, "~/weigh_tool", self._weigh)
+        # a group of its own: others are served while it waits for its answer, among them ~/enable, which ends it
+        node.create_service(Trigger, "~/weigh_tool", self._weigh, callback_group=ReentrantCallbackGroup())
 
     @property
     def busy(self) -> bool:

@@ -263,6 +263,8 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     assert cell.bench.until(lambda: cell.state.tip.position.x > 0.46)
     other = cell.bench.result(cell.play(FREE))  # overlapping
     assert "is being played: cancel it first" in other.result.message
+    weighed = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
+    assert "a task or another weighing is under way" in weighed.message
     cell.setpoint.publish(cell.hold_here())
     assert cell.bench.until(lambda: "while a task is played" in cell.node.complaints.last)
     before = cell.state.tip.position.z
@@ -272,6 +274,41 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     cell.bench.spin(0.3)
     assert cell.state.tip.position.z - before > 0.04  # [m], of the task's lift of 0.05
     assert not cell.node.follow.busy
+
+
+def disabled_while(cell: Cell, busy: Callable[[], bool]) -> None:
+    """Disable as soon as it is busy: the command stays where it came to rest, and target_frame stays on it."""
+    assert cell.bench.until(busy)
+    cell.bench.spin(0.4)
+    assert cell.bench.call(SetBool, "controller/enable", SetBool.Request(data=False)).success
+    assert cell.bench.until(lambda: not busy())
+    cell.bench.spin(0.3)
+    before = cell.X_WE.copy()
+    cell.bench.spin(0.3)
+    np.testing.assert_allclose(cell.X_WE, before, atol=1e-6)
+    assert cell.state.mode == "disabled"
+
+
+def test_disabling_ends_a_task_where_it_is(cell: Cell) -> None:
+    cell.enabled()
+    handle = cell.play(FREE)
+    disabled_while(cell, lambda: cell.node.follow.busy)
+    answer = cell.bench.result(handle)
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert "disabled by ~/enable" in answer.result.message
+    again = cell.bench.result(cell.play(FREE))  # in the wrong state
+    assert "call ~/enable first" in again.result.message
+
+
+def test_disabling_ends_a_weighing_where_it_is(cell: Cell) -> None:
+    cell.enabled()
+    client = cell.bench.client.create_client(Trigger, "controller/weigh_tool")
+    assert cell.bench.until(client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    disabled_while(cell, lambda: cell.node.weigh.busy)
+    assert cell.bench.until(answer.done)
+    assert not answer.result().success
+    assert "ended early: arm holds: disabled by ~/enable" in answer.result().message
 
 
 def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) -> None:

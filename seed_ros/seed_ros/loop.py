@@ -9,9 +9,11 @@ does the loop.
 
 from __future__ import annotations
 
+import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -85,14 +87,37 @@ class RestExecutor(SingleThreadedExecutor):
         return entity or self
 
 
+@contextmanager
+def _realtime(priority: int) -> Iterator[None]:
+    """This thread ahead of all ordinary ones, where the system allows it; processes that it starts are ordinary."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        if priority > 0:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError:
+        pass  # ordinary users may not; the periods are measured and shown in the diagnostics
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
 class FixedRateLoop:
     """`poll` subscriptions, then `run`."""
 
-    def __init__(self, node: Node, rate: float, tick: Callable[[], None], *, steady: bool = False) -> None:
-        """steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages."""
+    def __init__(
+        self, node: Node, rate: float, tick: Callable[[], None], *, steady: bool = False, priority: int = 0
+    ) -> None:
+        """A loop at `rate` [Hz].
+
+        Args:
+            steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages.
+            priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
+        """
         self.node, self.period, self._tick = node, 1.0 / rate, tick
-        self.periods: deque[float] = deque(maxlen=PERIODS)  # [s]
+        self.periods: deque[float] = deque(maxlen=PERIODS)  # [s] from one beginning to the next
         self.overruns = 0
+        self._priority = priority
         self._next_rest = self._busy_until = 0.0
         self._group = _Polled()
         self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
@@ -129,13 +154,17 @@ class FixedRateLoop:
         """Until the context ends, or `ended()`."""
         executor = self.executor()
         self._await_clock(ended)
+        with _realtime(self._priority):
+            self._run(executor, ended)
+
+    def _run(self, executor: RestExecutor, ended: Callable[[], bool]) -> None:
         due, last = self._now(), time.monotonic()
         while self.node.context.ok() and not ended():
             if self._await(due):
-                self.take()
-                self._tick()
                 now = time.monotonic()
                 self.periods.append(now - last)
+                self.take()
+                self._tick()
                 last, due = now, self._next(due)
             self._rest(executor)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -71,3 +72,14 @@ def test_loop_follows_the_simulated_clock_and_stands_still_with_it(context: Cont
         ticking.thread.join()
         ticking.node.destroy_node()
         source.destroy_node()
+
+
+def test_priority_lasts_as_long_as_the_loop(context: Context) -> None:
+    node, seen = Node("urgent", context=context), []
+    try:
+        loop = FixedRateLoop(node, 200.0, lambda: seen.append(os.sched_getscheduler(0)), priority=5)
+        loop.run(lambda: len(seen) >= 2)
+    finally:
+        node.destroy_node()
+    assert set(seen) <= {os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.SCHED_FIFO, os.SCHED_OTHER}  # as the system allows
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
