@@ -119,15 +119,15 @@ def test_missing_table_fails_the_task_and_says_why() -> None:
 
 
 def test_condition_that_never_holds_times_out_and_lifts(tmp_path: Path) -> None:
-    text = shipped_tasks()["squeegee"].read_text().replace("until: settled", "until: settled\n    timeout: 0.5 s")
+    text = shipped_tasks()["squeegee"].read_text().replace("until: settled", "until: settled\n    timeout: 0.1 s")
     file = tmp_path / "short.yaml"
-    file.write_text(text.replace("to: 0 0 0.015 m", "to: 0 0 0.03 m"))
+    file.write_text(text.replace("to: -0.015 0 0.015 m", "to: -0.015 0 0.03 m"))
     bench, _ = bench_at("squeegee")
     bench.table = -0.02
     status = play(bench, TaskPlayer(load_task(file)), 30.0)
     assert status.done
     assert status.failed
-    assert "phase 'press' waited 0.5 s for 'settled'" in status.message
+    assert "phase 'press' waited 0.1 s for 'settled'" in status.message
     assert bench.force == 0.0
 
 
@@ -175,15 +175,15 @@ def test_route_keeps_speed_and_acceleration_and_arrives() -> None:
         (
             "speed: 0.05 m/s",
             "speed: 50 mm/s",
-            r":24: phases\[2\].speed = '50 mm/s' must be numbers with their unit, m/s",
+            r":26: phases\[2\].speed = '50 mm/s' must be numbers with their unit, m/s",
         ),
-        ("speed: 0.05 m/s", "speed: 0.05", r":24: .*speed = 0.05 must be numbers with their unit"),
-        ("speed: 0.05 m/s", "speed: 5 m/s", r":24: .*speed = 5 m/s must be within 0.0001 and 0.25 m/s"),
-        ("speed: 0.05 m/s", "velocity: 0.05 m/s", r":24: unknown key 'phases\[2\].velocity'; known here: name, to"),
-        ("force: 0 0 -10 N", "force: 0 -10 N", r":15: .*force has 2 values; it needs 3"),
+        ("speed: 0.05 m/s", "speed: 0.05", r":26: .*speed = 0.05 must be numbers with their unit"),
+        ("speed: 0.05 m/s", "speed: 5 m/s", r":26: .*speed = 5 m/s must be within 0.0001 and 0.25 m/s"),
+        ("speed: 0.05 m/s", "velocity: 0.05 m/s", r":26: unknown key 'phases\[2\].velocity'; known here: name, to"),
+        ("force: 0 0 -10 N", "force: 0 -10 N", r":17: .*force has 2 values; it needs 3"),
         ("force: 0 0 -10 N", "force: 1 0 -10 N", r"1 N along x, which is not among force_directions"),
-        ("force: 0 0 -10 N", "force: 0 0 .nan N", r":15: .*must be numbers with their unit, N"),
-        ("until: settled", "until: done", r":20: .*until = 'done' must be one of: arrived, contact, settled"),
+        ("force: 0 0 -10 N", "force: 0 0 .nan N", r":17: .*must be numbers with their unit, N"),
+        ("until: settled", "until: done", r":22: .*until = 'done' must be one of: arrived, contact, settled"),
         ("contact_resists: [x]", "contact_resists: [y]", "nothing would stop the rotation"),
         ("[z]", "[w]", "force_directions has 'w'; known: x, y, z"),
         ("tip_rpy: 180 0 0 deg", "tip_rpy: 3.14 0 0 rad", r":7: tip_rpy = .* with their unit, deg"),
