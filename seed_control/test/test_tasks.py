@@ -121,7 +121,8 @@ def test_missing_table_fails_the_task_and_says_why() -> None:
 def test_condition_that_never_holds_times_out_and_lifts(tmp_path: Path) -> None:
     text = shipped_tasks()["squeegee"].read_text().replace("until: settled", "until: settled\n    timeout: 0.1 s")
     file = tmp_path / "short.yaml"
-    file.write_text(text.replace("to: -0.015 0 0.015 m", "to: -0.015 0 0.03 m"))
+    text = text.replace("to: -0.015 0 0.015 m", "to: -0.015 0 0.03 m").replace("speed: 0.015 m/s", "speed: 0.2 m/s")
+    file.write_text(text)
     bench, _ = bench_at("squeegee")
     bench.table = -0.02
     status = play(bench, TaskPlayer(load_task(file)), 30.0)
