@@ -24,7 +24,8 @@ sys.exit(run(create))
 
 def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace():
     process = subprocess.Popen([sys.executable, "-c", NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None and process.stdout.readline() == "spinning\n"
+    assert process.stdout is not None
+    assert process.stdout.readline() == "spinning\n"
     for _ in range(40):  # `ros2 launch` sends one of its own after the terminal's
         process.send_signal(signal.SIGINT)
         time.sleep(0.005)
