@@ -86,7 +86,7 @@ def _note(strokes: list[Stroke]) -> str:
     seen = [s.statistics() for s in strokes]
     excess = sum(s["force_mean"] / s["commanded"] - 1.0 for s in seen) / max(len(seen), 1)
     return (
-        f"\n\nWith the published estimator the force is off by {100.0 * excess:+.0f} %: the mean of its patch follows only"
+        f"\n\nWith the published estimator the force is off by {100.0 * excess:+.0f} %: its patch follows only"
         "\na part of the tool's motion along y, so the grasp is deflected further than it reports. The paper calibrates"
         "\nthe constant of its pitch alone (Sec. VII), so no scale of y is calibrated away here."
     )
