@@ -221,7 +221,6 @@ class Demo:
             "hand_file": str(beliefs),
             "controller_file": str(controller),
             "sim_rate": str(_loop_rate()),
-            "use_sim_time": str(self.robot["robot"] == "sim").lower(),  # the driver lives by the wall's clock
             "camera_rate": str(float(o.camera_rate or (SMALL_CAMERA_RATE if _small() else 0.0))),
         }
 

@@ -32,6 +32,9 @@ class DriverConfig:
         60, low=0, high=98, doc="SCHED_FIFO priority of the servo process if allowed; 0: none"
     )
     cpu: int = field(-1, low=-1, high=1023, doc="processor for the servo process; -1: any")
+    simulated: bool = field(
+        False, doc="the controller is a simulation whose clock shows ROS time and may run slower than the wall's"
+    )
     watchdog_frequency: float = field(10.0, unit="Hz", low=1, high=100, doc="below it the robot stops by itself")
 
     servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")

@@ -21,6 +21,7 @@ class Motion:
         self.follower = Follower((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.002)
         self.armed = False  # targets are followed
         self.target: TargetSlot | None = None  # the newest that was used
+        self._heard = 0.0  # [s] when it came
         self._reference: Reference | None = None
         self._seen = 0  # number of the newest target that was looked at
         self._guard_q: list[float] = [0.0] * 6
@@ -52,17 +53,20 @@ class Motion:
         """Whether a target is being followed."""
         return self.armed and self._reference is not None
 
-    def look(self, now: float) -> str:
-        """Take a new target; the reason to hold when there was none for too long, else ''."""
+    def look(self, now: float, held_back: float = 0.0) -> str:
+        """Take a new target; the reason to hold when there was none for too long, else ''.
+
+        now: [s] by the robot's clock, which is `held_back` [s] behind that of the times of receipt.
+        """
         if not self.armed:
             return ""
         slot = self.memory.read_target(self._seen)
         if slot is not None and slot.number > self._seen:
-            self._seen, self.target = slot.number, slot
+            self._seen, self.target, self._heard = slot.number, slot, slot.received - held_back
             if self._reference is None:
                 self._reference = Reference(self.follower.inner_p, self.follower.inner_q)
-            self._reference.set_goal(slot.p, slot.q, slot.received, self.config.command_timeout)
-        elif self.target and self.following and now - self.target.received > self.config.command_timeout:
+            self._reference.set_goal(slot.p, slot.q, self._heard, self.config.command_timeout)
+        elif self.following and now - self._heard > self.config.command_timeout:
             return f"no target_frame for {self.config.command_timeout} s"
         return ""
 

@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
@@ -28,8 +26,12 @@ from seed_driver.kinematics import arm_kinematics
 from seed_driver.outputs_node import Outputs
 from seed_driver.shared import State
 from seed_driver.supervisor import Supervisor
+from seed_ros.loop import FixedRateLoop
+from seed_ros.main import run
+from seed_ros.qos import COMMAND
 
-COMMAND_QOS = QoSProfile(depth=1)  # reliable
+LOOP_RATE = 500.0  # [Hz] at which targets are looked for
+SERVICES_EVERY = 0.02  # [s]
 REPEAT = 1.0  # [s] the same warning is not repeated earlier
 ANSWER_TIMEOUT = 8.0  # [s] of a service call
 
@@ -51,9 +53,9 @@ class DriverNode(LifecycleNode):
         self._thread = ThreadPoolExecutor(1, "dashboard")
         self._thread_calls: list[tuple[ThreadFuture[str], Future]] = []
         self._said: dict[str, float] = {}
-        self._timer: Any = None
-        self._subscription: Any = None
         self.outputs: Outputs | None = None
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._step, steady=True, rest=SERVICES_EVERY)
+        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._use_parameters)
         self._offer_services()
@@ -76,8 +78,6 @@ class DriverNode(LifecycleNode):
         assert self.config is not None
         self.supervisor = Supervisor(self.config)
         self.supervisor.start(start_program=True)
-        self._subscription = self.create_subscription(PoseStamped, "target_frame", self._on_target, COMMAND_QOS)
-        self._timer = self.create_timer(1.0 / self.config.publish_rate, self._step)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -99,10 +99,6 @@ class DriverNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _release(self) -> None:
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self.destroy_subscription(self._subscription)
-            self._timer = self._subscription = None
         if self.supervisor is not None:
             self.supervisor.close()
             if self.outputs is not None and self.context.ok():
@@ -269,26 +265,20 @@ def _describe(name: str) -> str:
     return f"{meta['doc']} [{meta['unit'] or '-'}{bounds}]"
 
 
+def _create() -> DriverNode:
+    """The node; with autostart it configures and activates itself."""
+    node = DriverNode()
+    if node.get_parameter("autostart").value:
+        if node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            node.trigger_activate()
+        else:
+            node.get_logger().error("not configured: correct the parameter, then configure and activate the node")
+    return node
+
+
 def main() -> None:
-    """Run the node until it is interrupted; with autostart it configures and activates itself."""
-    rclpy.init()
-    node: DriverNode | None = None
-    try:
-        node = DriverNode()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        if node.get_parameter("autostart").value:
-            if node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
-                node.trigger_activate()
-            else:
-                node.get_logger().error("not configured: correct the parameter, then configure and activate the node")
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    """Run the node until it is interrupted."""
+    sys.exit(run(_create))
 
 
 if __name__ == "__main__":

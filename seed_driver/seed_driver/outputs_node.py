@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, WrenchStamped
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from tf2_msgs.msg import TFMessage
@@ -19,9 +20,11 @@ from seed_core.ur_models import JOINT_NAMES
 from seed_driver.config import DriverConfig
 from seed_driver.rotation import rotate
 from seed_driver.shared import Sample, Stage, State
+from seed_ros.conversions import stamp_from_seconds
+from seed_ros.loop import QUIET_OUT
+from seed_ros.qos import LATCHED
 
 STATE_QOS = QoSProfile(depth=10)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS_EVERY = 1.0  # [s], and at once when something changes
 
 
@@ -31,7 +34,7 @@ class Outputs:
     def __init__(self, node: LifecycleNode, config: DriverConfig) -> None:
         self.node, self.config = node, config
         self.names = [config.joint_prefix + n for n in JOINT_NAMES]
-        create = node.create_publisher
+        create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
         self.pose = create(PoseStamped, "current_pose", STATE_QOS)
         self.twist = create(TwistStamped, "current_twist", STATE_QOS)
         self.wrench = create(WrenchStamped, "wrench", STATE_QOS)
@@ -44,6 +47,7 @@ class Outputs:
         self.diagnostics = create(DiagnosticArray, "/diagnostics", STATE_QOS)
         self._count = 0
         self._sample_time = 0.0
+        self._shortest = 0.75 / config.publish_rate  # [s] between samples that are published
         self._words: tuple[Any, ...] = ()
         self._diagnosed = 0.0
 
@@ -61,17 +65,23 @@ class Outputs:
         if changed or now - self._diagnosed > DIAGNOSTICS_EVERY:
             self._diagnosed = now
             self._publish_diagnostics(state, refused, accepted, deaths)
-        if not state.linked or state.sample_time == self._sample_time:
+        if not state.linked or state.sample_time - self._sample_time < self._shortest:
             return
         self._sample_time = state.sample_time
         self._count += 1
-        age = time.monotonic() - state.sample_time  # read together with the ROS clock, or stamps jitter
-        stamp = (self.node.get_clock().now() - Duration(seconds=max(0.0, age))).to_msg()
+        stamp = self._stamp(state)
         self._publish_pose(state.sample, stamp)
         if self._count % 2 == 0:
             self._publish_motion(state.sample, stamp)
         if self._count % 4 == 0:
             self._publish_joints(state.sample, stamp)
+
+    def _stamp(self, state: State) -> Any:
+        """When the sample was measured."""
+        if self.config.simulated:
+            return stamp_from_seconds(state.timestamp)
+        age = time.monotonic() - state.sample_time  # read together with the ROS clock, or stamps jitter
+        return (self.node.get_clock().now() - Duration(seconds=max(0.0, age))).to_msg()
 
     def publish_inactive(self, state: State) -> None:
         """Tell late joiners that nothing runs any more."""

@@ -111,7 +111,8 @@ class ServoProcess:
             self._hear()
             if s.wants_start(now):
                 self._start_by_itself()
-        if why := self.motion.look(now):
+        held_back = s.held_back(now)
+        if why := self.motion.look(now - held_back, held_back):
             s.hold(why)
         if s.running:
             self._command(robot, now)
@@ -125,8 +126,9 @@ class ServoProcess:
         if self.session.freedrive:
             robot.control.kickWatchdog()
             return
-        if why := self.motion.step():
-            self.session.hold(why)
+        for _ in range(self.session.steps_due(now)):
+            if why := self.motion.step():
+                self.session.hold(why)
         f, target = self.motion.follower, self.motion.target
         robot.servo(f.p, f.q, f.dt)
         self.sent += 1

@@ -14,6 +14,8 @@ from seed_driver.realtime import threads_above
 from seed_driver.robot import Robot
 from seed_driver.shared import Sample
 
+STATE_PERIOD = 0.004  # [s] between states of the robot
+CATCH_UP = 2  # steps per cycle after the clock of a simulated robot was late
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 
 
@@ -30,6 +32,7 @@ class Session:
         self.sample: Sample | None = None
         self.sample_time = 0.0
         self._next_try = 0.0
+        self._moved_until = 0.0  # [s] by a simulated robot's clock, of the steps that were made
 
     def hold(self, reason: str) -> None:
         """Decelerate to rest; only an explicit request moves the arm again."""
@@ -64,6 +67,22 @@ class Session:
         if why:
             self.hold(why)
             self.running = self.freedrive = False
+
+    # a simulation whose clock runs slower than ours
+    def held_back(self, now: float) -> float:
+        """How far a simulated robot's clock is behind ours [s]; 0 of a real one, whose clock runs as ours."""
+        if not self.config.simulated:
+            return 0.0
+        return now - self.watch.timestamp - min(now - self.watch.advanced_at, STATE_PERIOD)
+
+    def steps_due(self, now: float) -> int:
+        """Steps of motion to make now: one per cycle, but a simulated robot's are counted by its own clock."""
+        if not self.config.simulated:
+            return 1
+        clock, dt = now - self.held_back(now), self.motion.follower.dt
+        steps = int((clock - self._moved_until) / dt + 1e-6)
+        self._moved_until = clock if steps > CATCH_UP else self._moved_until + steps * dt
+        return min(steps, CATCH_UP)
 
     # what may be asked
     def need_robot(self) -> Robot:
@@ -117,6 +136,7 @@ class Session:
         self.motion.restart(s)
         self.running = True
         self.watch.advanced_at, self.watch.ticks_since = now, 0
+        self._moved_until = self.watch.timestamp
 
     def stop(self) -> str:
         """Decelerate and hold."""

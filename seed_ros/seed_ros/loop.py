@@ -106,18 +106,26 @@ class FixedRateLoop:
     """`poll` subscriptions, then `run`."""
 
     def __init__(
-        self, node: Node, rate: float, tick: Callable[[], None], *, steady: bool = False, priority: int = 0
+        self,
+        node: Node,
+        rate: float,
+        tick: Callable[[], None],
+        *,
+        steady: bool = False,
+        priority: int = 0,
+        rest: float = IDLE_REST,
     ) -> None:
         """A loop at `rate` [Hz].
 
         Args:
             steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages.
             priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
+            rest: [s] between two looks at services, actions and slow timers while nobody uses them.
         """
         self.node, self.period, self._tick = node, 1.0 / rate, tick
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s] from one beginning to the next
         self.overruns = 0
-        self._priority = priority
+        self._priority, self._idle_rest = priority, rest
         self._next_rest = self._busy_until = 0.0
         self._group = _Polled()
         self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
@@ -205,7 +213,7 @@ class FixedRateLoop:
         if now >= self._next_rest:
             if executor.run_some():
                 self._busy_until = now + BUSY
-            self._next_rest = now + (BUSY_REST if now < self._busy_until else IDLE_REST)
+            self._next_rest = now + (BUSY_REST if now < self._busy_until else self._idle_rest)
 
     def executor(self) -> RestExecutor:
         """Of everything but the polled streams."""

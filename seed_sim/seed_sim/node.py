@@ -42,10 +42,12 @@ from seed_sim.scenario import load_scenario
 from seed_sim.ur.plant_link import PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
+ROBOT_BEHIND = 0.1  # [s] the same, of the time of a stand-in controller
+AHEAD = 2.5  # [periods] that a stand-in controller may be ahead of the plant, which follows it
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
-TARGET_PATIENCE, ESTIMATE_PATIENCE = 0.05, 0.13  # [s] age of the newest, from which the plant waits for the next
+PATIENCE = {"target_frame": 0.05, "current_pose": 0.04, "relative_pose": 0.13}  # [s] age, then the plant waits for it
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -97,8 +99,11 @@ class SimNode(Node):
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
             self._hold_reason = self.create_publisher(String, "~/hold_reason", LATCHED)
             self.create_service(Trigger, "~/resend_robot_program", self._resume)
+        elif self.settings.clock:
+            self._await(PoseStamped, "target_frame")
+            self._await(PoseStamped, "current_pose")
         if self.settings.clock:
-            self.loop.poll(RelativePose, "relative_pose", self._on_estimate, COMMAND)
+            self._await(RelativePose, "relative_pose")
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
         self.create_service(Trigger, "~/grasp", self._grasp)
         self.create_service(Trigger, "~/release", self._release)
@@ -116,17 +121,27 @@ class SimNode(Node):
         if not self.settings.robot_ip:
             return None
         link = PlantLink(self.settings.robot_ip)
-        link.place(self._X_WE_start, ELBOW_UP)
+        link.place(self._X_WE_start, ELBOW_UP, self._ros_now() if self.settings.clock else None)
         return link
+
+    def _await(self, kind: Any, topic: str) -> None:
+        """Have the plant's time stand still when this stream is late."""
+        self.loop.poll(kind, topic, lambda m: self._awaited[topic].hear(seconds(m.header.stamp)), COMMAND)
 
     # time
     def _start_clock(self) -> None:
-        """Tie the plant's time to the wall's, both steady and ROS's, from now on."""
+        """Tie the plant's time to the wall's, both steady and ROS's, from now on; or to a robot's clock."""
         self._steady_offset = time.monotonic() - self.plant.time
-        self._ros_offset = self.get_clock().now().nanoseconds * 1e-9 - self.plant.time
+        self._ros_offset = self._ros_now() - self.plant.time
+        self._robot_offset: float | None = None
+        if self._link is not None and self._link.clock is not None:
+            self._robot_offset = self._ros_offset = self._link.clock - self.plant.time
         self._lost = 0.0
         self._rated = (time.monotonic(), self.plant.time)
-        self._targets, self._estimates = Awaited(TARGET_PATIENCE), Awaited(ESTIMATE_PATIENCE)
+        self._awaited = {topic: Awaited(patience) for topic, patience in PATIENCE.items()}
+
+    def _ros_now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
 
     @property
     def stamp(self) -> float:
@@ -134,10 +149,13 @@ class SimNode(Node):
         return self._ros_offset + self.plant.time
 
     def _tick(self) -> None:
-        behind = time.monotonic() - self._steady_offset - self.plant.time
-        advance = 0.0 if self._waits() else min(behind, BEHIND)
-        self._lose(behind - advance)
-        self._advance(self.plant.time + advance)
+        before = self.plant.time
+        if self._link is None:
+            self._follow_clock()
+        else:
+            self._follow_robot(self._link)
+        if self.in_holder:
+            self._hold_tool(self.plant.time - before)
         self._outputs.publish(self.stamp, self.grasped)
         self._latch.check(self.stamp)
         self._say_why_it_holds()
@@ -150,7 +168,7 @@ class SimNode(Node):
     def _waits(self) -> bool:
         """Whether the plant stands still for a process that this machine is too busy to run in time."""
         steady = time.monotonic()
-        late = [stream.late(self.stamp, steady) for stream in (self._targets, self._estimates)]
+        late = [stream.late(self.stamp, steady) for stream in self._awaited.values()]
         return self.settings.clock and any(late)
 
     def _lose(self, lost: float) -> None:
@@ -160,32 +178,49 @@ class SimNode(Node):
         if not self.settings.clock:
             self._ros_offset += lost
 
-    def _advance(self, t: float) -> None:
-        if self._link is not None:
-            self._follow_robot(self._link, t)
-        elif not self.in_holder:
+    def _follow_clock(self) -> None:
+        """An arm of our own, by the wall's time less what the plant has lost."""
+        behind = time.monotonic() - self._steady_offset - self.plant.time
+        advance = 0.0 if self._waits() else min(behind, BEHIND)
+        self._lose(behind - advance)
+        t = self.plant.time + advance
+        if not self.in_holder:
             self.plant.advance(t)
-        else:
-            while self.plant.time < t - DT:
-                self.plant.advance(self.plant.time + DT)
-                self.plant.grasp(self._let_down * self._sag())
-        if self.in_holder:
-            self._hold_tool()
+            return
+        while self.plant.time < t - DT:
+            self.plant.advance(self.plant.time + DT)
+            self.plant.grasp(self._let_down * self._sag())
 
-    def _hold_tool(self) -> None:
-        """The holder carries the tool, and lets it down gently once the arm moves."""
-        moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
-        if self.grasped and (moved > MOVED or self._let_down > 0.0):
-            self._let_down += 1.0 / (self.settings.rate * LETTING_DOWN)
-            self.in_holder = self._let_down < 1.0
-
-    def _follow_robot(self, link: PlantLink, t: float) -> None:
-        """The flange goes where the stand-in's arm is, which feels what the tool does to it."""
+    def _follow_robot(self, link: PlantLink) -> None:
+        """The flange goes where the stand-in's arm is, in its time; the arm feels what the tool does to it."""
         load = self.plant.ft_wrench
-        state = link.exchange(load.force, load.torque)
-        self.plant.drive(self.plant.X_WE if state is None else state.X_WE, t)
+        state = link.exchange(load.force, load.torque, self._lets_robot_run())
+        if state is None:
+            return
+        if self._robot_offset is None:
+            self._robot_offset = state.time - self.plant.time
+        behind = state.time - self._robot_offset - self.plant.time
+        if behind > ROBOT_BEHIND and not self.settings.clock:
+            self._robot_offset += behind - ROBOT_BEHIND
+            self._lose(behind - ROBOT_BEHIND)
+            behind = ROBOT_BEHIND
+        if behind > 0.5 * DT:
+            self.plant.drive(state.X_WE, self.plant.time + behind)
         if self.in_holder:
             self.plant.grasp(self._let_down * self._sag())
+
+    def _lets_robot_run(self) -> float | None:
+        """How far a stand-in may run by its own clock, which then is the plant's [s]; None: as it likes."""
+        if not self.settings.clock:
+            return None
+        return self.stamp + (0.0 if self._waits() else AHEAD / self.settings.rate)
+
+    def _hold_tool(self, dt: float) -> None:
+        """The holder carries the tool, and lets it down gently once the arm moves; dt: [s] since the last look."""
+        moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
+        if self.grasped and (moved > MOVED or self._let_down > 0.0):
+            self._let_down += dt / LETTING_DOWN
+            self.in_holder = self._let_down < 1.0
 
     def _sag(self) -> Array:
         """Where the tool hangs in the grasp: p_CT (3,) [m]."""
@@ -214,15 +249,12 @@ class SimNode(Node):
             self.complaints.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
             return
         self._latch.heard(self.stamp)
-        self._targets.hear(seconds(message.header.stamp))
+        self._awaited["target_frame"].hear(seconds(message.header.stamp))
         self.plant.command(X_WE)
-
-    def _on_estimate(self, message: RelativePose) -> None:
-        self._estimates.hear(seconds(message.header.stamp))
 
     def _age(self, message: PoseStamped) -> str:
         """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
-        now = self.stamp if self.settings.clock else self.get_clock().now().nanoseconds * 1e-9
+        now = self.stamp if self.settings.clock else self._ros_now()
         age = now - seconds(message.header.stamp)
         limit = self.settings.target_timeout
         return f"target_frame stamp is {age:.3f} s old, limit {limit:g} s; the arm holds" if abs(age) > limit else ""

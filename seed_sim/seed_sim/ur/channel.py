@@ -93,7 +93,7 @@ class Rtde(Channel):
             return
         try:
             for package in wire.unpack_stream(self.buffer):
-                reply = self.talk.handle(package, time.monotonic())
+                reply = self.talk.handle(package, self.server.robot_now)
                 if reply:
                     self.send(reply)
         except wire.WireError:
@@ -151,7 +151,7 @@ class Script(Channel):
         text = self.buffer.decode("utf-8", "replace")
         self.buffer.clear()
         if text.strip():
-            refused = self.server.box.upload(text, time.monotonic())
+            refused = self.server.box.upload(text, self.server.robot_now)
             if refused:
                 self.server.box.send_text(refused)
 

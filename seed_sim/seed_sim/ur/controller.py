@@ -66,9 +66,14 @@ class Controller:
         self.wrench_E: tuple[float, ...] = (0.0,) * 6  # environment on flange, (force, torque) in E
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
-        self.boot = -1.0  # [s] time of the first cycle
+        self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
         self.send_text: Callable[[str], None] = lambda _: None
         self._ik: tuple[Sequence[float], list[float]] = ((), [])
+
+    @property
+    def clock(self) -> float:
+        """What the controller's clock shows [s]."""
+        return self.now - (self.now if self.boot is None else self.boot)
 
     def input_int(self, index: int) -> int:
         """input_int_register_<index>."""
@@ -197,7 +202,7 @@ class Controller:
     def tick(self, now: float) -> None:
         """One cycle: program, motion, watchdog, values."""
         self.now = now
-        self.boot = now if self.boot < 0.0 else self.boot
+        self.boot = now if self.boot is None else self.boot
         if self.pending is not None and now >= self.pending[0]:
             self.program, self.pending = self.pending[1], None
             self.runtime_state = PLAYING
@@ -258,7 +263,7 @@ class Controller:
         wrench = tuple(w - z for w, z in zip(self.wrench_W(), self.zero_W, strict=True))
         playing = self.runtime_state == PLAYING
         values.update(
-            timestamp=now - self.boot,
+            timestamp=self.clock,
             target_q=arm.target_q,
             target_qd=arm.target_qd,
             target_qdd=arm.target_qdd,

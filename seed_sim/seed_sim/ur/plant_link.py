@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 class ArmState(NamedTuple):
     """What the stand-in sends every 2 ms."""
 
-    time: float  # [s] host's monotonic clock
+    time: float  # [s] the controller's clock, as RTDE's timestamp
     X_WE: Array  # (4, 4) actual pose of the flange in base
     q: Array  # (6,) actual joint angles [rad]
     qd: Array  # (6,) [rad/s]
@@ -37,6 +37,7 @@ class PlantLink:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self.newest: ArmState | None = None
+        self.clock: float | None = None  # [s] what the controller's clock showed when the arm was placed
 
     def __enter__(self) -> PlantLink:
         return self
@@ -46,12 +47,15 @@ class PlantLink:
     ) -> None:
         self.close()
 
-    def place(self, X_WE: Array, near: Sequence[float], patience: float = 20.0) -> None:
+    def place(
+        self, X_WE: Array, near: Sequence[float], clock: float | None = None, patience: float = 20.0
+    ) -> None:
         """Put the stand-in's flange at X_WE (4, 4), on the branch of the joint angles `near` (6,).
 
+        clock: what the controller's clock shows from now on [s]; the plant then sets its pace by `exchange`.
         Waits for the stand-in to be there; raises SeedError when it does not come or refuses.
         """
-        request = {"do": "place", "pose": list(pose_from_matrix(X_WE)), "near": list(near)}
+        request = {"do": "place", "pose": list(pose_from_matrix(X_WE)), "near": list(near), "clock": clock}
         until = time.monotonic() + patience
         while True:
             try:
@@ -65,15 +69,19 @@ class PlantLink:
                 time.sleep(0.1)
         if not reply["ok"]:
             raise SeedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
+        self.clock = clock
 
-    def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:
+    def exchange(self, force_E: Array, torque_E: Array, until: float | None = None) -> ArmState | None:
         """Report the wrench of the environment on the flange, about its origin, in E [N, N m]; the newest arm state.
 
+        until: how far the controller may run by its own clock [s]; beyond it creeps, at a tenth of its pace.
         None until the stand-in has answered once. A stand-in that is gone keeps the last state: see its `time`.
         """
-        message = json.dumps({"wrench": [*map(float, force_E), *map(float, torque_E)]}).encode()
+        message: dict[str, Any] = {"wrench": [*map(float, force_E), *map(float, torque_E)]}
+        if until is not None:
+            message["until"] = until
         try:
-            self._socket.sendto(message, self._address)
+            self._socket.sendto(json.dumps(message).encode(), self._address)
         except OSError:
             return self.newest  # nobody there yet
         data = b""

@@ -28,6 +28,8 @@ SCRIPT_PORTS = (30001, 30002, 30003)
 PRIORITY = 70  # SCHED_FIFO, where it is allowed
 CATCH_UP = 0.1  # [s] cycles later than this are skipped
 PLANT_TIMEOUT = 0.5  # [s] without a word from the plant the wrench is zero
+PACER_TIMEOUT = 5.0  # [s] of a plant that sets the pace: it may be busy
+CREEP = 0.02  # [s] between two cycles that come although the plant has not got there: a clock that never stands still
 
 
 @dataclass
@@ -56,6 +58,8 @@ class Server:
         self.listeners: dict[socket.socket, type[Channel]] = {}
         self.plant: tuple[str, int] | None = None
         self.plant_heard = self.listen_again = 0.0
+        self.until: float | None = None  # [s] by the robot's clock, how far the plant lets it run; None: on
+        self.held_back = 0.0  # [s] that the plant has kept the robot's clock behind the wall's
         self.running = True
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.bind((host, PLANT_PORT))
@@ -86,9 +90,20 @@ class Server:
         if self.box.options.version[0] < 10:
             self._listen(DASHBOARD_PORT, Dashboard)
 
-    def place(self, pose: list[float], near: list[float]) -> None:
-        """Put the flange somewhere, before any program runs; opens the robot's ports when they wait for it."""
+    @property
+    def robot_now(self) -> float:
+        """The robot's time [s]: monotonic, less what a plant has held it back."""
+        return time.monotonic() - self.held_back
+
+    def place(self, pose: list[float], near: list[float], clock: float | None = None) -> None:
+        """Put the flange somewhere, before any program runs; opens the robot's ports when they wait for it.
+
+        clock: what the robot's clock shows from now on [s]; it then runs only as far as the plant lets it.
+        """
         self.box.place(pose, near)
+        if clock is not None:
+            self.box.boot, self.until = self.robot_now - clock, clock
+            self.plant_heard = time.monotonic()
         if self.awaiting_plant:
             self.awaiting_plant = False
             self._listen_robot()
@@ -131,12 +146,16 @@ class Server:
         # a real controller is a machine of its own; here it must not wait for the programs it serves
         with contextlib.suppress(OSError):  # ordinary users may not
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-        deadline = time.monotonic()
+        deadline = last = time.monotonic()
         while self.running:
             now = time.monotonic()
             if now >= deadline:
                 self.box.recorder.tick(now - deadline)
-                self._cycle(deadline)
+                if self._may_go_on(deadline) or deadline - last >= CREEP:
+                    self._cycle(deadline)
+                    last = deadline
+                else:
+                    self.held_back += PERIOD
                 deadline += PERIOD
                 if now - deadline > CATCH_UP:
                     deadline = now
@@ -145,6 +164,11 @@ class Server:
                     continue
             self._serve(max(0.0, deadline - time.monotonic()))
 
+    def _may_go_on(self, now: float) -> bool:
+        """Whether the plant lets the robot do the cycle that is due at wall time `now` [s]."""
+        box = self.box
+        return self.until is None or box.boot is None or now - self.held_back - box.boot <= self.until + 0.5 * PERIOD
+
     def _cycle(self, now: float) -> None:
         if self.network.freeze:
             seconds, self.network.freeze = self.network.freeze, 0.0
@@ -152,22 +176,26 @@ class Server:
         if self.listen_again and now > self.listen_again:
             self.listen_again = 0.0
             self._listen_robot()
-        if self.plant is not None and now - self.plant_heard > PLANT_TIMEOUT:
-            self.plant = None
-            self.box.set_wrench((0.0,) * 6)
-        self.box.tick(now)
-        self._tell_plant(now)
+        if now - self.plant_heard > (PLANT_TIMEOUT if self.until is None else PACER_TIMEOUT):
+            self._forget_plant()
+        self.box.tick(now - self.held_back)
+        self._tell_plant()
         if now >= max(self.network.silent_until, self.network.mute_until):
             paused = now < max(self.network.outputs_paused_until, self.network.no_data_until)
             for channel in list(self.channels):
                 if not channel.cycle(now, paused):
                     self._close(channel)
 
-    def _tell_plant(self, now: float) -> None:
+    def _forget_plant(self) -> None:
+        if self.plant is not None:
+            self.box.set_wrench((0.0,) * 6)
+        self.plant = self.until = None
+
+    def _tell_plant(self) -> None:
         if self.plant is None:
             return
         arm = self.box.arm
-        state = {"time": now, "q": arm.q, "qd": arm.qd, "X_WE": arm.X_WE.tolist()}
+        state = {"time": self.box.clock, "q": arm.q, "qd": arm.qd, "X_WE": arm.X_WE.tolist()}
         try:
             self._udp.sendto(json.dumps(state).encode(), self.plant)
         except OSError:
@@ -203,6 +231,8 @@ class Server:
                 self.plant, self.plant_heard = address, time.monotonic()
                 if "wrench" in message:
                     self.box.set_wrench(message["wrench"])
+                if "until" in message:
+                    self.until = float(message["until"])
         except BlockingIOError:
             return
         except (ValueError, TypeError, SeedError) as error:

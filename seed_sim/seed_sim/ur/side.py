@@ -104,7 +104,7 @@ def _wall(server: Server, request: Request) -> None:
 def _state(server: Server, _: Request) -> dict[str, Any]:
     box = server.box
     return {
-        "time": time.monotonic(),
+        "time": server.robot_now,
         "tcp_pose": box.arm.tcp_pose(),
         "q": box.arm.q,
         "robot_mode": box.robot_mode,
@@ -157,6 +157,6 @@ ACTIONS: dict[str, Action] = {
     "switch": _switch,
     "option": _option,
     "wall": _wall,
-    "place": lambda server, request: server.place(request["pose"], request["near"]),
+    "place": lambda server, request: server.place(request["pose"], request["near"], request.get("clock")),
     "wrench": lambda server, request: server.box.set_wrench(request["wrench"]),
 }
