@@ -24,6 +24,7 @@ _SAFETY_STOPS = {
     9: "safety fault",
     10: "stopped by safety",
 }
+_ANY_STOP = sum(1 << bit for bit in _SAFETY_STOPS)
 _MODES = {
     -1: "no controller",
     0: "disconnected",
@@ -64,6 +65,8 @@ class LinkWatch:
 
 def safety_stop(safety_bits: int) -> str:
     """Name of the safety stop in force, empty when the arm may move."""
+    if not safety_bits & _ANY_STOP:
+        return ""
     return next((name for bit, name in _SAFETY_STOPS.items() if safety_bits >> bit & 1), "")
 
 

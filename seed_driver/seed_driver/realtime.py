@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from seed_driver.config import DriverConfig
 
 _PR_SET_PDEATHSIG = 1
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 
 def die_with_parent() -> None:
@@ -25,6 +26,11 @@ def no_collector() -> None:
     """No pauses for garbage: the loop makes none in cycles."""
     gc.freeze()
     gc.disable()
+
+
+def stay_in_memory() -> None:
+    """No pauses for pages that the system has taken away, when it allows that."""
+    ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE)
 
 
 def realtime(config: DriverConfig, above: int = 0) -> None:

@@ -16,7 +16,8 @@ from seed_driver.rotation import Quaternion, Vector, from_rotation_vector, multi
 from seed_driver.shared import Modes, Sample
 from seed_driver.states import StateStream
 
-STATE_RATE = 250.0  # [Hz] of the states; the control connection needs the full rate, or servoL waits for it
+STATE_RATE = 250.0  # [Hz] of the states that we read ourselves
+CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 
 
@@ -62,7 +63,12 @@ class Robot:
     def sample(self) -> Sample:
         """The newest state."""
         v = self.states.values
+        modes = Modes(v[38], v[39], v[40], v[42], v[41])
         tcp_orientation = from_rotation_vector(v[23:26])
+        if self._tcp_at_flange:
+            return Sample(
+                v[2:8], v[8:14], v[14:20], v[20:23], tcp_orientation, v[26:32], v[32:38], modes, v[43] * v[44]
+            )
         x, y, z, w = self.q_tcp
         q = multiply(tcp_orientation, (-x, -y, -z, w))
         arm = rotate(q, self.p_tcp)  # from flange to TCP, in base
@@ -76,7 +82,6 @@ class Robot:
             wz,
         )
         p = v[20] - arm[0], v[21] - arm[1], v[22] - arm[2]
-        modes = Modes(v[38], v[39], v[40], v[42], v[41])
         return Sample(v[2:8], v[8:14], v[14:20], p, q, twist, v[32:38], modes, v[43] * v[44])
 
     def start_program(self) -> None:
@@ -94,7 +99,7 @@ class Robot:
 
     def _construct(self) -> None:
         try:
-            self.control = self.control_class(self.config.robot_ip, self.rate)
+            self.control = self.control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE))
         except RuntimeError as error:
             raise LinkError(f"the robot does not start our program: {error}") from error
 

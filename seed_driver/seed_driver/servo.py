@@ -19,7 +19,7 @@ from seed_driver.config import DriverConfig, from_json
 from seed_driver.kinematics import arm_kinematics
 from seed_driver.motion import Motion
 from seed_driver.probe import LinkError
-from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, threads_above
+from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
 from seed_driver.robot import STATE_RATE, Robot, load
 from seed_driver.session import Session
 from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, TargetSlot
@@ -235,6 +235,7 @@ def main() -> int:
     setup = json.loads(wire.recv(LARGEST))
     config = from_json(setup["config"])
     no_collector()
+    stay_in_memory()
     realtime(config)
     silence()
     process = ServoProcess(memory, wire, config, bool(setup["start"]))

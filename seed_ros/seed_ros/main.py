@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -40,7 +39,7 @@ def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
             executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RCLError:  # an interrupt in the middle of publishing
+    except RuntimeError:  # an interrupt in the middle of taking or publishing a message; RCLError is one
         if rclpy.ok():
             raise
     except SeedError as error:

@@ -39,15 +39,15 @@ from seed_sim.latch import Latch
 from seed_sim.outputs_node import Outputs
 from seed_sim.plant import DT, Plant, PlantError, save_replay
 from seed_sim.scenario import load_scenario
-from seed_sim.ur.plant_link import PlantLink
+from seed_sim.ur.plant_link import ArmState, PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
 ROBOT_BEHIND = 0.1  # [s] the same, of the time of a stand-in controller
-AHEAD = 2.5  # [periods] that a stand-in controller may be ahead of the plant, which follows it
+AHEAD = 1.25  # [periods] that a stand-in controller may be ahead of the plant, which follows it
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
-PATIENCE = {"target_frame": 0.05, "current_pose": 0.04, "relative_pose": 0.13}  # [s] age, then the plant waits for it
+PATIENCE = {"target_frame": 0.03, "current_pose": 0.03, "relative_pose": 0.13}  # [s] age, then the plant waits for it
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -193,10 +193,13 @@ class SimNode(Node):
 
     def _follow_robot(self, link: PlantLink) -> None:
         """The flange goes where the stand-in's arm is, in its time; the arm feels what the tool does to it."""
+        state = link.receive()
+        if state is not None:
+            self._drive(state)
         load = self.plant.ft_wrench
-        state = link.exchange(load.force, load.torque, self._lets_robot_run())
-        if state is None:
-            return
+        link.report(load.force, load.torque, self._lets_robot_run())
+
+    def _drive(self, state: ArmState) -> None:
         if self._robot_offset is None:
             self._robot_offset = state.time - self.plant.time
         behind = state.time - self._robot_offset - self.plant.time

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import time
@@ -71,19 +72,24 @@ class PlantLink:
             raise SeedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
         self.clock = clock
 
-    def exchange(self, force_E: Array, torque_E: Array, until: float | None = None) -> ArmState | None:
-        """Report the wrench of the environment on the flange, about its origin, in E [N, N m]; the newest arm state.
+    def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:
+        """`report` a wrench, `receive` the newest arm state."""
+        self.report(force_E, torque_E)
+        return self.receive()
+
+    def report(self, force_E: Array, torque_E: Array, until: float | None = None) -> None:
+        """The wrench of the environment on the flange, about its origin, in E [N, N m].
 
         until: how far the controller may run by its own clock [s]; beyond it creeps, at a tenth of its pace.
-        None until the stand-in has answered once. A stand-in that is gone keeps the last state: see its `time`.
         """
         message: dict[str, Any] = {"wrench": [*map(float, force_E), *map(float, torque_E)]}
         if until is not None:
             message["until"] = until
-        try:
+        with contextlib.suppress(OSError):  # nobody there yet
             self._socket.sendto(json.dumps(message).encode(), self._address)
-        except OSError:
-            return self.newest  # nobody there yet
+
+    def receive(self) -> ArmState | None:
+        """The newest arm state, None until there was one. A stand-in that is gone keeps the last: see its `time`."""
         data = b""
         try:
             while True:
