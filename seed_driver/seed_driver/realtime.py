@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from seed_driver.config import DriverConfig
 
 _PR_SET_PDEATHSIG = 1
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def die_with_parent() -> None:
@@ -29,8 +29,8 @@ def no_collector() -> None:
 
 
 def stay_in_memory() -> None:
-    """No pauses for pages that the system has taken away, when it allows that."""
-    ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE)
+    """No pauses for pages that the system has taken away, when it lets us keep them."""
+    ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
 
 
 def realtime(config: DriverConfig, above: int = 0) -> None:

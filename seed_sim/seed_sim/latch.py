@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-SILENT = 0.5  # [s] without a usable target that is a hold; a loaded computer may pause for longer than 0.1 s
-
 
 class Latch:
     """Follows from the start; holds from a refusal or silence on, with `reason`, until `resume`."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float) -> None:
+        """patience: [s] without a usable target that is a hold."""
+        self._patience = patience
         self.reason = ""  # why it holds; empty while it follows
         self._heard: float | None = None  # [s] when the last usable target came; None: none to follow yet
 
@@ -29,8 +29,8 @@ class Latch:
 
     def check(self, now: float) -> None:
         """Hold when no target has come for too long."""
-        if self._heard is not None and now - self._heard > SILENT:
-            self.refused(f"no target_frame for {SILENT} s")
+        if self._heard is not None and now - self._heard > self._patience:
+            self.refused(f"no target_frame for {self._patience:g} s")
 
     def resume(self) -> None:
         """Follow the targets that come from now on."""

@@ -59,7 +59,7 @@ class SimSettings:
     seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
     task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
     rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
-    target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="oldest target_frame that is followed")
+    target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="largest age of a target, and largest silence")
     max_step: float = field(0.05, unit="m", low=1e-4, high=1.0, doc="a target further from the flange is a jump")
     clock: bool = field(False, doc="publish the plant's time on /clock, and stand still for late estimates and targets")
     relative_pose: bool = field(False, doc="publish relative_pose from the truth, in place of cameras and estimator")
@@ -87,7 +87,7 @@ class SimNode(Node):
         self.in_holder = True
         self._held_at = self._X_WE_start
         self._let_down = 0.0  # share of its weight that the holder has given to the grasp
-        self._latch, self._said = Latch(), ""
+        self._latch, self._said = Latch(self.settings.target_timeout), ""
         self.real_time_factor = 1.0
         self._link = self._join_robot()
         own_arm = self._link is None

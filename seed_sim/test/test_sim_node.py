@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from seed_ros.conversions import pose_stamped, pose_to_matrix
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
-from seed_sim.latch import SILENT, Latch
+from seed_sim.latch import Latch
 from seed_sim.node import SimNode
 
 pytestmark = pytest.mark.ros
@@ -136,13 +136,13 @@ def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
 
 
 def test_silence_is_a_hold() -> None:
-    latch = Latch()
+    latch = Latch(0.1)
     latch.check(10.0)
     assert not latch.reason  # nothing to follow yet
     latch.heard(10.0)
-    latch.check(10.0 + 0.9 * SILENT)
+    latch.check(10.0 + 0.09)
     assert not latch.reason
-    latch.check(10.0 + 1.1 * SILENT)
+    latch.check(10.0 + 0.11)
     latch.heard(11.0)
     assert "no target_frame" in latch.reason
     latch.resume()

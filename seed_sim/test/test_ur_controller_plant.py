@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from seed_core.ur_kinematics import URKinematics
 from seed_sim.ur.client import StandIn
+from seed_sim.ur.controller import HOME
 from seed_sim.ur.plant_link import ArmState, PlantLink
 
 pytestmark = pytest.mark.realtime
@@ -39,3 +40,24 @@ def test_wrench_is_zero_when_the_plant_is_gone() -> None:
             wait_for_state(link, np.array([1.0, 2.0, 3.0]), 0.1)
         time.sleep(1.0)
         assert_allclose(robot.ask("state")["wrench"], np.zeros(6), atol=0)
+
+
+def test_a_plant_sets_the_clock_and_its_pace_and_the_clock_never_stands_still() -> None:
+    with StandIn() as robot, PlantLink(robot.host) as link:
+        start = time.monotonic()
+        link.place(URKinematics.for_model("ur5e").forward(HOME), HOME, clock=1000.0)
+        clock = run_until(link, 1000.1, 0.5)
+        # it got there, and crept on at a tenth of its pace
+        assert 1000.1 < clock < 1000.1 + 0.1 * (time.monotonic() - start) + 0.01
+        assert run_until(link, 1001.0, 0.3) > clock + 0.1  # let go, it runs again
+
+
+def run_until(link: PlantLink, until: float, seconds: float) -> float:
+    """The controller's clock after letting it run so far for some time."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        link.report(np.zeros(3), np.zeros(3), until)
+        time.sleep(0.005)
+    state = link.receive()
+    assert state is not None
+    return state.time

@@ -48,9 +48,7 @@ class PlantLink:
     ) -> None:
         self.close()
 
-    def place(
-        self, X_WE: Array, near: Sequence[float], clock: float | None = None, patience: float = 20.0
-    ) -> None:
+    def place(self, X_WE: Array, near: Sequence[float], clock: float | None = None, patience: float = 20.0) -> None:
         """Put the stand-in's flange at X_WE (4, 4), on the branch of the joint angles `near` (6,).
 
         clock: what the controller's clock shows from now on [s]; the plant then sets its pace by `exchange`.
