@@ -59,9 +59,14 @@ def running(peer: Peer) -> bool:
 
 
 @pytest.fixture(autouse=True)
-def ready(peer):
-    """Every test starts with the arm at rest and targets accepted."""
+def ready(peer, robot):
+    """Every test starts with the arm at rest and targets accepted, whatever the last one left behind."""
+    robot.ask("release_emergency_stop")
     peer.spin(0.3)
+    if robot.ask("state")["safety_mode"] != 1:
+        assert peer.call("unlock_protective_stop").success
+    if robot.ask("state")["robot_mode"] != 7:
+        assert peer.call("power_on").success
     assert peer.call("resend_robot_program").success
 
 
