@@ -12,6 +12,8 @@ from seed_driver.limits import ZERO, Bounds, Follower, Reference
 from seed_driver.rotation import pose_matrix
 from seed_driver.shared import Sample, SharedMemory, TargetSlot
 
+COMMANDED = 0.95  # of a speed limit: commands that reach the robot a cycle early or late make its own speed ripple
+
 
 class Motion:
     """What the arm is to do; `follower.p`, `follower.q` is the command."""
@@ -105,7 +107,7 @@ class Motion:
 
     def _joint_share(self, q: list[float], dt: float) -> float:
         """Share of the step that keeps every joint within its speed; above 1: room to spare."""
-        own, top = self.arm.model.speed, self.config.max_joint_speed
+        own, top = self.arm.model.speed, COMMANDED * self.config.max_joint_speed
         pairs = zip(q, self._guard_q, own, strict=True)
         return min(min(top, limit) * dt / max(1e-12, abs(a - b)) for a, b, limit in pairs)
 
@@ -113,8 +115,8 @@ class Motion:
 def bounds_of(c: DriverConfig) -> Bounds:
     """The limits of a motion as configured."""
     return Bounds(
-        c.max_speed,
-        c.max_turning,
+        COMMANDED * c.max_speed,
+        COMMANDED * c.max_turning,
         c.max_acceleration,
         c.max_turning_acceleration,
         c.max_jerk,
