@@ -177,15 +177,14 @@ def test_wrench_is_given_in_the_tool_frame(peer, robot) -> None:
 def test_protective_stop_is_reported_unlocked_and_left_by_service_calls(peer, robot) -> None:
     robot.ask("protective_stop")
     peer.wait(lambda: not running(peer) and peer.latest["hold_reason"].data == "protective stop", 1.0, "report")
-    assert peer.latest["safety_mode"].data == 3
+    peer.wait(lambda: peer.latest["safety_mode"].data == 3, 1.0, "safety mode")  # topics keep no common order
     refused = peer.call("resend_robot_program")
     assert not refused.success
     assert refused.message == "protective stop"
     peer.spin(0.4)
     assert peer.call("unlock_protective_stop").success
     assert peer.call("resend_robot_program").success
-    peer.wait(lambda: running(peer), 1.0, "program running")
-    assert peer.latest["safety_mode"].data == 1
+    peer.wait(lambda: running(peer) and peer.latest["safety_mode"].data == 1, 1.0, "program running")
 
 
 def test_unlocking_too_early_passes_on_what_the_robot_says(peer, robot) -> None:
