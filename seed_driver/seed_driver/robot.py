@@ -123,6 +123,7 @@ class Robot:
                 raise LinkError("the robot does not start our program; look at the pendant")
             time.sleep(0.004)
             self.states.poll()
+        time.sleep(3.0 / CONTROL_RATE)  # until ur_rtde knows it too: it refuses commands to a program that does not run
 
     def _set_up(self) -> None:
         self.apply_tool(self.config)
