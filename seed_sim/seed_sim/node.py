@@ -47,7 +47,8 @@ AHEAD = 1.25  # [periods] that a stand-in controller may be ahead of the plant, 
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
-PATIENCE = {"target_frame": 0.03, "current_pose": 0.03, "relative_pose": 0.13}  # [s] age, then the plant waits for it
+PATIENCE = {"target_frame": 0.05, "relative_pose": 0.13}  # [s] age, from which the plant waits for the next
+ROBOT_PATIENCE = {"target_frame": 0.03, "current_pose": 0.03, "relative_pose": 0.13}  # [s] with a robot's own lag
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -138,7 +139,8 @@ class SimNode(Node):
             self._robot_offset = self._ros_offset = self._link.clock - self.plant.time
         self._lost = 0.0
         self._rated = (time.monotonic(), self.plant.time)
-        self._awaited = {topic: Awaited(patience) for topic, patience in PATIENCE.items()}
+        patience = PATIENCE if self._link is None else ROBOT_PATIENCE
+        self._awaited = {topic: Awaited(age) for topic, age in patience.items()}
 
     def _ros_now(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
