@@ -66,7 +66,7 @@ class Residuals:
             return np.zeros((6, 6))
         edges = np.flatnonzero(self.cells[1:] != self.cells[:-1]) + 1
         g = np.add.reduceat(self.Jw * self.r, np.concatenate(((0,), edges)), axis=1).astype(float) * self.scale
-        alike = self.common * self.scale * self.Jw.sum(axis=1, dtype=float)
+        alike = self.common * self.scale * self.Jw.sum(axis=1).astype(float)
         return np.asarray(g @ g.T + np.outer(alike, alike))
 
 
