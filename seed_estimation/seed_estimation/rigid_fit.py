@@ -36,6 +36,7 @@ class Fit:
         slip_step, slip_information: by how much the images ask to change the slip, and how sure they are.
         slip_effect: (6,) by how much xi changes with the slip.
         iterations: Gauss-Newton steps made.
+        sights: each finger's points, residuals and weights at the end.
     """
 
     X_CT: Array
@@ -50,6 +51,7 @@ class Fit:
     slip_information: float
     slip_effect: Array
     iterations: int
+    sights: Sequence[Sight]
 
 
 def motion_vector(X: Array) -> Array:
@@ -126,6 +128,7 @@ def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit
         slip_information=information,
         slip_effect=effect,
         iterations=count,
+        sights=sights,
     )
 
 

@@ -82,7 +82,8 @@ class Sight:
         touching = _touching(model, p, n, model.X_XC @ X_CT)
         first = int(np.searchsorted(touching, points.value.size))
         d = touching[first:] - points.value.size
-        self.points, self.p = points.chosen(touching[:first]), p.take(touching, axis=1)
+        self.index = touching[:first]  # of the image's points
+        self.points, self.p = points.chosen(self.index), p.take(touching, axis=1)
         self.n, self.n_p = model.n.take(d, axis=1), model.n_p[d]
         self.image = Residuals(self.points.jacobian(slip), self.points.cells, SHARE_IMAGE, IMAGE_FLOOR)
         self.depth = Residuals(model.J.take(d, axis=1), model.cells[d], SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)

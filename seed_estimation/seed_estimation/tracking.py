@@ -10,9 +10,10 @@ import numpy as np
 from seed_core.spatial import inverse_pose, so3_exp, so3_log
 from seed_estimation.camera import Array
 from seed_estimation.covariance import Covariance
+from seed_estimation.dots import SPAN
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Box, Frame, project32
-from seed_estimation.gross_slip import SPAN, GrossSlip
+from seed_estimation.gross_slip import GrossSlip
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.relock import Search
 from seed_estimation.rigid_fit import Fit, fit
@@ -94,22 +95,20 @@ class Tracker:
             if looked:
                 nearest = max(looked, key=_explained)
                 best = max(best, self._fit(frames, nearest.X_CT, (0, p.iterations)), key=self._quality)
-            if self._quality(best) < p.lock and 0.0 < stamp - self.stamp <= SPAN:
-                best = self._by_dots(frames, best, stamp)
             quality = self._quality(best)
-        self._accept(best, quality, frames, stamp)
+        locked = quality >= (p.lock + SURE if self.lost else p.lock)
+        if locked or 0.0 < stamp - self.stamp <= SPAN:
+            self.gross_slip |= self._watch.slides(frames, best, stamp, self.slip.value, locked)
+        if quality < p.lock:
+            best = max((best, *self._at_dots(frames)), key=self._quality)
+            quality = self._quality(best)
+        self._accept(best, quality, stamp)
         return best
 
-    def _by_dots(self, frames: Mapping[str, Frame], best: Fit, stamp: float) -> Fit:
-        """A lock that broke just now: the dots may have sprung back with the tool, or without it, which is a slip."""
-        dots = self._watch.dots(frames, self.slip.value)
-        if dots is None:  # covered, or carried further than dots spring back: not a slip but a lost track
-            return best
-        both = self._fit(frames, dots.X_CT, (0, self.parameters.iterations))
-        if self._quality(both) >= self.parameters.lock:
-            return both
-        self.gross_slip |= self._watch.lost(dots.X_CT, stamp)
-        return best
+    def _at_dots(self, frames: Mapping[str, Frame]) -> list[Fit]:
+        """Fits from where each finger's dots are: they may have sprung back, and the tool with them."""
+        steps = (0, self.parameters.iterations)
+        return [] if self.lost else [self._fit(frames, X_CT, steps) for X_CT in self._watch.places]
 
     def _fit(self, frames: Mapping[str, Frame], start: Array, steps: tuple[int, int]) -> Fit:
         return fit(self.models, frames, start, self.slip.value, PRIOR, steps)
@@ -137,7 +136,7 @@ class Tracker:
         told = [f for f in self._touching if np.isfinite(result.depth_rms[f])]
         return not told or any(off[f] for f in told) or any(hidden[f] and f not in told for f in self._touching)
 
-    def _accept(self, result: Fit, quality: float, frames: Mapping[str, Frame], stamp: float) -> None:
+    def _accept(self, result: Fit, quality: float, stamp: float) -> None:
         p, dt = self.parameters, stamp - self.stamp
         if self.lost:
             self._good = self._good + 1 if quality > p.lock + SURE else 0
@@ -153,7 +152,6 @@ class Tracker:
         self.X_CT, self.stamp, self.lost = result.X_CT, stamp, False
         self.covariance.update(result)
         self._learn_usual(result)
-        self.gross_slip |= self._watch.update(frames, result, stamp, self.slip.value)
         if p.learn_slip and follow:
             self.slip.update(result.slip_step, result.slip_information, dt)
 

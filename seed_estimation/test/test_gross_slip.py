@@ -76,6 +76,13 @@ def test_a_tool_that_breaks_loose_raises_the_alarm(motion: Motion, kinetic: floa
     assert all(e.gross_slip and not e.valid and "initialize the grasp again" in e.reason for e in after)
 
 
+@pytest.mark.parametrize("motion", [along_z, about_y])
+def test_one_finger_alone_sees_a_slip(motion: Motion) -> None:
+    held = Held(0.007, fingers="right")
+    seen = held.follow(motion, 1.0)
+    assert held.onset <= first_alarm(seen) <= held.onset + ONSET_TO_ALARM
+
+
 def test_after_a_slip_a_new_grasp_starts_afresh() -> None:
     held = Held(0.007)
     last, _ = held.follow(along_z, 1.0)[-1]
@@ -104,8 +111,14 @@ def set_free(t: float) -> Array:
     return make_pose(p=(0.0, 0.0, 0.06 * t if t < 0.1 else 0.0003))
 
 
+def let_go_by_a_part(t: float) -> Array:
+    return make_pose(p=(0.0, 0.0, 0.08 * t if t < 0.1 else 0.005))
+
+
 @pytest.mark.parametrize(
-    ("motion", "duration"), [(ordinary, 3.0), (stopped, 0.5), (set_free, 0.5)], ids=lambda v: getattr(v, "__name__", "")
+    ("motion", "duration"),
+    [(ordinary, 3.0), (stopped, 0.5), (set_free, 0.5), (let_go_by_a_part, 0.5)],
+    ids=lambda v: getattr(v, "__name__", ""),
 )
 def test_a_tool_that_sticks_raises_none(motion: Motion, duration: float) -> None:
     held = Held(0.009)
