@@ -19,6 +19,7 @@ BENCHES = {
     "driver": "seed_driver.bench",
     "sim": "seed_sim.bench",
     "sysid": "seed_sysid.bench",
+    "node": "seed_bringup.latency_node",
 }
 
 

@@ -72,6 +72,11 @@ SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
 LOOP_RATE, SMALL_LOOP_RATE = 250.0, 125.0  # [Hz] of arm and controller, with enough cores and with fewer
 
 
+def live_rates() -> tuple[float, float]:
+    """Rates of cameras (0: the scenario's) and of control that the live graph keeps on this machine [Hz]."""
+    return (SMALL_CAMERA_RATE if _small() else 0.0), _loop_rate()
+
+
 def _small() -> bool:
     """Whether this machine is too small for cameras at 45 Hz and control at 250 Hz beside a simulation."""
     return len(os.sched_getaffinity(0)) < CORES

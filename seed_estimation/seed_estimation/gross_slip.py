@@ -84,10 +84,10 @@ class GrossSlip:
 
 
 def _gone_on(seen: list[Seen]) -> bool:
-    if len(seen) < 5:
-        return False
-    apart = np.array([s.depth.way - s.way for s in seen])
     before = len(seen) // 2
+    if len(seen) < 5 or seen[0].depth.deviation.min() >= SEEN:
+        return False
+    apart = np.array([s.depth.way for s in seen]) - np.array([s.way for s in seen])
     change = np.abs(apart[-2:].mean(axis=0) - apart[:before].mean(axis=0))
     if change.max() <= APART:
         return False

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +26,8 @@ from seed_ros.qos import SENSOR
 
 Ready = Callable[[float, dict[str, TactileImages]], None]
 Problem = Callable[[float, str], None]
+TOPICS = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}
+KINDS = tuple(TOPICS)
 FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
 
 
@@ -46,8 +49,9 @@ class ImageInputs:
     """Calls `ready` with the images of one moment, or `problem` with the reason why there are none."""
 
     def __init__(
-        self, loop: FixedRateLoop, settings: InputSettings, complaints: Complaints, ready: Ready, problem: Problem
-    ) -> None:
+        self, loop: FixedRateLoop, settings: InputSettings, complaints: Complaints, now: Callable[[], float],
+        ready: Ready, problem: Problem,
+    ) -> None:  # fmt: skip
         self.settings = settings
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, Camera] = {}
@@ -56,13 +60,17 @@ class ImageInputs:
         self.camera_problem = ""
         self.on_calibration: Callable[[], None] = lambda: None
         self._complaints = complaints
-        self._ready, self._problem = ready, problem
-        self._images = {f: Pairing[Image](("depth", "ir"), settings.pair_tolerance) for f in self.fingers}
+        self._now, self._ready, self._problem = now, ready, problem
+        self.arrived = 0.0  # [s] when the images that are being worked on were complete
+        self._images = {f: Pairing[Image](KINDS, settings.pair_tolerance) for f in self.fingers}
         self._both = Pairing[dict[str, Image]](self.fingers, settings.finger_tolerance)
         self._heard: dict[str, float] = {}
+        self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
+        self._unanswered = 0  # images since anything was said about one
+        self._answered = time.monotonic()
         self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
-            for kind, topic in (("depth", "depth/image_rect_raw"), ("ir", "ir/image_rect_raw")):
+            for kind, topic in TOPICS.items():
                 loop.poll(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
             info = f"bubble_{finger}/depth/camera_info"
             loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
@@ -100,8 +108,29 @@ class ImageInputs:
             self.camera_problem = ""
             self.on_calibration()
 
+    def watch(self) -> None:
+        """Says why images come and none of them has its partners; to be called now and then."""
+        if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
+            self._unanswered = 0
+            reason = self._why_unpaired()
+            self._complaints.add("images_without_partner", reason)
+            self._problem(max(self._latest.values()), reason)
+
+    def _why_unpaired(self) -> str:
+        for finger in self.fingers:
+            stamps = [self._latest.get((finger, kind)) for kind in KINDS]
+            for kind, stamp in zip(KINDS, stamps, strict=True):
+                if stamp is None:
+                    return f"no images on bubble_{finger}/{TOPICS[kind]}: is the camera running?"
+            apart = abs((stamps[0] or 0.0) - (stamps[1] or 0.0))
+            if apart > self.settings.pair_tolerance:
+                most = self.settings.pair_tolerance
+                return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
+        return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
+
     def _on_image(self, finger: str, kind: str, message: Image) -> None:
         stamp = seconds(message.header.stamp) - self.settings.clock_offset
+        self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
         done = self._images[finger].add(kind, stamp, message)
         if done is None:
             return
@@ -116,6 +145,7 @@ class ImageInputs:
             self._convert(together[0], together[1])
 
     def _convert(self, stamp: float, messages: dict[str, dict[str, Image]]) -> None:
+        self.arrived, self._answered, self._unanswered = self._now(), time.monotonic(), 0
         try:
             images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
         except SeedError as error:

@@ -39,8 +39,8 @@ from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.tf import TransformBroadcaster
 
-LOOP_RATE = 300.0  # [Hz] at which it is looked whether images have come
-LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics
+LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
+LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
 COLLECT_TIMEOUT = 6.0  # [s] for the images of a reference or a grasp
 
 
@@ -81,14 +81,14 @@ class EstimatorNode(Node):
         self.complaints = Complaints(self)
         self.core: Estimator | None = None
         self._collection: _Collection | None = None
-        self._latencies: deque[float] = deque(maxlen=LATENCIES)
+        self._latencies: deque[tuple[float, float]] = deque(maxlen=LATENCIES)
         self._last: RelativePoseEstimate | None = None
         self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET_OUT)
         self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
         self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True)
-        self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._on_images, self._publish_invalid)
+        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True)
+        self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._now, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}
         self.bubbles = self.inputs.bubbles = identity.Bubbles(self.settings.identity_file, names)
@@ -143,7 +143,7 @@ class EstimatorNode(Node):
     def _publish(self, estimate: RelativePoseEstimate) -> None:
         self._last = estimate
         self._poses.publish(estimate_to_message(estimate, self.frames.compliance, self.frames.tool))
-        self._latencies.append(self._now() - estimate.stamp)
+        self._latencies.append((self.inputs.arrived - estimate.stamp, self._now() - estimate.stamp))
         if estimate.valid and self.settings.publish_tf:
             self._tf.send(transform_stamped(estimate.X_CT, estimate.stamp, self.frames.compliance, self.frames.tool))
 
@@ -226,7 +226,8 @@ class EstimatorNode(Node):
             self.complaints.add("identity_not_saved", str(error))
 
     def _watch(self) -> None:
-        """Give up on a service whose images do not come."""
+        """Give up on a service whose images do not come, and say why images are of no use."""
+        self.inputs.watch()
         collection = self._collection
         if collection is not None and self._now() > collection.deadline:
             self._collection = None
@@ -239,8 +240,9 @@ class EstimatorNode(Node):
         values["identity"] = self.bubbles.status
         values |= self.complaints.values()
         if self._latencies:
-            p50, p99 = np.percentile(np.array(self._latencies) * 1e3, (50, 99))
-            values |= {"latency_p50_ms": round(float(p50), 2), "latency_p99_ms": round(float(p99), 2)}
+            for name, ms in zip(("arrival", "latency"), 1e3 * np.array(self._latencies).T, strict=True):
+                p50, p99 = np.percentile(ms, (50, 99))
+                values |= {f"{name}_p50_ms": round(float(p50), 2), f"{name}_p99_ms": round(float(p99), 2)}
         if self._last is None:
             return diagnostics.STALE, "no images yet", values
         if not self._last.valid:

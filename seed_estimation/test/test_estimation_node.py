@@ -230,6 +230,74 @@ def test_a_silent_camera_is_named_and_the_rest_goes_on_when_it_is_back(bench: Be
     assert bench.until(lambda: rig.poses[-1].valid)
 
 
+def test_after_a_slip_nothing_is_valid_until_the_grasp_is_taken_anew(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK).grasped()
+    rig.node.core._tracker.gross_slip = True  # test_gross_slip.py has slips that raise it
+    rig.X_CT = pose_from_rpy((0.0, 0.05, 0.0), (0.001, 0.0, 0.004))
+    assert rig.reason("initialize the grasp again")
+    bench.spin(5 * PERIOD)
+    assert all(p.gross_slip and not p.valid for p in rig.poses[-3:])
+    assert rig.call("initialize_grasp").success
+    rig.poses.clear()
+    assert bench.until(lambda: rig.poses and rig.poses[-1].valid)
+    assert not rig.poses[-1].gross_slip
+    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose) - np.eye(4)).max() < 0.005  # T is C where it has slid to
+
+
+def out_of_step(finger: str, kind: str, message: Image) -> Image:
+    if (finger, kind) == ("left", "ir"):
+        message.header.stamp.sec -= 10
+    return message
+
+
+def mute(finger: str, kind: str, message: Image) -> Image | None:
+    return None if (finger, kind) == ("right", "ir") else message
+
+
+@pytest.mark.parametrize(
+    ("hook", "words"),
+    [(out_of_step, "are 10.0"), (mute, "no images on bubble_right/ir/image_rect_raw")],
+    ids=lambda v: getattr(v, "__name__", ""),
+)
+def test_images_that_never_find_partners_are_explained(bench: Bench, renderer: Any, hook: Any, words: str) -> None:
+    rig = Rig(bench, renderer, **QUICK)
+    rig.hooks.append(hook)
+    assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
+
+
+def as_another_camera_sends_it(kind: np.dtype, encoding: str, big: int, padding: int) -> Any:
+    """A hook: values of every image of one sort in another encoding, byte order and length of rows."""
+    depth = encoding == "16UC1"
+
+    def changed(_: str, what: str, message: Image) -> Image:
+        if (what == "depth") != depth:
+            return message
+        pixels = np.frombuffer(bytes(message.data), np.float32 if depth else np.uint16)
+        values = np.nan_to_num(pixels * 1e3 if depth else pixels / (16.0 if kind.itemsize == 1 else 1.0))
+        rows = values.reshape(message.height, message.width).astype(kind).view(np.uint8)
+        message.data = np.pad(rows, ((0, 0), (0, padding))).tobytes()
+        message.encoding, message.is_bigendian, message.step = encoding, big, rows.shape[1] + padding
+        return message
+
+    return changed
+
+
+def test_whatever_way_a_camera_sends_its_pixels_the_tool_is_found(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK).grasped()
+    for form in (
+        (np.dtype("<u2"), "16UC1", 0, 0),
+        (np.dtype(">u2"), "16UC1", 1, 6),
+        (np.dtype(">u2"), "mono16", 1, 2),
+        (np.dtype("u1"), "mono8", 0, 3),
+    ):
+        rig.hooks[:] = [as_another_camera_sends_it(*form)]
+        bench.spin(4 * PERIOD)
+        rig.poses.clear()
+        assert bench.until(lambda: len(rig.poses) > 2)
+        assert rig.poses[-1].valid, (form, rig.poses[-1].reason)
+        assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose) - np.eye(4)).max() < 0.01
+
+
 def test_one_finger_alone_works_when_it_is_configured(bench: Bench, renderer: Any) -> None:
     rig = Rig(bench, renderer, fingers="left", **QUICK).grasped()
     assert rig.poses[-1].valid
@@ -326,6 +394,16 @@ def test_swapped_and_turned_cameras_are_told_by_their_saved_dots(bench: Bench, r
     right = rig.call("capture_reference")
     assert right.success
     assert "verified by dots" in right.message
+
+
+def test_a_camera_with_the_other_finger_s_intrinsics_is_refused(bench: Bench, renderer: Any, tmp_path: Path) -> None:
+    file = tmp_path / "bubbles.npz"
+    known(renderer, file)
+    lenses = identity.load(file)
+    moved = {f: bubble._replace(K=bubble.K + (f == "right") * np.eye(3)) for f, bubble in lenses.items()}
+    identity.save(file, moved)
+    rig = Rig(bench, renderer, identity_file=str(file), **QUICK)  # the right camera now has the left one's lens
+    assert rig.reason("has the left camera's intrinsics: left and right are swapped")
 
 
 def test_a_frame_id_of_the_other_camera_is_refused(bench: Bench, renderer: Any) -> None:

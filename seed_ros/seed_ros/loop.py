@@ -9,11 +9,11 @@ does the loop.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -25,6 +25,7 @@ from rclpy.executors import (
     SingleThreadedExecutor,
     TimeoutException,
 )
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.time import Time
@@ -87,7 +88,7 @@ class RestExecutor(SingleThreadedExecutor):
         return entity or self
 
 
-@contextmanager
+@contextlib.contextmanager
 def _realtime(priority: int) -> Iterator[None]:
     """This thread ahead of all ordinary ones, where the system allows it; processes that it starts are ordinary."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -112,6 +113,7 @@ class FixedRateLoop:
         tick: Callable[[], None],
         *,
         steady: bool = False,
+        eager: bool = False,
         priority: int = 0,
         rest: float = IDLE_REST,
     ) -> None:
@@ -119,10 +121,12 @@ class FixedRateLoop:
 
         Args:
             steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages.
+            eager: (and steady) polled messages reach their callbacks when they come, not at the next period.
             priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
             rest: [s] between two looks at services, actions and slow timers while nobody uses them.
         """
         self.node, self.period, self._tick = node, 1.0 / rate, tick
+        self._eager = eager
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s] from one beginning to the next
         self.overruns = 0
         self._priority, self._idle_rest = priority, rest
@@ -188,6 +192,9 @@ class FixedRateLoop:
 
     def _await(self, due: float) -> bool:
         """Sleep until `due`, or for one look at the simulated clock; whether it is time."""
+        if self._eager:
+            self._take_what_comes(due - time.monotonic())
+            return time.monotonic() >= due
         if not self._simulated:
             time.sleep(max(due - time.monotonic(), 0.0))
             return True
@@ -195,6 +202,21 @@ class FixedRateLoop:
             time.sleep(CLOCK_LOOK)
             self._take(self._polled[0])
         return self._has_come(due)
+
+    def _take_what_comes(self, within: float) -> None:
+        """Sleep until a message comes, and take it: an executor would build a wait set of everything each time."""
+        handles = [subscription.handle for subscription, _ in self._polled]
+        with contextlib.ExitStack() as stack:
+            for handle in (self.node.context.handle, *handles):
+                stack.enter_context(handle)
+            wait_set = _rclpy.WaitSet(len(handles), 0, 0, 0, 0, 0, self.node.context.handle)
+            wait_set.clear_entities()
+            for handle in handles:
+                wait_set.add_subscription(handle)
+            wait_set.wait(max(int(within * 1e9), 0))
+            ready = [polled for i, polled in enumerate(self._polled) if wait_set.is_ready("subscription", i)]
+        for polled in ready:
+            self._take(polled)
 
     def _has_come(self, due: float) -> bool:
         """By a simulated clock, which may be set back."""

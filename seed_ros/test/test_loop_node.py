@@ -83,3 +83,24 @@ def test_priority_lasts_as_long_as_the_loop(context: Context) -> None:
         node.destroy_node()
     assert set(seen) <= {os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.SCHED_FIFO, os.SCHED_OTHER}  # as the system allows
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_an_eager_loop_hands_over_messages_as_they_come(context: Context) -> None:
+    source, listener = Node("source", context=context), Node("listener", context=context)
+    publisher = source.create_publisher(Clock, "news", CLOCK)
+    heard: list[Clock] = []
+    loop = FixedRateLoop(listener, 1.0 / 30.0, lambda: None, steady=True, eager=True)  # one period is half a minute
+    loop.poll(Clock, "news", heard.append, CLOCK)
+    stopped = threading.Event()
+    thread = threading.Thread(target=loop.run, args=(lambda: stopped.is_set() or len(heard) > 2,))
+    thread.start()
+    deadline = time.monotonic() + 10.0
+    while thread.is_alive() and time.monotonic() < deadline:
+        publisher.publish(Clock())
+        time.sleep(0.05)
+    stopped.set()
+    publisher.publish(Clock())  # wakes it
+    thread.join()
+    assert len(heard) > 2
+    for node in (source, listener):
+        node.destroy_node()

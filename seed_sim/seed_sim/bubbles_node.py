@@ -16,11 +16,10 @@ from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_core.config import field, from_mapping
-from seed_core.spatial import Array
 from seed_estimation.images import TactileImages
 from seed_ros import diagnostics
 from seed_ros.cameras import Intrinsics, camera_info
-from seed_ros.conversions import pose_to_matrix, seconds
+from seed_ros.conversions import pose_to_matrix, seconds, stamp_from_seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images import image_message
 from seed_ros.loop import QUIET_OUT, FixedRateLoop
@@ -59,14 +58,14 @@ class BubblesNode(Node):
         scenario = load_scenario(self.settings.scenario)
         tactile = replace(tactile_parameters(scenario), fingers=self.settings.fingers)
         self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
-        self._truth: tuple[float, Array | None] | None = None
         self._shot = -np.inf
         self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
         self._frames_sent = self._late = 0
         self._stepped = (0.0, 0.0)  # the clock's last step, by itself and by a steady clock [s]
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
+        self._infos = {f: self._camera_info(f) for f in self.renderer.cameras}
         self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), 0.0
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True)
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True)
         self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
 
@@ -78,27 +77,32 @@ class BubblesNode(Node):
             self.create_publisher(CameraInfo, f"{prefix}/depth/camera_info", SENSOR, event_callbacks=QUIET_OUT),
         )
 
+    def _camera_info(self, finger: str) -> CameraInfo:
+        c = self.renderer.cameras[finger]
+        values = Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model)
+        return camera_info(values, 0.0, self.frames.camera(finger))
+
     def _on_truth(self, message: RelativePose) -> None:
+        """Expose when it is time: the images carry the stamp of the truth they show."""
+        now, stamp = self._now(), seconds(message.header.stamp)
+        if now < self._next or stamp == self._shot:
+            return
+        self._next, self._shot = max(self._next + self._period, now - self._period), stamp
         X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
-        self._truth = seconds(message.header.stamp), X_CT
+        self._ready.append(
+            (stamp, self.renderer.no_contact(stamp) if X_CT is None else self.renderer.render(X_CT, stamp))
+        )
+        self._stepped = now, time.monotonic()
+        self._deliver(self._now())
+
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _tick(self) -> None:
-        now = self.get_clock().now().nanoseconds * 1e-9
-        due = now >= self._next
-        if due:
-            self._next = max(self._next + self._period, now - self._period)
-            self._shoot()
-        if due or now != self._stepped[0]:
+        now = self._now()
+        if now != self._stepped[0]:
             self._stepped = now, time.monotonic()
         self._deliver(now)
-
-    def _shoot(self) -> None:
-        """Expose: the images carry the stamp of the truth they show."""
-        if self._truth is None or self._truth[0] == self._shot:
-            return
-        self._shot, X_CT = self._truth
-        images = self.renderer.no_contact(self._shot) if X_CT is None else self.renderer.render(X_CT, self._shot)
-        self._ready.append((self._shot, images))
 
     def _deliver(self, now: float) -> None:
         awaited = time.monotonic() - self._stepped[1] > STANDSTILL  # time stands still for these images
@@ -112,17 +116,15 @@ class BubblesNode(Node):
         for finger, pair in images.items():
             depth, ir, info = self._streams[finger]
             frame = self.frames.camera(finger)
-            c = self.renderer.cameras[finger]
-            info.publish(
-                camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), stamp, frame)
-            )
+            self._infos[finger].header.stamp = stamp_from_seconds(stamp)
+            info.publish(self._infos[finger])
             depth.publish(image_message(pair.depth.astype(np.float32), "32FC1", stamp, frame))
             counts = np.clip(np.rint(pair.ir), 0, 65535).astype(np.uint16)
             ir.publish(image_message(counts, "mono16", stamp, frame))
 
     def _report(self) -> diagnostics.Report:
         values = {"frames": self._frames_sent, "late": self._late}
-        if self._truth is None:
+        if self._shot == -np.inf:
             return diagnostics.STALE, "no ground truth from the simulation yet", values
         return diagnostics.OK, "exposing", values
 

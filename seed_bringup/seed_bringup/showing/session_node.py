@@ -47,7 +47,8 @@ class Played:
 class Session:
     """One client of the cell; `watch` is called often and may raise to end everything."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: Watch, follow: bool = True) -> None:
+        """follow: listen to the controller's state, which costs a fifth of a core."""
         self._watch = watch
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("seed_demo", start_parameter_services=False)
@@ -56,7 +57,8 @@ class Session:
         self.state: ControllerState | None = None
         self.played = Played()
         self.holds: list[str] = []  # why the arm held during the task
-        self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
+        if follow:
+            self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
         for arm in ("driver", "sim"):
             self.node.create_subscription(String, f"{arm}/hold_reason", self._on_hold, LATCHED)
 
