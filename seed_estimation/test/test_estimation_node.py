@@ -291,7 +291,8 @@ def test_whatever_way_a_camera_sends_its_pixels_the_tool_is_found(bench: Bench, 
         (np.dtype("u1"), "mono8", 0, 3),
     ):
         rig.hooks[:] = [as_another_camera_sends_it(*form)]
-        bench.spin(4 * PERIOD)
+        bench.spin(3 * PERIOD)
+        assert rig.call("initialize_grasp").success
         rig.poses.clear()
         assert bench.until(lambda: len(rig.poses) > 2)
         assert rig.poses[-1].valid, (form, rig.poses[-1].reason)
