@@ -156,7 +156,7 @@ class PatchFinder:
         raw, good = grid.indentation(depth, p.largest)
         smooth = cv2.blur(raw, grid.smooth)
         binary = cv2.morphologyEx(cv2.inRange(smooth, p.threshold, 1.0), cv2.MORPH_OPEN, grid.ellipse)
-        count, labels = cv2.connectedComponents(binary, connectivity=4)
+        count, labels = cv2.connectedComponents(binary, connectivity=4, ltype=cv2.CV_16U)
         sizes = np.bincount(labels.ravel(), minlength=2)[1:]
         best = 1 + int(np.argmax(sizes))
         if count < 2 or sizes[best - 1] * step * step < p.least_area:

@@ -18,11 +18,13 @@ import numpy as np
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
+from seed_estimation.normal_equations import solved
 from seed_estimation.peel import creep_weights, peel
 from seed_estimation.rigid_fit import Fit, fit, motion_vector
 from seed_estimation.sight import Sight
 
 SIDEWAYS = np.array((1, 3, 5))  # turn about y, way along x and z: what friction bears
+THREE = np.ix_(SIDEWAYS, SIDEWAYS)
 HOLD = np.diag((1e9, 4.0, 1e9, 2.5e3, 1e12, 2.5e3))  # keeps roll, yaw and y, which the dots of one finger hardly show
 FREE = np.diag((4.0, 2.5e3, 2.5e3))  # the same of the three alone
 SPAN = 0.12  # [s] that is looked back
@@ -65,14 +67,10 @@ class Seen(NamedTuple):
 
     stamp: float
     way: Array
+    size: float  # [m] of the displacement
     depth: Depth
     peel: float  # [1]
     doubtful: bool  # less of the image is explained than usual
-
-    @property
-    def size(self) -> float:
-        """Of the displacement [m]."""
-        return float(np.linalg.norm(self.way))
 
 
 class Dots:
@@ -96,16 +94,16 @@ class Dots:
     def fallen(self, look: Look) -> float | None:
         """By how many least falls the dots fell at once, without the tool, the patch still torn; None: not found."""
         near, sight = look.near, look.sight
-        if sight is None or self._doubts(sight.locked()):
+        explained = sight.locked() if sight is not None else 0.0
+        if sight is None or self._doubts(explained):
             found = self._search(look)
             if found is None:
                 return None
-            near, sight = found.X_CT, found.sights[0]
-        explained = sight.locked()
-        self.X_CT = near
-        way = self._lever * (motion_vector(near)[SIDEWAYS] - _step(sight))
-        torn = peel(sight, near, self._creep, HOLD)
-        self.seen.append(Seen(look.stamp, way, look.depth, torn, self._doubts(explained)))
+            near, sight, explained = found.X_CT, found.sights[0], _explained(found)
+        self.X_CT, motion = near, motion_vector(near)
+        way = self._lever * (motion[SIDEWAYS] - _step(sight))
+        torn = peel(sight, motion, self._creep, HOLD)
+        self.seen.append(Seen(look.stamp, way, math.hypot(*way), look.depth, torn, self._doubts(explained)))
         self._learn(explained)
         self._learn_jitter()
         return self._fall()
@@ -149,7 +147,7 @@ class Dots:
         if top.size < LOADED:
             return 0.0
         speed = (top.way - before.way) / (top.stamp - before.stamp)
-        foretold = float(np.linalg.norm(top.way + speed * (now.stamp - top.stamp)))
+        foretold = math.hypot(*(top.way + speed * (now.stamp - top.stamp)))
         return min(top.size, foretold) - now.size
 
     def _torn(self, back: int) -> bool:
@@ -170,7 +168,7 @@ class Dots:
     def _depth_fell_too(self, back: int, fall: float) -> bool:
         """Whether depth sees the direction of the fall, and that the tool fell with the dots."""
         a, b = self.seen[-1 - back], self.seen[-1]
-        direction = (b.way - a.way) / max(float(np.linalg.norm(b.way - a.way)), 1e-9)
+        direction = (b.way - a.way) / max(math.hypot(*(b.way - a.way)), 1e-9)
         deviation = float(np.linalg.norm(direction * np.maximum(a.depth.deviation, b.depth.deviation)))
         stayed = -float(direction @ ((b.depth.way - b.way) - (a.depth.way - a.way)))
         return deviation < SEEN and stayed < 0.3 * fall
@@ -178,8 +176,7 @@ class Dots:
 
 def _step(sight: Sight) -> Array:
     """What the image alone asks to change of the three (3,), the other axes held: H^-1 g."""
-    three = np.ix_(SIDEWAYS, SIDEWAYS)
-    return np.asarray(np.linalg.solve(sight.image.H[three] + FREE, sight.image.g[SIDEWAYS]))
+    return solved(sight.image.H[THREE] + FREE, sight.image.g[SIDEWAYS])
 
 
 def _explained(found: Fit) -> float:

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from seed_core.spatial import Array, make_pose, so3_exp
-from seed_estimation.dots import FREE, LOADED, PEELED, SEEN, SIDEWAYS, UNSEEN, Depth, Dots, Look, Seen
+from seed_estimation.dots import FREE, LOADED, PEELED, SEEN, SIDEWAYS, THREE, UNSEEN, Depth, Dots, Look, Seen
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
 from seed_estimation.rigid_fit import Fit, motion_vector
@@ -67,10 +67,10 @@ class GrossSlip:
 
     def _depth(self, result: Fit) -> Depth:
         """Where depth would like to go, the other axes held: H^-1 g."""
-        H = result.H_depth[np.ix_(SIDEWAYS, SIDEWAYS)] + FREE
-        step = np.linalg.solve(H, result.g_depth[SIDEWAYS])
+        covariance = np.linalg.inv(result.H_depth[THREE] + FREE)
+        step = covariance @ result.g_depth[SIDEWAYS]
         way = self._lever * (motion_vector(result.X_CT)[SIDEWAYS] - step)
-        return Depth(way, self._lever * np.sqrt(np.diag(np.linalg.inv(H))))
+        return Depth(way, self._lever * np.sqrt(covariance.diagonal()))
 
     def _apart(self) -> bool:
         """Whether depth has gone on without the dots of both fingers, along an axis that it sees."""

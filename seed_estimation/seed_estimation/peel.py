@@ -15,7 +15,7 @@ import numpy as np
 
 from seed_core.spatial import Array
 from seed_estimation.finger_model import FingerModel
-from seed_estimation.rigid_fit import motion_vector
+from seed_estimation.normal_equations import solved
 from seed_estimation.sight import Sight
 from seed_estimation.surface import Vec
 
@@ -31,14 +31,14 @@ def creep_weights(model: FingerModel) -> Vec:
     return np.exp(np.maximum(inside, 0.0) / -CREEP).astype(np.float32)
 
 
-def peel(sight: Sight, X_CT: Array, creep: Vec, hold: Array) -> float:
-    """c [1] of one finger evaluated at X_CT; creep: its weights; hold (6, 6): information that keeps the pose."""
+def peel(sight: Sight, motion: Array, creep: Vec, hold: Array) -> float:
+    """c [1] of one finger evaluated after a motion (6,); creep: its weights; hold (6, 6): information that keeps the pose."""
     b = sight.image
     if b.r.size == 0:
         return 0.0
-    column = (motion_vector(X_CT).astype(np.float32) @ sight.points.J_along) * creep[sight.index]
+    column = (motion.astype(np.float32) @ sight.points.J_along) * creep[sight.index]
     H_c, H_cc = (b.Jw @ column) * b.scale, float(column @ (b.w * column)) * b.scale
     g_c = float(column @ (b.w * b.r)) * b.scale
-    solved = np.linalg.solve(b.H + hold, np.column_stack((H_c, b.g)))
-    information = max(H_cc - float(H_c @ solved[:, 0]), 0.0)
-    return (g_c - float(H_c @ solved[:, 1])) / (information + START**-2)
+    effect = solved(b.H + hold, H_c)
+    information = max(H_cc - float(H_c @ effect), 0.0)
+    return (g_c - float(b.g @ effect)) / (information + START**-2)

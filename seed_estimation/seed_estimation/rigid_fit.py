@@ -17,6 +17,7 @@ from seed_core.spatial import so3_exp, so3_log
 from seed_estimation.camera import Array
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
+from seed_estimation.normal_equations import solved
 from seed_estimation.sight import Residuals, Sight
 
 DONE = 2.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
@@ -102,7 +103,7 @@ def _descend(sights: Sequence[Sight], X: Array, prior: Array, steps: int) -> tup
             sight.evaluate(X, rescale=i < 2)
             H += sight.image.H + sight.depth.H
             g += sight.image.g + sight.depth.g
-        xi = np.asarray(np.linalg.solve(H, g), float)
+        xi = solved(H, g)
         X = composed(X, xi)
         if xi @ g < DONE**2:
             break
@@ -153,6 +154,6 @@ def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float,
         H_s += (b.Jw @ column) * b.scale
         H_ss += float(column @ (b.w * column)) * b.scale
         g_s += float(column @ (b.w * b.r)) * b.scale
-    solved = np.linalg.solve(H, np.column_stack((H_s, g)))
-    information = max(H_ss - float(H_s @ solved[:, 0]), 0.0)
-    return (g_s - float(H_s @ solved[:, 1])) / max(information, 1e-9), information, np.asarray(solved[:, 0])
+    effect = solved(H, H_s)
+    information = max(H_ss - float(H_s @ effect), 0.0)
+    return (g_s - float(g @ effect)) / max(information, 1e-9), information, effect

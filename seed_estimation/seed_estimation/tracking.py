@@ -75,8 +75,8 @@ class Tracker:
         for m in self.models:
             X = m.X_XC @ X_CT
             pixels = project32(m.camera, (X[:3, :3] @ m.p[:, ::7] + X[:3, 3:]).astype(np.float32))
-            (u0, v0), (u1, v1) = np.clip(np.nan_to_num((pixels.min(axis=1), pixels.max(axis=1))), -1e5, 1e5).astype(int)
-            out[m.finger] = (int(u0), int(u1), int(v0), int(v1))
+            (u0, v0), (u1, v1) = pixels.min(axis=1).tolist(), pixels.max(axis=1).tolist()
+            out[m.finger] = (_pixel(u0), _pixel(u1), _pixel(v0), _pixel(v1))
         return out
 
     def step(self, frames: Mapping[str, Frame], stamp: float, touching: Collection[str]) -> Fit:
@@ -168,3 +168,8 @@ class Tracker:
 
 def _explained(result: Fit) -> float:
     return min(result.locked.values())
+
+
+def _pixel(value: float) -> int:
+    """A coordinate as a pixel's; 0 for one that cannot be told, far out for one that is."""
+    return int(min(max(value, -1e5), 1e5)) if value == value else 0
