@@ -45,12 +45,12 @@ def hybrid_setpoint(message: HybridMsg, frames: FrameNames) -> HybridSetpoint:
 def wrench_setpoint(message: WrenchMsg, frames: FrameNames, tool: Tool) -> WrenchSetpoint:
     """Raises SeedError as hybrid_setpoint does. A wrench in the axes of T is turned into those of the tip frame."""
     check_frame(message.header.frame_id, (frames.base, frames.tool, frames.tip), "wrench_setpoint")
-    wrench, frame = wrench_to_core(message.wrench, "wrench_setpoint.wrench"), "world"
-    if message.header.frame_id != frames.base:
-        frame = "tool"
+    wrench, in_world = wrench_to_core(message.wrench, "wrench_setpoint.wrench"), message.header.frame_id == frames.base
     if message.header.frame_id == frames.tool:
         wrench = wrench.rotated(tool.X_Ttip[:3, :3].T)
-    return WrenchSetpoint(wrench, frame, _flags(message.contact_resists), _stamp(message.header.stamp))
+    return WrenchSetpoint(
+        wrench, "world" if in_world else "tool", _flags(message.contact_resists), _stamp(message.header.stamp)
+    )
 
 
 def relative_pose_setpoint(message: RelativePoseMsg, frames: FrameNames) -> RelativePoseSetpoint:

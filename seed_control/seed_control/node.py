@@ -92,7 +92,7 @@ class ControllerNode(Node):
 
     def now(self) -> float:
         """ROS time [s]."""
-        return self.get_clock().now().nanoseconds * 1e-9
+        return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _wire(self) -> None:
         self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND, event_callbacks=QUIET_OUT)
