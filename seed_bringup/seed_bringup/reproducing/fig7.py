@@ -126,5 +126,5 @@ def _widths(axis: Any, lines: dict[str, list[Stroke]]) -> None:
     axis.set_xlabel("commanded force [N]")
     axis.set_ylabel("width of the line, pen model [mm]")
     axis.set_ylim(bottom=0.0)
-    axis.legend(fontsize="small")
+    axis.legend(fontsize="small", loc="lower right")
     axis.grid(alpha=0.3)
