@@ -28,10 +28,14 @@ from seed_driver.supervisor import leftover_processes
 LIMIT = 60.0  # [s] a sequence may take
 
 
-def play(rig: Rig, rng: random.Random, names: list[str]) -> None:
-    """One sequence; appends the names of its faults. Raises SeedError when something goes wrong."""
+def play(rig: Rig, rng: random.Random, names: list[str], holds: list[str]) -> None:
+    """One sequence; appends the names of its faults, and the reasons of holds between them: a pause of this machine
+    is a silent robot, and only a request ends a hold. Raises SeedError when something goes wrong."""
+    rig.ready()
     for _ in range(rng.randint(1, 4)):
-        rig.ready()
+        if not rig.step().armed:
+            holds += [rig.state.reason]
+            rig.recover()
         rig.sway(rng.uniform(0.005, 0.02), rng.uniform(1.0, 3.0))
         rig.run(rng.uniform(0.0, 0.4))
         chosen = rng.sample(FAULTS, 2 if rng.random() < 0.25 else 1)
@@ -77,10 +81,11 @@ def _heal(rig: Rig, chosen: list[Fault]) -> None:
 def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
     """Play `count` sequences from number `first` on.
 
-    {count, failed: [{sequence, error}], faults, seconds, leaked_processes, leaked_descriptors,
+    {count, failed: [{sequence, error}], faults, holds, seconds, leaked_processes, leaked_descriptors,
     leaked_shared_memory}.
     """
     start, failed, faults = time.monotonic(), [], 0
+    holds: list[str] = []
     files = len(os.listdir("/proc/self/fd"))
     shared = _shared_memory()
     for number in range(first, first + count):
@@ -88,7 +93,7 @@ def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, 
         names: list[str] = []
         try:
             with Rig("--unlock-after", "0.2", "--on-stop", rng.choice(("paused", "stopped", "playing"))) as rig:
-                play(rig, rng, names)
+                play(rig, rng, names, holds)
             if time.monotonic() - began > LIMIT:
                 raise SeedError(f"took {time.monotonic() - began:.0f} s, limit {LIMIT} s")
         except SeedError as error:
@@ -102,6 +107,7 @@ def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, 
         "seed": seed,
         "failed": failed,
         "faults": faults,
+        "holds": holds,
         "seconds": round(time.monotonic() - start, 1),
         "leaked_processes": leftover_processes(os.getpid()),
         "leaked_descriptors": len(os.listdir("/proc/self/fd")) - files,

@@ -214,6 +214,7 @@ class ServoProcess:
             (*m.follower.p, *m.follower.q),
             (max(0.0, s.watch.timestamp), number, self.sent, self.latency),
             (self.periods.p50, self.periods.p99, self.periods.largest),
+            s.want_start,
             self._version,
             s.reason,
         )

@@ -19,7 +19,7 @@ from seed_driver.rotation import Quaternion, Vector
 
 _TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
 _COUNTER = struct.Struct("<Q")
-_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQdddd64s160s")
+_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQddddI64s160s")
 _HALF = 4096
 
 
@@ -84,6 +84,7 @@ class State(NamedTuple):
     period_p50: float
     period_p99: float
     period_max: float
+    wants_start: bool  # the program will be started without being asked for
     version: str
     reason: str  # why it holds, or what it waits for
 
@@ -107,6 +108,7 @@ EMPTY = State(
     0.0,
     0.0,
     0.0,
+    False,
     "",
     "",
 )
@@ -154,6 +156,7 @@ class SharedMemory:
         command: Sequence[float],
         counts: tuple[float, int, int, float],
         periods: tuple[float, float, float],
+        wants_start: bool,
         version: str,
         reason: str,
     ) -> None:
@@ -172,6 +175,7 @@ class SharedMemory:
             *command,
             *counts,
             *periods,
+            wants_start,
             version.encode()[:64],
             reason.encode()[:160],
         )
@@ -180,7 +184,7 @@ class SharedMemory:
     def write_reason(self, reason: str, now: float) -> None:
         """Node: an empty state with only a reason and a heartbeat, before a servo process lives."""
         head = (now, 0.0, 0, Stage.STARTING, False, False)
-        self.write_state(head, NO_SAMPLE, EMPTY.command, (0.0, 0, 0, 0.0), (0.0, 0.0, 0.0), "", reason)
+        self.write_state(head, NO_SAMPLE, EMPTY.command, (0.0, 0, 0, 0.0), (0.0, 0.0, 0.0), False, "", reason)
 
     def read_state(self) -> State | None:
         """Node: the newest state, None while one is being written."""
@@ -199,10 +203,10 @@ class SharedMemory:
             modes=Modes(*v[6:11]),
             speed_scaling=v[48],
         )
-        version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[63:65])
+        version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[64:66])
         return State(
             v[0], v[1], v[2], Stage(v[3]), bool(v[4]), bool(v[5]), sample, v[49:56], v[56], v[57], v[58], v[59], v[60],
-            v[61], v[62], version, reason,
+            v[61], v[62], bool(v[63]), version, reason,
         )  # fmt: skip
 
     def _write(self, at: int, data: bytes) -> None:

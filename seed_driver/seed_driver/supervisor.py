@@ -19,8 +19,9 @@ from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, to_json
 from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
 
+FIRST_START = 40.0  # [s] of silence while the first process starts, from a cold disk of a busy machine
+QUICKEST_START = 3.0  # [s] any later one gets so long, or four times what the last one took
 SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
-    Stage.STARTING: (15.0, 40.0),
     Stage.SEARCHING: (3.0, 6.0),
     Stage.BUSY: (1.5, 7.0),
     Stage.MONITORING: (0.09, 0.5),
@@ -50,8 +51,10 @@ class Supervisor:
         self._requests = 0
         self._targets = 0
         self._restart_at = 0.0
-        self._start_program = False
+        self._start_program = False  # until a life has done so, or was told not to
         self._started_at = 0.0
+        self._patience = FIRST_START
+        self._starting = False
         self._waiting: dict[int, float] = {}
 
     def start(self, start_program: bool) -> None:
@@ -72,8 +75,7 @@ class Supervisor:
         theirs.close()
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
-        self._wire, self._started_at = ours, now
-        self._start_program = False  # only the first life may start the program by itself
+        self._wire, self._started_at, self._starting = ours, now, True
 
     @property
     def pid(self) -> int | None:
@@ -85,26 +87,37 @@ class Supervisor:
         if self._memory is None:
             return self.state
         self._read_replies()
-        fresh = self._memory.read_state()
-        state = fresh if fresh is not None else self.state
         if self._process is None:
             if now >= self._restart_at:
                 self._spawn(now)
             return self.state
-        code = self._process.poll()
+        code = self._process.poll()  # before its state, so that this is the last one when it has ended
+        fresh = self._memory.read_state()
+        state = fresh if fresh is not None else self.state
+        self._learn(now, state)
         silent = now - state.heartbeat
-        gone, hopeless = SILENT[state.stage]
+        gone, hopeless = SILENT.get(state.stage, (0.5 * self._patience, self._patience))
         if code is not None:
             self._buried(now, state, code)
         elif silent > hopeless:
             self._process.kill()
             self._process.wait()
+            if self._starting:
+                self._patience *= 2.0  # a slow machine gets there in the end
             self._buried(now, state._replace(reason="servo process hung and was killed"), 0)
         elif silent > gone:
             self.state = state._replace(linked=False, armed=False, reason="servo process does not answer")
         else:
             self.state = state
         return self.state
+
+    def _learn(self, now: float, state: State) -> None:
+        """How long a start takes here, and whether the next life is to start the program by itself."""
+        if state.stage == Stage.STARTING:
+            return
+        self._start_program &= state.wants_start
+        if self._starting:
+            self._starting, self._patience = False, max(QUICKEST_START, 4.0 * (now - self._started_at))
 
     def _buried(self, now: float, last: State, code: int) -> None:
         self.deaths += 1
@@ -121,6 +134,7 @@ class Supervisor:
     # requests
     def send(self, do: str, **arguments: Any) -> int:
         """Send a request; its answer appears in `replies` under the returned number."""
+        self._start_program &= do != "stop"  # even when it does not arrive
         self._requests += 1
         number = self._requests
         message = json.dumps({"do": do, "id": number, **arguments}).encode()

@@ -2,6 +2,7 @@
 """Every fault: reported, the arm comes to rest, the driver lives, one service call brings it back without a jump."""
 
 import os
+import signal
 import time
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from seed_driver.faults import FAULTS, JUMP, Fault, suffer
 from seed_driver.rig import Rig
+from seed_driver.shared import Stage
 from seed_driver.supervisor import leftover_processes
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
@@ -100,3 +102,29 @@ def test_the_robot_stops_by_itself_when_the_driver_is_gone() -> None:
         assert rig.robot.ask("state")["runtime_state"] == 1
         assert motion[-1, 4] < 1e-3
         assert np.linalg.norm(motion[-1, 1:4] - motion[0, 1:4]) < 0.02
+
+
+@pytest.mark.parametrize("fault", ["servo process killed", "RTDE connections dropped"])
+def test_a_fault_during_the_first_start_does_not_end_the_starting(fault: str) -> None:
+    """Nothing has been commanded yet: the program starts by itself in whichever life gets there, and in no later one."""
+    (hurt,) = (f.hurt for f in FAULTS if f.name == fault)
+    with Rig() as rig:
+        rig.wait(lambda s: s.stage == Stage.BUSY, 20.0, "program on its way")
+        hurt(rig)
+        rig.wait(lambda _: rig.supervisor.deaths == 1, 10.0, "end of the first life")
+        rig.ready(20.0)
+        rig.supervisor._process.kill()
+        rig.wait(lambda s: s.reason == "waiting for the robot program", 20.0, "link")
+        rig.run(1.0)
+        assert not rig.state.armed
+
+
+def test_a_process_stopped_while_it_starts_is_replaced_before_a_request_gives_up() -> None:
+    """What a start takes here is known from the first one."""
+    with Rig() as rig:
+        rig.ready()
+        rig.supervisor._process.kill()
+        rig.wait(lambda s: s.stage == Stage.STARTING, 5.0, "second life")
+        os.kill(rig.supervisor.pid, signal.SIGSTOP)
+        rig.recover()
+        assert rig.supervisor.deaths == 2
