@@ -53,7 +53,6 @@ class NodeSettings:
     identity_file: str = field(
         "", doc="what tells the bubbles apart, from one session to the next; written by the first reference"
     )
-    realtime_priority: int = field(30, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
     publish_tf: bool = field(True, doc="publish compliance to tool on /tf, and the hand's frames on /tf_static")
 
 
@@ -88,8 +87,7 @@ class EstimatorNode(Node):
         self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
         self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        priority = self.settings.realtime_priority
-        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
+        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True)
         self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._now, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}

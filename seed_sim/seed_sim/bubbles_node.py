@@ -41,7 +41,6 @@ class BubbleSettings:
     seed: int = field(0, low=0, high=2**31 - 1, doc="of dots and noise")
     fingers: str = field("both", choices=("both", "left", "right"), doc="which bubbles have a camera")
     rate: float = field(0.0, unit="Hz", low=0.0, high=120.0, doc="of the cameras; 0: the scenario's")
-    realtime_priority: int = field(20, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
     latency: float = field(
         0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it"
     )
@@ -66,8 +65,7 @@ class BubblesNode(Node):
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
         self._infos = {f: self._camera_info(f) for f in self.renderer.cameras}
         self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), 0.0
-        priority = self.settings.realtime_priority
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True, priority=priority)
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True)
         self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
 
