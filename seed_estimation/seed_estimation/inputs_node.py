@@ -49,9 +49,14 @@ class ImageInputs:
     """Calls `ready` with the images of one moment, or `problem` with the reason why there are none."""
 
     def __init__(
-        self, loop: FixedRateLoop, settings: InputSettings, complaints: Complaints, now: Callable[[], float],
-        ready: Ready, problem: Problem,
-    ) -> None:  # fmt: skip
+        self,
+        loop: FixedRateLoop,
+        settings: InputSettings,
+        complaints: Complaints,
+        now: Callable[[], float],
+        ready: Ready,
+        problem: Problem,
+    ) -> None:
         self.settings = settings
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, Camera] = {}
