@@ -37,6 +37,8 @@ os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+_images = Path(__file__).parent / "seed_bringup/config/large_images.xml"  # tests send such images too
+os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_images))
 
 # pytest names a test module by its path, seed_core/test/test_x.py by seed_core.test.test_x; the real package must
 # be there first, or pytest takes the folder around it for the package.
@@ -71,14 +73,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """With several workers, a realtime test has the machine to itself: others share a lock that it holds alone."""
+    """With several workers, a realtime test has the machine to itself: others share a lock that it holds alone.
+
+    One that bears a neighbour shares the machine with tests that are not against the clock.
+    """
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
     if run is None:
         return (yield)
-    alone = item.get_closest_marker("realtime") is not None
+    realtime, bears = (item.get_closest_marker(name) is not None for name in ("realtime", "neighbourly"))
+    alone = realtime and not bears
     path = Path(tempfile.gettempdir()) / f"seed-test-run-{run}"
     # Whoever waits for the machine stands in the gate, so that the others cannot overtake it for ever.
-    with path.with_suffix(".gate").open("w") as gate, path.with_suffix(".lock").open("w") as lock:
+    with (
+        path.with_suffix(".clock").open("w") as clock,
+        path.with_suffix(".gate").open("w") as gate,
+        path.with_suffix(".lock").open("w") as lock,
+    ):
+        if realtime and bears:
+            fcntl.flock(clock, fcntl.LOCK_EX)
         fcntl.flock(gate, fcntl.LOCK_EX)
         fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         fcntl.flock(gate, fcntl.LOCK_UN)

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from seed_core.command_line import Help, number
 from seed_core.errors import SeedError
 
 
@@ -18,11 +19,11 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed bag", description=__doc__)
+    parser = argparse.ArgumentParser(prog="seed bag", description=__doc__, formatter_class=Help)
     commands = parser.add_subparsers(required=True, metavar="record|play|info")
-    _add_record(commands.add_parser("record", help="record topics until Ctrl-C"))
-    _add_play(commands.add_parser("play", help="publish what a bag holds"))
-    info = commands.add_parser("info", help="what a bag holds")
+    _add_record(commands.add_parser("record", formatter_class=Help, help="record topics until Ctrl-C"))
+    _add_play(commands.add_parser("play", formatter_class=Help, help="publish what a bag holds"))
+    info = commands.add_parser("info", formatter_class=Help, help="what a bag holds")
     info.add_argument("bag", type=Path, help="folder or .mcap file")
     info.set_defaults(run=_info)
     return parser
@@ -33,16 +34,18 @@ def _add_record(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-a", "--all", action="store_true", help="every topic")
     parser.add_argument("-o", "--output", type=Path, help="folder, or a name ending in .mcap for a single file")
     parser.add_argument("--use-sim-time", action="store_true", help="stamp by /clock")
-    parser.add_argument("-d", "--duration", type=float, help="end after so many seconds")
+    parser.add_argument("-d", "--duration", type=number(0.0, "s"), metavar="S", help="end after so many seconds")
     parser.set_defaults(run=_record)
 
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="folder or .mcap file")
-    parser.add_argument("-r", "--rate", type=float, default=1.0, help="speed (1 is as recorded)")
+    parser.add_argument("-r", "--rate", type=float, default=1.0, help="speed; 1 is as recorded")
     parser.add_argument("-l", "--loop", action="store_true", help="again and again")
     parser.add_argument("--clock", action="store_true", help="publish /clock from the bag's times")
-    parser.add_argument("--delay", type=float, default=1.0, help="seconds before the first message")
+    parser.add_argument(
+        "--delay", type=number(0.0, "s"), metavar="S", default=1.0, help="seconds before the first message"
+    )
     parser.add_argument("--topics", nargs="+", default=[], help="only these")
     parser.add_argument("-m", "--remap", nargs="+", default=[], metavar="FROM:=TO", help="publish under another name")
     parser.set_defaults(run=_play)

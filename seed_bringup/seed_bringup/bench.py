@@ -10,6 +10,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from seed_core.command_line import Help
 from seed_core.errors import SeedError
 
 # Name on the command line, and the module whose run() returns nested numbers, names ending in their unit.
@@ -62,7 +63,7 @@ def lines(values: Mapping[str, Any], indent: str = "  ") -> list[str]:
 
 def main(argv: list[str]) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="seed bench", description=__doc__)
+    parser = argparse.ArgumentParser(prog="seed bench", description=__doc__, formatter_class=Help)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(available())}; all if none is given")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     options = parser.parse_args(argv)

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 
 def checkout() -> Path:
@@ -17,9 +18,31 @@ def checkout() -> Path:
     return Path(root)
 
 
+TEST_HELP = """\
+usage: ./seed test [--pins wheels|apt] [PATH ...] [PYTEST ARGUMENTS]
+
+Every test, or those of the files and folders given, for instance:
+
+  ./seed test seed_control                      one package
+  ./seed test seed_core/test/test_bushing.py    one file
+  ./seed test seed_sim -k plant -x              what pytest takes (./seed test -- --help lists all of it)
+
+  --pins apt    with NumPy 1.26 and the other versions of Ubuntu 24.04, in an environment of their own
+  -n 0          in one process; without it two share the work
+Recordings that are no part of the project are looked for in $SEED_DATA; their tests are skipped where it is missing."""
+
+
 def test(argv: list[str]) -> int:
     """Run pytest over every package, or over the paths given; further arguments are pytest's."""
+    if _asks_for_help(argv):
+        print(TEST_HELP)
+        return 0
     root = checkout()
+    argv = [a for a in argv if a != "--"]
+    missing = _missing_paths(argv, root)
+    if missing:
+        print(f"seed test: there is no {', '.join(missing)} in {root}", file=sys.stderr)
+        return 2
     paths = [] if _names_a_path(argv, root) else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
     command = [sys.executable, "-P", "-m", "pytest", "--durations=15", *_workers(argv), *argv, *paths]
     print(f"seed test: {' '.join(command[3:])}", flush=True)
@@ -31,16 +54,30 @@ def _names_a_path(argv: list[str], root: Path) -> bool:
     return any((root / a.split("::")[0]).exists() for a in argv if not a.startswith("-"))
 
 
+def _missing_paths(argv: list[str], root: Path) -> list[str]:
+    """Arguments that look like paths, follow no option, and name nothing."""
+    pairs = zip(argv, ["", *argv], strict=False)
+    words = [word for word, before in pairs if not word.startswith("-") and not before.startswith("-")]
+    return [w for w in words if (w.startswith("seed_") or "/" in w or "::" in w) and not _names_a_path([w], root)]
+
+
 def _workers(argv: list[str]) -> list[str]:
     """Two processes, each file in one of them; alone when a debugger or the caller's own -n is wanted."""
     own = any(a in ("--pdb", "-s", "-n", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
     return [] if own else ["-n", "2", "--dist", "loadfile"]
 
 
+def _asks_for_help(argv: list[str]) -> bool:
+    return argv[:1] in (["-h"], ["--help"])
+
+
 def lint(argv: list[str]) -> int:
     """Ruff's rules and format over everything, mypy strict over the cores; --fix mends what ruff can."""
+    if argv not in ([], ["--fix"]):
+        print("usage: ./seed lint [--fix]\n\n" + (lint.__doc__ or ""))
+        return 0 if _asks_for_help(argv) else 2
     root = checkout()
-    fix = "--fix" in argv
+    fix = bool(argv)
     ruff = [sys.executable, "-P", "-m", "ruff"]
     commands = [
         [*ruff, "check", *(["--fix"] if fix else []), "."],
@@ -66,6 +103,13 @@ def is_edge(file: Path) -> bool:
 
 def shell(argv: list[str]) -> int:
     """An interactive shell in the environment, or one command: ./seed shell -c 'ros2 topic list'."""
+    if _asks_for_help(argv):
+        print(f"usage: ./seed shell [-c COMMAND | ARGUMENTS OF THE SHELL]\n\n{shell.__doc__}")
+        return 0
+    return _become_a_shell(argv)
+
+
+def _become_a_shell(argv: list[str]) -> NoReturn:
     program = os.environ.get("SHELL", "/bin/bash")
     if not argv:
         print(
@@ -78,6 +122,8 @@ def shell(argv: list[str]) -> int:
 
 def build(argv: list[str]) -> int:
     """The bootstrap has built the workspace (arguments went to CMake); say so."""
-    del argv
+    if _asks_for_help(argv):
+        print("usage: ./seed build [CMAKE ARGUMENTS]\n\nBuild every package again; a start does so where it must.")
+        return 0
     print("seed build: the workspace is built")
     return 0

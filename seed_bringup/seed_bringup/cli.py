@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from seed_bringup.commands import available, usage
+from seed_core.command_line import leaving_at_once
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {
@@ -38,7 +39,9 @@ def main(argv: list[str] | None = None) -> int:
 def _run(module: str, function: str, arguments: list[str]) -> int:
     sys.argv = [f"seed {arguments[0]}", *arguments[1:]]
     try:
-        result = getattr(importlib.import_module(module), function)(arguments[1:])
+        with leaving_at_once(arguments[0]):
+            run = getattr(importlib.import_module(module), function)
+        result = run(arguments[1:])
     except KeyboardInterrupt:
         print(f"seed {arguments[0]}: interrupted", file=sys.stderr)
         return 130
@@ -51,6 +54,10 @@ def _run(module: str, function: str, arguments: list[str]) -> int:
             raise
         message = f"needs the Python package {package}, which apt does not have: pip install {package}"
         print(f"seed {arguments[0]}: {message} (the version in requirements/)", file=sys.stderr)
+        return 1
+    except OSError as error:  # a folder that cannot be written, a full disk, a file where a folder should be
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"seed {arguments[0]}: {where}{error.strerror or error}", file=sys.stderr)
         return 1
     except Exception as error:
         if not _is_expected(error):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import os
 import signal
@@ -32,6 +31,7 @@ from seed_bringup.showing.live_score import TOPICS, live_score, recording_of
 from seed_bringup.showing.report import Picture, Report, text_table
 from seed_bringup.showing.series import Series, read_series
 from seed_control.tasks import Task, load_task
+from seed_core.command_line import Help, leaving_at_once, number, results_folder, seed_number, to_json
 from seed_core.config import to_mapping
 from seed_core.errors import SeedError
 from seed_core.spatial import rpy_from_rotation
@@ -64,8 +64,6 @@ IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a
     for f in ("left", "right")
     for t in ("depth/image_rect_raw", "ir/image_rect_raw", "depth/camera_info")
 ]
-
-
 CORES = 4  # that the live graph wants at full rates
 STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
@@ -91,25 +89,21 @@ def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="seed demo",
         description=(__doc__ or "").split("\n\n")[0],
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=Help,
     )
     p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
-    p.add_argument(
-        "--force", type=float, default=None, help="[N] size of every force in the task; the task's own if left out"
-    )
-    p.add_argument("--seed", type=int, default=7, help="draws the table and all noise")
-    p.add_argument(
-        "--scenario", default=None, help="what is simulated: a shipped scenario or a file; the task's own if left out"
-    )
-    p.add_argument("--estimator", default="rigid_fit", choices=("rigid_fit", "published", "truth"))
+    p.add_argument("--force", type=float, help="[N] size of every force in the task; the task's own if left out")
+    p.add_argument("--seed", type=seed_number, default=7, help="draws the table and all noise")
+    p.add_argument("--scenario", help="what is simulated: a shipped scenario or a file; the task's own if left out")
+    p.add_argument("--estimator", default="rigid_fit", choices=("rigid_fit", "published", "truth"), help="of the pose")
     p.add_argument("--law", default="seed", choices=("seed", "plain", "published"), help="control law")
-    p.add_argument("--out", type=Path, default=None, help="folder to write; results/TASK-TIME if left out")
+    p.add_argument("--out", type=Path, help="folder to write; default: results/TASK-TIME")
     p.add_argument("--images", action="store_true", help="record the cameras' images in the bag too (20 MB/s)")
     p.add_argument(
         "--camera-rate",
-        type=float,
+        type=number(0.0, "Hz"),
         default=0.0,
-        help="[Hz] of the simulated cameras; 0: the scenario's, "
+        help="[Hz] of the simulated cameras; default: the scenario's, "
         f"or {SMALL_CAMERA_RATE:g} where there are fewer than {CORES} cores",
     )
     p.add_argument("--verbose", action="store_true", help="show what the nodes say")
@@ -146,15 +140,15 @@ class Demo:
         self.scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(self.task.name, self.task.name))
         self.scenario: Scenario = load_scenario(self.scenario_name)
         stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        root = Path(os.environ.get("SEED_ROOT", "."))
-        self.folder: Path = (options.out or root / "results" / f"{self.task.name}-{stamp}").resolve()
-        if self.folder.exists() and any(self.folder.iterdir()):
+        self.folder: Path = (options.out or results_folder() / f"{self.task.name}-{stamp}").resolve()
+        if self.folder.is_dir() and any(self.folder.iterdir()):
             raise SeedError(f"{self.folder} is not empty; results are never overwritten: name another folder")
         self.folder.mkdir(parents=True, exist_ok=True)
         self.pictures: list[Picture] = []
         self.started = time.monotonic()
         self._log = (self.folder / "nodes.log").open("w", encoding="utf-8")
         self._failed_node = ""
+        self._last_lines: dict[str, str] = {}  # of each node
         self.real_time_factor = 1.0
 
     # --- the live part -------------------------------------------------------------------------------------------
@@ -177,7 +171,8 @@ class Demo:
 
     def _live(self) -> list[Phase]:
         """Run the cell and the task; when each phase began and ended."""
-        from seed_bringup.showing.session_node import Session  # rclpy only from here on
+        with leaving_at_once("demo"):
+            from seed_bringup.showing.session_node import Session  # rclpy only from here on
 
         launch = Launch(find_launch_file(["demo"]), self._arguments(), output=self._output)
         topics = RECORDED + (IMAGES if self.options.images else [])
@@ -203,13 +198,15 @@ class Demo:
         played = session.played
         self.real_time_factor = round(played.real_time_factor, 3)
         if not played.result.success:
-            raise SeedError(f"the task ended early: {played.result.message}")
+            raise SeedError(
+                f"the task ended early: {played.result.message}; the bag and nodes.log are in {self.folder}"
+            )
         ends = [start for _, start in played.phases[1:]] + [played.ended]
         return [Phase(name, start, end) for (name, start), end in zip(played.phases, ends, strict=True)]
 
     def _arguments(self) -> dict[str, str]:
-        beliefs = self.folder / "beliefs.yaml"
-        beliefs.write_text(yaml.safe_dump(_beliefs(self.scenario)), encoding="utf-8")
+        believed = self.folder / "beliefs.yaml"
+        believed.write_text(yaml.safe_dump(beliefs(self.scenario)), encoding="utf-8")
         controller = self.folder / "controller.yaml"
         given = {k: v for k, v in self.scenario.controller.items() if k != "law"}
         values = {"rate": _loop_rate(), **given}
@@ -223,7 +220,7 @@ class Demo:
             "method": o.estimator,
             "law": o.law,
             "replay": str(self.folder / "replay.html"),
-            "hand_file": str(beliefs),
+            "hand_file": str(believed),
             "controller_file": str(controller),
             "sim_rate": str(_loop_rate()),
             "camera_rate": str(float(o.camera_rate or (SMALL_CAMERA_RATE if _small() else 0.0))),
@@ -266,13 +263,17 @@ class Demo:
     def _watch(self, launch: Launch) -> None:
         code = launch.poll()
         if code is not None:
-            raise SeedError(f"{self._failed_node or 'the cell ended'}; what it said is in {self.folder / 'nodes.log'}")
+            raise SeedError(
+                f"{self._failed_node or 'the cell ended'}; all that it said is in {self.folder / 'nodes.log'}"
+            )
 
     def _output(self, label: str, line: str) -> None:
         self._log.write(f"[{label}] {line}\n")
         self._log.flush()
         if label == "launch" and "died" in line:
-            self._failed_node = line.split(" (")[0]
+            name = line.split(" ")[0]
+            self._failed_node = f"{line.split(' (')[0]}: {self._last_lines.get(name, 'it said nothing')}"
+        self._last_lines[label] = line
         if self.options.verbose:
             print(f"[{label}] {line}", flush=True)
 
@@ -308,7 +309,7 @@ class Demo:
                 {"name": p.name, "start": p.start - phases[0].start, "end": p.end - phases[0].start} for p in phases
             ],
         }
-        (self.folder / "summary.json").write_text(json.dumps(_finite(summary), indent=1), encoding="utf-8")
+        (self.folder / "summary.json").write_text(to_json(summary, indent=1), encoding="utf-8")
         print(f"\n{text_table(scores)}\n")
         bound = f"at most {FORCE_BOUND} N and {TORQUE_BOUND} N m rms"
         if self.real_time_factor < SLOW:
@@ -364,8 +365,11 @@ class Demo:
         o, contact = self.options, score["contact"]["time"]
         rpy = rpy_from_rotation(self.task.frame.pose[:3, :3])
         return {
-            "command": f"./seed demo --task {self.task.name} --seed {o.seed} --estimator {o.estimator}"
+            "command": f"./seed demo --task {o.task} --seed {o.seed} --estimator {o.estimator}"
             + (f" --force {o.force:g}" if o.force is not None else "")
+            + (f" --scenario {o.scenario}" if o.scenario is not None else "")
+            + (f" --law {o.law}" if o.law != "seed" else "")
+            + (f" --camera-rate {o.camera_rate:g}" if o.camera_rate else "")
             + (f" robot:=ur robot_ip:={self.robot['robot_ip']}" if self.robot["robot"] == "ur" else ""),
             "scenario": f"{self.scenario.name}: {self.scenario.description}".rstrip(": "),
             "first contact": "never" if contact is None else f"{contact:.2f} s after the start",
@@ -419,20 +423,11 @@ class _Bar:
             print(flush=True)
 
 
-def _beliefs(scenario: Scenario) -> dict[str, Any]:
+def beliefs(scenario: Scenario) -> dict[str, Any]:
     """What the controller and the estimator believe about hand, tool and grasp, as ROS parameters for all nodes."""
     stiffness = scenario.grasp.believed or scenario.grasp.stiffness
     values = {"hand": scenario.hand, "tool": scenario.tool, "grasp": stiffness}
     return {"/**": {"ros__parameters": {k: to_mapping(v) for k, v in values.items()}}}
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no NaN: null instead."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def say(text: str) -> None:
@@ -447,6 +442,6 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def main(argv: list[str]) -> int:
     """Command line; the exit code is 0 only if the force was held."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, _interrupt)
     return Demo(_parser().parse_args(argv)).run()

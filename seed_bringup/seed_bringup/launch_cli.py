@@ -15,6 +15,7 @@ from seed_bringup.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.description import declared_arguments, describe
 from seed_bringup.launching.elements import LaunchError
 from seed_bringup.launching.packages import find_launch_file
+from seed_core.command_line import Help
 
 
 def main(argv: list[str]) -> int:
@@ -34,8 +35,8 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed launch", description=__doc__)
-    parser.add_argument("words", nargs="+", metavar="FILE | PACKAGE FILE | name:=value")
+    parser = argparse.ArgumentParser(prog="seed launch", description=__doc__, formatter_class=Help)
+    parser.add_argument("words", nargs="+", metavar="WORD", help="FILE, or PACKAGE FILE, and arguments as name:=value")
     parser.add_argument("-s", "--show-args", action="store_true", help="list the arguments of the launch file")
     parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")
     return parser

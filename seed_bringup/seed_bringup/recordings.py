@@ -13,6 +13,7 @@ import os
 import sys
 from pathlib import Path
 
+from seed_core.command_line import Help
 from seed_estimation import press, real_ir
 
 PRESS, INFRARED = "uiuc_punyo_d405_dev.npz", "picoflexx_ir_dev.npz"
@@ -34,7 +35,7 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed recordings", description=__doc__)
+    parser = argparse.ArgumentParser(prog="seed recordings", description=__doc__, formatter_class=Help)
     parser.add_argument("--only", choices=("press", "infrared"), help="one of the two")
     parser.add_argument("--press", type=Path, help=f"npz of a press; default: $SEED_DATA/{PRESS}")
     parser.add_argument("--infrared", type=Path, help=f"npz of infrared images; default: $SEED_DATA/{INFRARED}")

@@ -7,13 +7,14 @@ import argparse
 import sys
 from pathlib import Path
 
+from seed_core.command_line import Help, results_folder, seed_number
 from seed_core.errors import SeedError
 
 
 def main(argv: list[str] | None = None) -> int:
     """Command line. Returns the exit code: 0 done, 2 when it could not be done."""
     args = _parser().parse_args(argv)
-    folder = args.out or Path("results") / args.figure
+    folder = args.out or results_folder() / args.figure
     try:
         folder.mkdir(parents=True, exist_ok=True)
         text, files = _make(args, folder)
@@ -42,15 +43,15 @@ def _make(args: argparse.Namespace, folder: Path) -> tuple[str, list[Path]]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="seed reproduce",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-        description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee: "
+        formatter_class=Help,
+        description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee:\n"
         "SEED, open loop, welded), fig7 (pen strokes and writing). A few minutes each.",
     )
-    parser.add_argument("figure", choices=("fig4", "fig6", "fig7"))
-    parser.add_argument("--seed", type=int, default=1000, help="draws table, arm and noise")
+    parser.add_argument("figure", choices=("fig4", "fig6", "fig7"), help="which of them")
+    parser.add_argument("--seed", type=seed_number, default=1000, help="draws table, arm and noise")
     parser.add_argument("--force", type=float, default=10.0, help="[N] of the squeegee (fig6)")
     parser.add_argument("--text", default="SEED", help="what the pen writes (fig7)")
-    parser.add_argument("--out", type=Path, default=None, help="folder (default: results/FIGURE)")
+    parser.add_argument("--out", type=Path, help="folder; default: results/FIGURE")
     return parser
 
 

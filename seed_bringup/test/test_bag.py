@@ -156,3 +156,8 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         BagWriter(tmp_path / "one.mcap")
     with pytest.raises(BagError, match="'no_msgs/msg/Nothing' is not installed"):
         definition_file("no_msgs/msg/Nothing")
+
+
+def test_a_recorder_that_had_hardly_begun_does_not_hide_why_the_run_ended(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), Recording(tmp_path / "bag.mcap", ["/chatter"]):
+        raise KeyboardInterrupt

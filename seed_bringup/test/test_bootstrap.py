@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -154,3 +155,20 @@ def test_leftovers_are_named_and_what_is_in_use_is_not(
     leftovers.name_leftovers(tmp_path, tmp_path / "env-wheels-wheels-new", ROOT)
     named = capsys.readouterr().err.partition("rm -r ")[2].split()
     assert {Path(n).name for n in named} == {"ws-1", "ws-3", "env-wheels-wheels-old", "env-wheels-apt-other"}
+
+
+def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:
+    """The libraries of a command take seconds, and some of them swallow every exception."""
+    (tmp_path / "slow.py").write_text(
+        "import time\ntry:\n    print(0, flush=True)\n    time.sleep(60)\nexcept BaseException:\n    time.sleep(60)\n"
+    )
+    code = (
+        f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from seed_bringup import cli; cli._run('slow', '', ['demo'])"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"0\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert said.decode().strip() == "seed demo: interrupted"

@@ -6,11 +6,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from seed_bringup.launching.description import Description, declared_arguments, describe
 from seed_bringup.launching.elements import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
+from seed_control.parameters import ControllerParameters
 from seed_core.errors import SeedError
+from seed_driver.config import DriverConfig
+from seed_driver.motion import COMMANDED
+from seed_sim.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -211,3 +216,22 @@ def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
         robot_arguments(["robot:=ur", "robot_ip:=192.168.56.101"])
     with pytest.raises(SeedError, match="the demo takes"):
         robot_arguments(["robt:=ur"])
+
+
+def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
+    """An arm that trails its command by more the larger the motion makes the wipe swing."""
+    parameters = yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]
+    driver, controller, lever = DriverConfig(**parameters), ControllerParameters(), 0.15  # [m] from flange to gripper
+    assert COMMANDED * driver.max_turning > controller.max_angular_speed
+    assert COMMANDED * driver.max_speed > controller.max_speed + lever * controller.max_angular_speed
+    assert driver.max_turning_acceleration > controller.max_angular_acceleration
+    assert driver.max_acceleration > controller.max_acceleration + lever * controller.max_angular_acceleration
+    assert driver.max_jerk > controller.max_jerk + lever * controller.max_angular_jerk
+
+
+def test_a_cell_that_is_told_nothing_believes_what_the_simulated_one_is() -> None:
+    """Cameras a centimetre beside where they are believed to be see two tools."""
+    from seed_bringup.demo import beliefs
+
+    told = yaml.safe_load((ROOT / "seed_bringup/config/hand.yaml").read_text())["/**"]["ros__parameters"]
+    assert told == beliefs(load_scenario("nominal"))["/**"]["ros__parameters"]

@@ -14,14 +14,16 @@ import pytest
 import yaml
 
 from seed_bringup.launcher import Launch
+from seed_bringup.launching.process import without_interrupts
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.neighbourly]
 PROGRAMS = {
     "sleeper": "trap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "stubborn": "trap '' INT TERM\nwhile :; do sleep 0.1; done",
     "dying": "sleep 0.2; echo last words; exit 7",
     "finishing": "echo done",
+    "starting": f"exec {sys.executable} -c 'import time; print(\"up\", flush=True); time.sleep(60)'",
     "says": 'echo "$*"; for last; do :; done; cat "$last"',
 }
 
@@ -164,3 +166,20 @@ def test_parameters_reach_the_node_in_a_file(cell: Path) -> None:
     Launch(file, output=lambda _, line: lines.append(line)).start().wait(timeout=5.0)
     assert lines[0].startswith("--ros-args -r __node:=n -r __ns:=/left -r a:=b --params-file")
     assert yaml.safe_load("\n".join(lines[1:4])) == {"/left/n": {"ros__parameters": {"rate": 2.0}}}
+
+
+def test_a_node_that_is_stopped_while_it_starts_leaves_no_traceback(cell: Path) -> None:
+    said: list[str] = []
+    with Launch(launch_file(cell, 'exec="starting"'), output=lambda _, line: said.append(line)):
+        deadline = time.monotonic() + 20.0
+        while "up" not in said and time.monotonic() < deadline:
+            time.sleep(0.02)
+    assert said == ["up"]
+
+
+def test_only_an_interrupt_of_ours_is_left_out() -> None:
+    trace = ["Traceback (most recent call last):", '  File "x.py", line 1', "    go()"]
+    interrupt, error = [*trace, "KeyboardInterrupt"], [*trace, "ValueError: 3"]
+    assert list(without_interrupts(["a", *interrupt, "b"], lambda: True)) == ["a", "b"]
+    assert list(without_interrupts(["a", *error, *trace], lambda: True)) == ["a", *error, *trace]
+    assert list(without_interrupts(interrupt, lambda: False)) == interrupt

@@ -20,11 +20,3 @@ def weight_about_T(mass: float, center_of_mass: Array, R_WT: Array) -> Wrench:
     """
     force = R_WT[2] * (-mass * GRAVITY)  # R_TW (0, 0, -m g): the last row of R_WT
     return Wrench(cross(center_of_mass, force), np.asarray(force))
-
-
-def spring_target(desired: Wrench, weight: Wrench) -> Wrench:
-    """What the spring must do to the tool for it to do `desired` to the environment: all about T's origin, in T.
-
-    The tool in equilibrium: spring + weight + environment on tool = 0, environment on tool = -desired.
-    """
-    return desired.minus(weight)

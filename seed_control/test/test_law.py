@@ -180,6 +180,17 @@ def test_travel_without_contact_is_bounded() -> None:
     assert 0.05 < travel < 0.065
 
 
+@pytest.mark.parametrize("delay", [0.1, 0.2])
+def test_an_approach_is_so_slow_that_the_grasp_is_not_deflected_too_far_before_contact_is_seen(delay: float) -> None:
+    bench = Bench(delay=delay, table=-0.2).enabled()
+    bench.press(2.0, approach_speed=0.1)
+    bench.run(1.0)
+    speed = -np.diff([X[2, 3] for X in bench.commands]) / DT
+    wanted = 2.0 / (sum(DEFAULT_STIFFNESS.translation) / 3.0)  # [m] of deflection
+    assert 0.3 * wanted < speed[-100:].mean() * delay
+    assert speed.max() * delay < 0.7 * wanted
+
+
 def test_lost_contact_is_found_again_at_approach_speed() -> None:
     bench = Bench().enabled()
     bench.press(10.0)

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.bench import growth
-from seed_control.gravity import GRAVITY, spring_target, weight_about_T
+from seed_control.gravity import GRAVITY, weight_about_T
 from seed_control.history import PoseHistory
 from seed_control.lag import LagEstimate
 from seed_control.limits import PoseLimiter, VectorLimiter
@@ -122,14 +122,9 @@ def test_weight_acts_downwards_in_any_orientation() -> None:
         assert_allclose(load.torque, np.cross(R_WT @ com, load.force), atol=1e-15)
 
 
-def test_spring_carries_the_weight_when_nothing_is_wanted() -> None:
-    weight = weight_about_T(0.2, np.array((0.0, 0.0, 0.06)), np.eye(3))
-    assert_allclose(spring_target(Wrench.zero(), weight).vector(), -weight.vector())
-
-
 def hanging(R_WT: np.ndarray, mass: float, com: np.ndarray, bushing: Bushing) -> tuple[np.ndarray, np.ndarray]:
     """X_WT and X_CT of a tool at rest."""
-    X_TC = bushing.pose(spring_target(Wrench.zero(), weight_about_T(mass, com, R_WT)))
+    X_TC = bushing.pose(Wrench.zero().minus(weight_about_T(mass, com, R_WT)))  # the spring alone carries the weight
     return make_pose(R_WT), inverse_pose(X_TC)
 
 

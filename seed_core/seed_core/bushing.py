@@ -51,12 +51,6 @@ class Stiffness:
         return Stiffness((r[0], r[1], r[2]), (t[0], t[1], t[2]))
 
 
-def gimbal_rates_matrix(rpy: Array) -> Array:
-    """N (3, 3) with q_dot = N w, w the angular velocity written in the parent frame; singular at |pitch| = pi/2."""
-    c1, s1, c2, s2 = cos(rpy[1]), sin(rpy[1]), cos(rpy[2]), sin(rpy[2])
-    return np.array(((c2 / c1, s2 / c1, 0.0), (-s2, c2, 0.0), (c2 * s1 / c1, s2 * s1 / c1, 1.0)))
-
-
 class Bushing:
     """The stiffness map K of one grasp and its inverse."""
 

@@ -241,9 +241,3 @@ def _orthonormal(x: list[float], y: list[float], z: list[float]) -> bool:
     )
     right_handed = g * (b * f - c * e) + h * (c * d - a * f) + i * (a * e - b * d) > 0.0
     return max(products) <= 1e-6 and min(products) >= -1e-6 and right_handed
-
-
-def orthonormalised(X: Array) -> Array:
-    """X with its rotation replaced by the nearest one, against rounding that adds up."""
-    U, _, Vt = np.linalg.svd(X[:3, :3])
-    return make_pose(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt, X[:3, 3])

@@ -64,11 +64,6 @@ class GripStiffness:
         self._by_pressure = sorted(file.grips, key=lambda g: g.pressure_hpa)
         self._by_width = sorted(file.grips, key=lambda g: g.width_m)
 
-    @property
-    def pressure_range(self) -> tuple[float, float]:
-        """Lowest and highest identified pressure [hPa]."""
-        return self._by_pressure[0].pressure_hpa, self._by_pressure[-1].pressure_hpa
-
     def at_pressure(self, pressure_hpa: float) -> Stiffness:
         """Stiffness at a pressure [hPa]. Raises ConfigError when it is not finite."""
         return _between(self._by_pressure, [g.pressure_hpa for g in self._by_pressure], pressure_hpa, "pressure", "hPa")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, hypot, isfinite, pi, sin, sqrt
+from math import atan2, cos, hypot, isfinite, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,14 +69,3 @@ def _quaternion(
     if largest == 1:
         return s * (yx + xy), s * parts[1], s * (zy + yz), s * (zx - xz)
     return s * (zx + xz), s * (zy + yz), s * parts[2], s * (xy - yx)
-
-
-def nearest_rotation_vector(vector: Sequence[float], near: Sequence[float]) -> tuple[float, float, float]:
-    """The same rotation as `vector`, written with the length that is nearest to `near` (both (3,) [rad])."""
-    x, y, z = (float(v) for v in vector)
-    angle = hypot(x, y, z)
-    if angle < 1e-9:
-        return x, y, z
-    along = (x * near[0] + y * near[1] + z * near[2]) / angle
-    scale = (angle + 2.0 * pi * round((along - angle) / (2.0 * pi))) / angle
-    return x * scale, y * scale, z * scale

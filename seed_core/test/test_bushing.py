@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.bushing import Bushing, BushingError, Stiffness, gimbal_rates_matrix
+from seed_core.bushing import Bushing, BushingError, Stiffness
 from seed_core.config import ConfigError
-from seed_core.spatial import Wrench, make_pose, pose_from_rpy, rotation_from_rpy, rpy_from_rotation, so3_exp
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy, so3_exp
 
 SOFT_HAND = Stiffness((4.0, 3.0, 4.0), (800.0, 1200.0, 800.0))
 ISOTROPIC = Stiffness((4.0, 3.0, 5.0), (900.0, 900.0, 900.0))
@@ -116,15 +116,6 @@ def test_force_of_the_anisotropic_midpoint_map_is_the_gradient_of_its_energy() -
         for i, n in enumerate(np.eye(3)):
             up, down = (bushing.energy(make_pose(X[:3, :3], p + s * n)) for s in (h, -h))
             assert_allclose((up - down) / (2 * h), bushing.wrench(X).force[i], atol=1e-6)  # [N]
-
-
-def test_gimbal_rates_matrix_maps_angular_velocity_to_rates() -> None:
-    rng, h = np.random.default_rng(8), 1e-6
-    for _ in range(100):
-        q, w = np.deg2rad(70.0) * rng.uniform(-1, 1, 3), rng.normal(size=3)
-        R = rotation_from_rpy(q)
-        rates = (rpy_from_rotation(so3_exp(h * w) @ R) - rpy_from_rotation(so3_exp(-h * w) @ R)) / (2 * h)
-        assert_allclose(gimbal_rates_matrix(q) @ w, rates, atol=1e-8)  # second-order difference
 
 
 @pytest.mark.parametrize(("model", "degrees", "tolerance"), [("plain", 79.9, 1e-12), ("midpoint", 30.0, 1e-9)])

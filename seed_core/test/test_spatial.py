@@ -14,7 +14,6 @@ from seed_core.spatial import (
     interpolate_pose,
     inverse_pose,
     make_pose,
-    orthonormalised,
     pose_from_quaternion,
     pose_from_rpy,
     quaternion_from_rotation,
@@ -105,14 +104,6 @@ def test_quaternion_round_trip_with_positive_w() -> None:
         q = quaternion_from_rotation(X[:3, :3])
         assert q[3] >= 0.0
         assert_allclose(pose_from_quaternion(q, X[:3, 3]), X, atol=1e-15)
-
-
-def test_orthonormalised_returns_to_the_nearest_rotation() -> None:
-    X = pose_from_rpy((0.2, 0.3, 0.4), (1.0, 2.0, 3.0))
-    worn = X.copy()
-    worn[:3, :3] += 1e-4 * RNG.normal(size=(3, 3))
-    out = check_pose(orthonormalised(worn))
-    assert_allclose(out, X, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,6 @@ def test_stiffness_is_straight_between_grips_and_constant_beyond() -> None:
     assert grip.at_pressure(5.0) == LOOSE.stiffness
     assert grip.at_pressure(90.0) == FIRM.stiffness
     assert grip.at_width(0.04) == FIRM.stiffness
-    assert grip.pressure_range == (20.0, 40.0)
 
 
 def test_one_grip_is_a_constant() -> None:

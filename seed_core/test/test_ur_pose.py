@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
-from seed_core.ur_pose import checked_pose, matrix_from_pose, nearest_rotation_vector, pose_from_matrix
+from seed_core.ur_pose import checked_pose, matrix_from_pose, pose_from_matrix
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, 1e-4, 0.5, 2.0, 3.0, np.pi - 1e-7])
@@ -24,14 +24,6 @@ def test_half_a_turn_comes_back_as_the_same_rotation() -> None:
     for axis in np.eye(3):
         X = matrix_from_pose([0, 0, 0, *(np.pi * axis)])
         assert_allclose(matrix_from_pose(pose_from_matrix(X)), X, atol=1e-15)
-
-
-def test_nearest_rotation_vector_is_the_same_rotation_and_continuous() -> None:
-    before, after = np.array([3.1, 0.2, 0.1]), Rotation.from_rotvec([3.3, 0.2, 0.1]).as_rotvec()
-    chosen = np.array(nearest_rotation_vector(after, near=before))
-    same = Rotation.from_rotvec(chosen) * Rotation.from_rotvec(after).inv()
-    assert same.magnitude() < 1e-14
-    assert np.linalg.norm(chosen - before) < 0.25
 
 
 @pytest.mark.parametrize(

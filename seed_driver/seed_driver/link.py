@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 LOST_AFTER = 0.06  # [s] without an advancing controller clock
-LOST_TICKS = 10  # and this many of our own cycles, so that our own pause is not taken for the robot's
+AWAKE = 0.04  # [s] of it we must have been awake, so that our own pause is not taken for the robot's
+CYCLE = 0.01  # [s] a longer one is a pause
 GIVE_UP_AFTER = 0.5  # [s] ur_rtde would reconnect by itself, and crash, at 2.5 s
 PLAYING = 2
 RUNNING = 7
@@ -40,27 +41,36 @@ _MODES = {
 
 @dataclass
 class LinkWatch:
-    """Follows the controller's clock."""
+    """Follows a sign of life: the controller's clock, or whatever else changes while it lives."""
 
-    timestamp: float = -1.0
+    sign: float = -1.0
     advanced_at: float = 0.0
-    ticks_since: int = 0
+    _looked_at: float = 0.0
+    _awake: float = 0.0
 
-    def update(self, timestamp: float, now: float) -> bool:
-        """Note the controller's clock at our time `now` [s]; True when it has advanced."""
-        self.ticks_since += 1
-        if timestamp == self.timestamp:
-            return False
-        self.timestamp, self.advanced_at, self.ticks_since = timestamp, now, 0
-        return True
+    def update(self, sign: float, now: float) -> bool:
+        """Note the sign at our time `now` [s]; True when it has changed."""
+        if sign != self.sign:
+            self.restart(sign, now)
+            return True
+        self._awake += min(CYCLE, now - self._looked_at)
+        self._looked_at = now
+        return False
+
+    def restart(self, sign: float, now: float) -> None:
+        """The controller lives at our time `now` [s]."""
+        self.sign, self.advanced_at, self._looked_at, self._awake = sign, now, now, 0.0
+
+    def _silent(self, now: float, seconds: float) -> bool:
+        return now - self.advanced_at > seconds and self._awake >= AWAKE
 
     def lost(self, now: float) -> bool:
-        """Whether the clock has stood still for too long."""
-        return now - self.advanced_at > LOST_AFTER and self.ticks_since >= LOST_TICKS
+        """Whether there has been no sign for too long."""
+        return self._silent(now, LOST_AFTER)
 
     def hopeless(self, now: float) -> bool:
         """Whether ur_rtde has to be put down before it tries to help itself."""
-        return now - self.advanced_at > GIVE_UP_AFTER and self.ticks_since >= LOST_TICKS
+        return self._silent(now, GIVE_UP_AFTER)
 
 
 def safety_stop(safety_bits: int) -> str:

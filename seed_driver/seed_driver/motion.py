@@ -12,7 +12,7 @@ from seed_driver.limits import ZERO, Bounds, Follower, Reference
 from seed_driver.rotation import pose_matrix
 from seed_driver.shared import Sample, SharedMemory, TargetSlot
 
-COMMANDED = 0.95  # of a speed limit: commands that reach the robot a cycle early or late make its own speed ripple
+COMMANDED = 0.93  # of a speed limit: commands that reach the robot early, late or two at once make its own speed ripple
 
 
 class Motion:
@@ -49,6 +49,10 @@ class Motion:
     def hold(self) -> None:
         """Decelerate to rest; targets are not followed any more."""
         self.armed, self._reference = False, None
+
+    def halt(self) -> None:
+        """Be at rest at once, where the command has stood still already."""
+        self.follower.restart(self.follower.p, self.follower.q)
 
     @property
     def following(self) -> bool:

@@ -18,8 +18,8 @@ from seed_driver.rotation import Quaternion, Vector, from_rotation_vector, multi
 from seed_driver.shared import Modes, Sample
 from seed_driver.states import StateStream
 
-STATE_RATE = 250.0  # [Hz] of the states that we read ourselves
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
+CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 
 
@@ -40,7 +40,7 @@ class Robot:
         self.control_class = load()
         self.look = probe.look(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.look.version[0] == 3 else 500.0)
-        self.states = StateStream(config.robot_ip, min(self.rate, STATE_RATE))
+        self.states = StateStream(config.robot_ip, self.rate)
         self.control: Any = None
         self._slider: probe.MiniRtde | None = None
         self._set_tcp(config)
@@ -56,6 +56,11 @@ class Robot:
         """The controller's clock in the newest package [s]."""
         self.states.poll()
         return self.states.timestamp
+
+    @property
+    def packages(self) -> int:
+        """How many packages there have been."""
+        return self.states.packages
 
     @property
     def connected(self) -> bool:
@@ -88,9 +93,7 @@ class Robot:
 
     def start_program(self) -> None:
         """Get our control script running with nothing in the command register; raises LinkError."""
-        why = link.unable(self.states.robot_mode, self.states.safety_bits)
-        if why:
-            raise LinkError(why)
+        self._wait_able()
         if self.control is None:
             probe.require_control(self.config.robot_ip, self.look.version)
             self._construct()
@@ -98,6 +101,15 @@ class Robot:
             self._send_again()
         self._wait_playing()
         self._set_up()
+
+    def _wait_able(self) -> None:
+        """A stop that was just unlocked takes a moment to be gone from the states."""
+        deadline = time.monotonic() + CLEARING
+        while why := link.unable(self.states.robot_mode, self.states.safety_bits):
+            if time.monotonic() > deadline:
+                raise LinkError(why)
+            time.sleep(0.004)
+            self.states.poll()
 
     def _construct(self) -> None:
         try:

@@ -18,9 +18,10 @@ from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json
 from seed_driver.kinematics import arm_kinematics
 from seed_driver.motion import Motion
+from seed_driver.pace import Pace
 from seed_driver.probe import LinkError
 from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
-from seed_driver.robot import STATE_RATE, Robot, load
+from seed_driver.robot import Robot, load
 from seed_driver.session import Session
 from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, TargetSlot
 from seed_driver.timing import Periods
@@ -28,6 +29,7 @@ from seed_driver.timing import Periods
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes
 RETRY = 0.5  # [s] between looks at an address where nobody is
 CHECK_EVERY = 5  # cycles between looks at messages
+PUBLISH_EVERY = 2  # cycles between states for the node
 LARGEST = 65_536  # [byte] of a message
 
 
@@ -42,7 +44,6 @@ class ServoProcess:
         self.ticks = self.sent = 0
         self.latency = 0.0  # [s] from receipt of a target to the first command that uses it
         self._timed_target: TargetSlot | None = None
-        self._listen_every = 1
         self._quitting = False
         self._version = ""
         self._published_reason = ""
@@ -50,14 +51,13 @@ class ServoProcess:
     # life
     def run(self) -> None:
         """Search, then stream until the process ends."""
-        self.publish(Stage.STARTING, time.monotonic())
+        self.publish(Stage.STARTING)
         self._require_library()
         robot = self._search()
         self.session.robot = robot
         self._version = "{}.{}.{}.{}".format(*robot.look.version)
         self.session.reason = "waiting for the robot program"
         self.motion.follower.dt = 1.0 / robot.rate
-        self._listen_every = max(1, round(robot.rate / STATE_RATE))
         self._stream(robot)
 
     def _require_library(self) -> None:
@@ -70,7 +70,7 @@ class ServoProcess:
 
     def _search(self) -> Robot:
         while True:
-            self.publish(Stage.SEARCHING, time.monotonic())
+            self.publish(Stage.SEARCHING)
             self._hear()
             try:
                 with threads_above(self.session.config):
@@ -83,29 +83,24 @@ class ServoProcess:
         self.session.reason = reason
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            self.publish(Stage.SEARCHING, time.monotonic())
+            self.publish(Stage.SEARCHING)
             self._hear()
             time.sleep(0.02)
 
     def _stream(self, robot: Robot) -> None:
-        """The loop: absolute deadlines, late cycles are skipped, never caught up."""
-        period = self.motion.follower.dt
-        deadline = time.monotonic()
-        self.session.watch.advanced_at = deadline
+        start = time.monotonic()
+        pace = Pace(self.motion.follower.dt, start)
+        self.session.watch.restart(robot.timestamp, start)
         while True:
             self.tick(robot, time.monotonic())
-            deadline += period
-            late = time.monotonic() - deadline
-            if late > 0.0:
-                deadline += period * (late // period)
+            deadline = pace.next(time.monotonic())
             time.sleep(max(0.0, deadline - time.monotonic()))
 
     def tick(self, robot: Robot, now: float) -> None:
         """One cycle."""
         s = self.session
         self.ticks += 1
-        listens = self.ticks % self._listen_every == 0
-        if listens and (end := s.listen(robot, now)):
+        if end := s.listen(robot, now):
             self.end(LOST, end)
         if self.ticks % CHECK_EVERY == 0:
             self._hear()
@@ -118,17 +113,16 @@ class ServoProcess:
             self._command(robot, now)
         elif self._quitting:
             os._exit(0)
-        if listens or s.reason != self._published_reason:
-            self.publish(Stage.SERVOING if s.running else Stage.MONITORING, now)
+        if self.ticks % PUBLISH_EVERY == 0 or s.reason != self._published_reason:
+            self.publish(Stage.SERVOING if s.running else Stage.MONITORING)
 
     def _command(self, robot: Robot, now: float) -> None:
         self.periods.tick(now)
         if self.session.freedrive:
             robot.control.kickWatchdog()
             return
-        for _ in range(self.session.steps_due(now)):
-            if why := self.motion.step():
-                self.session.hold(why)
+        if self.session.may_step() and (why := self.motion.step()):
+            self.session.hold(why)
         f, target = self.motion.follower, self.motion.target
         robot.servo(f.p, f.q, f.dt)
         self.sent += 1
@@ -180,7 +174,7 @@ class ServoProcess:
     def _start(self) -> str:
         self.session.need_robot()
         if not self.session.running:
-            self.publish(Stage.BUSY, time.monotonic())
+            self.publish(Stage.BUSY)
         return self.session.start()
 
     def _start_by_itself(self) -> None:
@@ -204,15 +198,15 @@ class ServoProcess:
         self.end(ORPHANED, "the node is gone")
 
     # what the node gets
-    def publish(self, stage: Stage, now: float) -> None:
-        """Write the state."""
-        s, m = self.session, self.motion
+    def publish(self, stage: Stage) -> None:
+        """Write the state, and that we live."""
+        s, m, now = self.session, self.motion, time.monotonic()
         number = m.target.number if m.target is not None else 0
         self.memory.write_state(
             (now, s.sample_time, self.ticks, stage, m.armed and stage == Stage.SERVOING, s.linked),
             s.sample if s.sample is not None else NO_SAMPLE,
             (*m.follower.p, *m.follower.q),
-            (max(0.0, s.watch.timestamp), number, self.sent, self.latency),
+            (s.clock, number, self.sent, self.latency),
             (self.periods.p50, self.periods.p99, self.periods.largest),
             s.want_start,
             self._version,
@@ -225,7 +219,7 @@ class ServoProcess:
         self.session.linked = False
         self.motion.hold()
         self.session.reason = reason
-        self.publish(Stage.SEARCHING, time.monotonic())
+        self.publish(Stage.SEARCHING)
         os._exit(code)
 
 

@@ -14,8 +14,8 @@ from seed_driver.realtime import threads_above
 from seed_driver.robot import Robot
 from seed_driver.shared import Sample
 
-STATE_PERIOD = 0.004  # [s] between states of the robot
-CATCH_UP = 2  # steps per cycle after the clock of a simulated robot was late
+STATE_PERIOD = 0.002  # [s] between states of the robot
+AHEAD = 2  # steps of motion beyond the newest state of the robot
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 
 
@@ -31,8 +31,9 @@ class Session:
         self.reason = "starting"  # why it holds, or what it waits for
         self.sample: Sample | None = None
         self.sample_time = 0.0
+        self.clock = 0.0  # [s] of the robot, in the newest state
         self._next_try = 0.0
-        self._moved_until = 0.0  # [s] by a simulated robot's clock, of the steps that were made
+        self._moved_until = 0.0  # [s] by the robot's clock, of the steps that were made
 
     def hold(self, reason: str) -> None:
         """Decelerate to rest; only an explicit request moves the arm again."""
@@ -42,13 +43,17 @@ class Session:
     # what the robot says
     def listen(self, robot: Robot, now: float) -> str:
         """Take the newest state; the reason to give up when the link is beyond hope, else ''."""
-        if self.watch.update(robot.timestamp, now):
-            self.sample, self.sample_time = robot.sample(), now
+        clock = robot.timestamp
+        if self.watch.update(robot.packages if self.config.simulated else clock, now):
+            sample = robot.sample()
+            if clock != self.clock or self.sample is None:
+                self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
-            self._judge(self.sample)
+            self._judge(sample)
         elif self.watch.lost(now):
             if self.linked:
                 self.hold("link lost: the controller's clock stands still")
+                self.motion.halt()
             self.linked = False
         if self.watch.hopeless(now) or not robot.connected:
             return self.reason if not self.linked else "link lost: connection closed"
@@ -68,21 +73,24 @@ class Session:
             self.hold(why)
             self.running = self.freedrive = False
 
-    # a simulation whose clock runs slower than ours
+    # the robot's clock, which that of a simulation shows to run slower than ours
     def held_back(self, now: float) -> float:
         """How far a simulated robot's clock is behind ours [s]; 0 of a real one, whose clock runs as ours."""
         if not self.config.simulated:
             return 0.0
-        return now - self.watch.timestamp - min(now - self.watch.advanced_at, STATE_PERIOD)
+        return now - self.clock - min(now - self.watch.advanced_at, STATE_PERIOD)
 
-    def steps_due(self, now: float) -> int:
-        """Steps of motion to make now: one per cycle, but a simulated robot's are counted by its own clock."""
-        if not self.config.simulated:
-            return 1
-        clock, dt = now - self.held_back(now), self.motion.follower.dt
-        steps = int((clock - self._moved_until) / dt + 1e-6)
-        self._moved_until = clock if steps > CATCH_UP else self._moved_until + steps * dt
-        return min(steps, CATCH_UP)
+    def may_step(self) -> bool:
+        """Whether the command may move in this cycle: never far ahead of the robot's clock, and nothing is caught up.
+
+        What is sent to a robot that is not heard may wait somewhere and reach it all at once, as one long step.
+        """
+        dt = self.motion.follower.dt
+        until = max(self._moved_until, self.clock) + dt
+        if until > self.clock + (AHEAD + 0.5) * dt:
+            return False
+        self._moved_until = until
+        return True
 
     # what may be asked
     def need_robot(self) -> Robot:
@@ -124,8 +132,8 @@ class Session:
 
     def _begin(self, robot: Robot) -> None:
         """Command what is: the pose where the arm stands now."""
-        now = time.monotonic()
-        self.watch.update(robot.timestamp, now)
+        self.clock = self._moved_until = robot.timestamp
+        self.watch.restart(self.clock, time.monotonic())
         self.sample = s = robot.sample()
         off = dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
         if off > MODEL_TOLERANCE:
@@ -135,8 +143,6 @@ class Session:
             )
         self.motion.restart(s)
         self.running = True
-        self.watch.advanced_at, self.watch.ticks_since = now, 0
-        self._moved_until = self.watch.timestamp
 
     def stop(self) -> str:
         """Decelerate and hold."""

@@ -17,7 +17,7 @@ NAMES = (
 KINDS = "DOUBLE" + 6 * ",VECTOR6D" + ",INT32,INT32,UINT32,UINT32,UINT32,DOUBLE,DOUBLE"
 LAYOUT = struct.Struct(">B37diiIIIdd")  # recipe number, then the names in order
 DATA = ord("U")
-LARGEST = 16_384  # [byte] read at once, 40 states
+LARGEST = 65_536  # [byte] read at once, 160 states
 
 
 class StateStream:
@@ -38,6 +38,7 @@ class StateStream:
             raise
         self.open = True
         self._buffer = bytearray()
+        self.packages = 0  # that have come
 
     def _first(self, host: str) -> bytes:
         try:
@@ -66,6 +67,7 @@ class StateStream:
                 newest = at
             at += size
         if newest >= 0:
+            self.packages += 1
             self.values = LAYOUT.unpack_from(buffer, newest + 3)
         del buffer[:at]
 

@@ -17,16 +17,19 @@ from typing import Any, NamedTuple
 
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, to_json
+from seed_driver.realtime import hasten
 from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
+from seed_driver.starting import Start
 
-FIRST_START = 40.0  # [s] of silence while the first process starts, from a cold disk of a busy machine
-QUICKEST_START = 3.0  # [s] any later one gets so long, or four times what the last one took
+LONGEST_START = 40.0  # [s] without a heartbeat while the process starts, from a cold disk of a busy machine
+IDLE = 1.5, 3.0  # [s] of no work in it after which the process counts as gone, and then is killed
 SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
     Stage.SEARCHING: (3.0, 6.0),
     Stage.BUSY: (1.5, 7.0),
     Stage.MONITORING: (0.09, 0.5),
     Stage.SERVOING: (0.09, 0.5),
 }
+ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
 
 
@@ -52,9 +55,8 @@ class Supervisor:
         self._targets = 0
         self._restart_at = 0.0
         self._start_program = False  # until a life has done so, or was told not to
-        self._started_at = 0.0
-        self._patience = FIRST_START
-        self._starting = False
+        self._starting: Start | None = None
+        self._longest_start = LONGEST_START
         self._waiting: dict[int, float] = {}
 
     def start(self, start_program: bool) -> None:
@@ -72,10 +74,12 @@ class Supervisor:
         self._process = subprocess.Popen(
             command, pass_fds=(self._memory.fd, theirs.fileno()), stdin=subprocess.DEVNULL, close_fds=True
         )
+        if self.config.realtime_priority > 0:
+            hasten(self._process.pid)
         theirs.close()
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
-        self._wire, self._started_at, self._starting = ours, now, True
+        self._wire, self._starting = ours, Start(self._process.pid, now)
 
     @property
     def pid(self) -> int | None:
@@ -94,30 +98,30 @@ class Supervisor:
         code = self._process.poll()  # before its state, so that this is the last one when it has ended
         fresh = self._memory.read_state()
         state = fresh if fresh is not None else self.state
-        self._learn(now, state)
-        silent = now - state.heartbeat
-        gone, hopeless = SILENT.get(state.stage, (0.5 * self._patience, self._patience))
+        gone, hopeless = self._doubts(now, state)
         if code is not None:
             self._buried(now, state, code)
-        elif silent > hopeless:
+        elif hopeless:
             self._process.kill()
             self._process.wait()
-            if self._starting:
-                self._patience *= 2.0  # a slow machine gets there in the end
             self._buried(now, state._replace(reason="servo process hung and was killed"), 0)
-        elif silent > gone:
+        elif gone:
             self.state = state._replace(linked=False, armed=False, reason="servo process does not answer")
         else:
             self.state = state
         return self.state
 
-    def _learn(self, now: float, state: State) -> None:
-        """How long a start takes here, and whether the next life is to start the program by itself."""
-        if state.stage == Stage.STARTING:
-            return
-        self._start_program &= state.wants_start
-        if self._starting:
-            self._starting, self._patience = False, max(QUICKEST_START, 4.0 * (now - self._started_at))
+    def _doubts(self, now: float, state: State) -> tuple[bool, bool]:
+        """Whether the process counts as gone, and whether it is to be killed."""
+        if state.stage != Stage.STARTING or self._starting is None:
+            self._start_program &= state.wants_start  # of the next life
+            silent, (gone, hopeless) = now - state.heartbeat, SILENT[state.stage]
+            return silent > gone, silent > hopeless
+        idle = self._starting.idle(now)
+        if now - self._starting.began > self._longest_start:
+            self._longest_start *= 2.0  # a slow machine gets there in the end
+            return True, True
+        return idle > IDLE[0], idle > IDLE[1]
 
     def _buried(self, now: float, last: State, code: int) -> None:
         self.deaths += 1
@@ -139,8 +143,8 @@ class Supervisor:
         number = self._requests
         message = json.dumps({"do": do, "id": number, **arguments}).encode()
         try:
-            if self._wire is None:
-                raise OSError("no servo process")
+            if self._wire is None or (do in ROBOTS_OWN and self.state.stage == Stage.STARTING):
+                raise OSError("no servo process that could do it")
             self._wire.send(message)
             self._waiting[number] = time.monotonic()
         except OSError:

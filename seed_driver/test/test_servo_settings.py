@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_driver.rig import Rig
+from seed_core.ur_kinematics import URKinematics
+from seed_driver.rig import STEP, Rig
 from seed_driver.rotation import turned
+from seed_driver.shared import Stage
 from seed_driver.supervisor import leftover_processes
+from seed_sim.ur.controller import HOME
+from seed_sim.ur.plant_link import PlantLink
 
 pytestmark = pytest.mark.realtime
 
@@ -35,6 +39,39 @@ def test_joints_stay_below_their_limit_at_a_singularity() -> None:
         stats = rig.robot.ask("stats")
         assert 0.5 < stats["top_joint_speed"] <= 0.6 * 1.05
         assert rig.robot.ask("state")["safety_mode"] == 1
+
+
+def test_an_arm_whose_clock_stands_still_for_its_plant_is_waited_for() -> None:
+    """Longer than ur_rtde puts up with silence; then it goes on as if nothing had been."""
+    with Rig("--await-plant", simulated=True) as rig, PlantLink(rig.robot.host) as plant:
+        plant.place(URKinematics.for_model("ur5e").forward(HOME), HOME, clock=1000.0)
+        clock = [1000.0]
+
+        def run(seconds: float, pace: float) -> None:
+            until = time.monotonic() + seconds
+            while time.monotonic() < until:
+                clock[0] += pace * STEP
+                plant.report(np.zeros(3), np.zeros(3), clock[0])
+                rig.step()
+
+        while rig.state.stage != Stage.BUSY:
+            run(STEP, 0.5)
+        run(1.0, 0.0)  # a start that takes long is no hang
+        while not rig.state.armed:
+            run(0.1, 0.5)
+        assert rig.supervisor.deaths == 0
+        rig.sway(amplitude=0.05)
+        run(0.5, 0.5)
+        run(0.1, 0.0)
+        before, sent = rig.state, rig.state.sent
+        run(3.0, 0.0)
+        assert rig.state.armed
+        assert rig.state.timestamp == before.timestamp
+        assert rig.state.command == before.command
+        assert rig.state.sent > sent + 500
+        run(0.3, 0.5)
+        assert rig.state.armed
+        assert rig.state.timestamp > before.timestamp + 0.05
 
 
 def test_a_tcp_moves_the_robots_pose_not_ours() -> None:

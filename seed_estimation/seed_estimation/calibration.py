@@ -123,7 +123,7 @@ def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]
                     )
                     h, w = still[finger][0].shape
                     cameras[finger] = Camera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
-    except (OSError, KeyError, ValueError, IndexError) as error:
+    except (OSError, EOFError, KeyError, ValueError, IndexError) as error:
         raise SeedError(f"{path}: not a capture for calibration: {error}") from error
     if not cameras:
         raise SeedError(f"{path}: neither left_no_contact nor right_no_contact in it")
@@ -136,10 +136,12 @@ def main(argv: list[str] | None = None) -> int:
         prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras."
     )
     parser.add_argument("capture", type=Path, help="npz with depth images; see docs/estimation.md")
-    parser.add_argument("--out", type=Path, default=Path("calibration.yaml"))
+    parser.add_argument(
+        "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"
+    )
     parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
     parser.add_argument("--hand", type=Path, help="YAML of the hand; without it the default one")
-    parser.add_argument("--radius", type=float, default=0.012, help="of the grasped cylinder [m]")
+    parser.add_argument("--radius", type=float, default=0.012, help="[m] of the grasped cylinder; default: %(default)s")
     options = parser.parse_args(sys.argv[1:] if argv is None else argv)
     try:
         shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()

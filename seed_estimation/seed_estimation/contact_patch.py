@@ -18,10 +18,10 @@ from seed_core.errors import SeedError
 from seed_estimation.camera import Array, Camera
 from seed_estimation.images import Image
 from seed_estimation.parameters import EstimatorParameters
-from seed_estimation.surface import rest_surface, smooth_depth
+from seed_estimation.surface import at_rest, rest_surface
 
 Mask = NDArray[np.uint8]
-PATTERN_BLUR = 3.0  # [px] a membrane at rest has no smaller features
+PATTERN_BLUR = 20.0  # [px] a membrane at rest is a parabola over so short a way
 QUICK = 2  # [px] step of the grid that is enough at the frame rate
 
 
@@ -103,7 +103,7 @@ def _fixed_pattern(mean: Image, deviation: Image, membrane: NDArray[np.bool_], c
 
     Of what stands out from the smoothed mean of `count` frames, the share that noise does not explain (Wiener).
     """
-    smooth = smooth_depth(mean, membrane, PATTERN_BLUR)
+    smooth = at_rest(mean, membrane, PATTERN_BLUR)
     rough = np.where(membrane & np.isfinite(smooth), mean - smooth, np.float32(0.0))
     power = float(np.mean(rough[membrane] ** 2))
     noise = float(np.mean(deviation[membrane] ** 2)) / count

@@ -73,15 +73,10 @@ class Estimator:
         self._tracker: Tracker | None = None
         self._published: PublishedMethod | None = None
         self._stamp = -np.inf
-        self._gross_slip = False
 
     @property
     def has_reference(self) -> bool:
         return len(self._finders) == len(self.fingers)
-
-    @property
-    def has_grasp(self) -> bool:
-        return self._tracker is not None or self._published is not None
 
     @property
     def identity(self) -> str:

@@ -11,7 +11,7 @@ composition: X_CT <- X_CT exp(xi)^-1, xi = [rotation, translation]), so a frame 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -74,6 +74,11 @@ class FingerModel:
     rest: Image  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
     decay: float  # [m]
     picture: Image  # (H, W) coarse infrared of the patch, 0 beside it
+
+    def without_image(self) -> FingerModel:
+        """The same of which depth alone is followed."""
+        coarse, fine = (i.chosen(np.zeros(0, np.intp)) for i in self.levels)
+        return replace(self, levels=(coarse, fine))
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Vec, Vec], tuple[Vec, Vec]]:

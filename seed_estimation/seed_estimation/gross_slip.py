@@ -12,7 +12,7 @@ loose, sliding friction bears less than what it stuck with. Hence three signs:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -74,13 +74,18 @@ class GrossSlip:
 
     def _apart(self) -> bool:
         """Whether depth has gone on without the dots of both fingers, along an axis that it sees."""
-        return len(self._dots) > 1 and all(_gone_on(list(dots.seen)) for dots in self._dots.values())
+        return len(self._dots) > 1 and all(_gone_on(_with_depth(dots.seen)) for dots in self._dots.values())
 
     def _broken(self, stamp: float) -> bool:
         """Whether the dots of a patch that had begun to peel under its load have not been found for too long."""
         seen = [dots.seen for dots in self._dots.values() if dots.seen]
         peeling = any(s.size > LOADED and s.peel > PEELED for finger in seen for s in finger)
         return peeling and stamp - max(finger[-1].stamp for finger in seen) > BROKEN
+
+
+def _with_depth(seen: Iterable[Seen]) -> list[Seen]:
+    """Frames in which the track was locked: in others depth's way is not known."""
+    return [s for s in seen if s.depth is not UNSEEN]
 
 
 def _gone_on(seen: list[Seen]) -> bool:

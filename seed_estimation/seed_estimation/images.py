@@ -10,14 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.errors import SeedError
-
 Image = NDArray[np.float32]
 NOTHING = -100.0  # [m, 1] stands for a value that is not there: so far out that robust weights leave it no say
-
-
-class ImageError(SeedError):
-    """An image that cannot be used; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,13 @@ from seed_estimation import identity
 from seed_estimation.camera import Camera
 from seed_estimation.images import TactileImages
 from seed_ros.cameras import intrinsics
-from seed_ros.conversions import MessageError, seconds
+from seed_ros.conversions import MessageError
 from seed_ros.counters import Complaints
 from seed_ros.images import depth_from_message, gray_from_message
 from seed_ros.loop import FixedRateLoop
 from seed_ros.pairing import Pairing
 from seed_ros.qos import SENSOR
+from seed_ros.serialized_images import SerializedImage, read_image
 
 Ready = Callable[[float, dict[str, TactileImages]], None]
 Problem = Callable[[float, str], None]
@@ -41,6 +42,9 @@ class InputSettings:
     finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
     clock_offset: float = field(
         0.0, unit="s", low=-1.0, high=1.0, doc="by which images' stamps are ahead of the robot's"
+    )
+    clock_compared: bool = field(
+        False, doc="the cameras' clock was compared with the robot's, or is the same; else ~/initialize_grasp reminds"
     )
     silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
 
@@ -67,8 +71,8 @@ class ImageInputs:
         self._complaints = complaints
         self._now, self._ready, self._problem = now, ready, problem
         self.arrived = 0.0  # [s] when the images that are being worked on were complete
-        self._images = {f: Pairing[Image](KINDS, settings.pair_tolerance) for f in self.fingers}
-        self._both = Pairing[dict[str, Image]](self.fingers, settings.finger_tolerance)
+        self._images = {f: Pairing[SerializedImage](KINDS, settings.pair_tolerance) for f in self.fingers}
+        self._both = Pairing[dict[str, SerializedImage]](self.fingers, settings.finger_tolerance)
         self._heard: dict[str, float] = {}
         self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
         self._unanswered = 0  # images since anything was said about one
@@ -76,7 +80,7 @@ class ImageInputs:
         self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
             for kind, topic in TOPICS.items():
-                loop.poll(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+                loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
             info = f"bubble_{finger}/depth/camera_info"
             loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
 
@@ -133,8 +137,13 @@ class ImageInputs:
                 return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
         return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
 
-    def _on_image(self, finger: str, kind: str, message: Image) -> None:
-        stamp = seconds(message.header.stamp) - self.settings.clock_offset
+    def _on_image(self, finger: str, kind: str, serialized: bytes, _: Any) -> None:
+        try:
+            message = read_image(serialized)
+        except SeedError as error:
+            self._complaints.add("images_refused", f"bubble_{finger}/{kind}: {error}")
+            return
+        stamp = message.stamp - self.settings.clock_offset
         self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
         done = self._images[finger].add(kind, stamp, message)
         if done is None:
@@ -149,7 +158,7 @@ class ImageInputs:
         if together is not None:
             self._convert(together[0], together[1])
 
-    def _convert(self, stamp: float, messages: dict[str, dict[str, Image]]) -> None:
+    def _convert(self, stamp: float, messages: dict[str, dict[str, SerializedImage]]) -> None:
         self.arrived, self._answered, self._unanswered = self._now(), time.monotonic(), 0
         try:
             images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
@@ -166,15 +175,15 @@ class ImageInputs:
             return
         self._ready(stamp, images)
 
-    def _pair(self, finger: str, pair: dict[str, Image], stamp: float) -> TactileImages:
+    def _pair(self, finger: str, pair: dict[str, SerializedImage], stamp: float) -> TactileImages:
         for kind, message in pair.items():
             self._check_size(finger, kind, message)
-        self.frame_ids[finger] = pair["depth"].header.frame_id
+        self.frame_ids[finger] = pair["depth"].frame_id
         _refuse(identity.misnamed(finger, self.frame_ids[finger], self.bubbles.names))
         depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
         return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
 
-    def _check_size(self, finger: str, kind: str, message: Image) -> None:
+    def _check_size(self, finger: str, kind: str, message: SerializedImage) -> None:
         camera = self.cameras.get(finger)
         if camera is not None and (message.width, message.height) != (camera.width, camera.height):
             raise MessageError(

@@ -42,6 +42,10 @@ from seed_ros.tf import TransformBroadcaster
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
 COLLECT_TIMEOUT = 6.0  # [s] for the images of a reference or a grasp
+REMINDER = (
+    "the cameras' clock was never compared with the robot's: do so before pressing on anything (a live identification "
+    "tells the offset), then set clock_offset and clock_compared"
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,9 @@ class NodeSettings:
     grasp_frames: int = field(8, low=1, high=500, doc="images averaged by ~/initialize_grasp")
     identity_file: str = field(
         "", doc="what tells the bubbles apart, from one session to the next; written by the first reference"
+    )
+    realtime_priority: int = field(
+        20, low=0, high=98, doc="SCHED_FIFO priority if allowed, below the controller's; 0: none"
     )
     publish_tf: bool = field(True, doc="publish compliance to tool on /tf, and the hand's frames on /tf_static")
 
@@ -87,7 +94,8 @@ class EstimatorNode(Node):
         self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
         self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
         self._tf = TransformBroadcaster(self)
-        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True)
+        priority = self.settings.realtime_priority
+        self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
         self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._now, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}
@@ -179,7 +187,11 @@ class EstimatorNode(Node):
         return await self._gather("reference", self.settings.reference_frames, response)
 
     async def _initialize_grasp(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return await self._gather("grasp", self.settings.grasp_frames, response)
+        response = await self._gather("grasp", self.settings.grasp_frames, response)
+        if response.success and not self.inputs.settings.clock_compared:
+            self.get_logger().warning(REMINDER, once=True)
+            response.message += f"; {REMINDER}"
+        return response
 
     async def _gather(self, what: str, count: int, response: Trigger.Response) -> Trigger.Response:
         if self._collection is not None:
@@ -238,6 +250,7 @@ class EstimatorNode(Node):
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
         values["identity"] = self.bubbles.status
+        values["clock_compared"] = self.inputs.settings.clock_compared
         values |= self.complaints.values()
         if self._latencies:
             for name, ms in zip(("arrival", "latency"), 1e3 * np.array(self._latencies).T, strict=True):

@@ -32,7 +32,7 @@ def creep_weights(model: FingerModel) -> Vec:
 
 
 def peel(sight: Sight, motion: Array, creep: Vec, hold: Array) -> float:
-    """c [1] of one finger evaluated after a motion (6,); creep: its weights; hold (6, 6): information that keeps the pose."""
+    """c [1] of one finger after a motion (6,); creep: its weights; hold (6, 6): information that keeps the pose."""
     b = sight.image
     if b.r.size == 0:
         return 0.0

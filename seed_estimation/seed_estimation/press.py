@@ -115,4 +115,4 @@ def patches(press: Press, parameters: EstimatorParameters, still: int = 15) -> l
     n = parameters.decimate
     depth: Sequence[Image] = [np.ascontiguousarray(i.depth[::n, ::n]) for i in press.images]
     finder = PatchFinder("left", press.camera.decimated(n), Hand().X_CL, depth[:still], parameters)
-    return [finder.find(d)[1] for d in depth]
+    return [finder.find(d + finder.correction)[1] for d in depth]

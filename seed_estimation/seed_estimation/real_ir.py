@@ -152,7 +152,7 @@ def load(path: Path) -> tuple[Image, Array]:
             )
         with np.load(path, allow_pickle=False) as data:
             return np.asarray(data["ir_mono16"], np.float32), np.asarray(data["K"], float)
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError) as error:
         raise SeedError(f"{path}: no infrared images in it (ir_mono16 and K of an npz file): {error}") from error
 
 
@@ -161,11 +161,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Follow recorded infrared images through known motions.")
     parser.add_argument("images", type=Path, help="npz with ir_mono16 (n, H, W) and K (3, 3)")
     options = parser.parse_args(argv)
-    try:
-        images, K = load(options.images)
-    except SeedError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    images, K = load(options.images)
     good = True
     for index, ir in enumerate(images):
         result = check(ir, K)
@@ -175,4 +171,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except SeedError as refused:
+        sys.exit(f"error: {refused}")

@@ -19,6 +19,7 @@ from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit import Fit
 from seed_estimation.tracking import Tracker
 
+NO_POSE = 0.0873, 0.003  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
 
@@ -42,6 +43,10 @@ def rigid_fit(
     """An estimate from a track that is locked."""
     sigma = tracker.covariance.of(result, tracker.slip)
     deviation = np.sqrt(np.diag(sigma))
+    if deviation[:3].max() > NO_POSE[0] or deviation[3:].max() > NO_POSE[1]:
+        angle, length = np.rad2deg(deviation[:3].max()), 1e3 * deviation[3:].max()
+        reason = f"too little is in contact: the pose is known to {angle:.1f} degrees and {length:.1f} mm only"
+        return invalid(stamp, reason, "rigid_fit")
     angles, lengths = deviation[:3] < p.max_std_rotation, deviation[3:] < p.max_std_translation
     unlocked = [f for f, share in result.locked.items() if share < p.lock]
     words = [f"{f} bubble {'is not followed' if patches[f].in_contact else 'touches nothing'}" for f in unlocked]

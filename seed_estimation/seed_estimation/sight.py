@@ -21,6 +21,7 @@ SHARE_DEPTH = 1.0 / 3.0  # depth is averaged over 3 x 3 pixels and read at about
 DEPTH_FLOOR = 1.0e-4  # [m] what a depth image gets wrong in common, however still it is
 DEPTH_COMMON = 6.0e-5  # [m] of it, what a whole patch gets wrong by one and the same amount
 IMAGE_FLOOR = 0.05  # [1] the same of a normalised image
+UNKNOWNS = 6  # of a pose
 FEW = 60  # points; fewer that touch tell nothing
 ONE = np.float32(1.0)
 
@@ -67,7 +68,9 @@ class Residuals:
         edges = np.flatnonzero(self.cells[1:] != self.cells[:-1]) + 1
         g = np.add.reduceat(self.Jw * self.r, np.concatenate(((0,), edges)), axis=1).astype(float) * self.scale
         alike = self.common * self.scale * self.Jw.sum(axis=1).astype(float)
-        return np.asarray(g @ g.T + np.outer(alike, alike))
+        count = g.shape[1]
+        few = count / max(count - UNKNOWNS, 1)  # a handful of cells is fitted better than it should be
+        return np.asarray(few * (g @ g.T) + np.outer(alike, alike))
 
 
 class Sight:

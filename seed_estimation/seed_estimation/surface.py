@@ -28,6 +28,32 @@ def smooth_depth(depth: Image, valid: Bools, sigma: float) -> Image:
         return np.where(weight > 0.2, blurred / weight, np.nan).astype(np.float32)
 
 
+def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
+    """Depth (H, W) of the parabola that fits best around each pixel, weighed by a Gaussian [px]; NaN beside `valid`.
+
+    Local regression of second order: unlike a blur it neither flattens a dome nor lifts its rim, so it may be wide,
+    and what a camera gets wrong over a centimetre is told from a membrane's shape as well as what it gets wrong pixel
+    by pixel.
+    """
+    weight = valid.astype(np.float32)
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float32) / np.float32(sigma)
+    v, u = v - v.mean(), u - u.mean()
+    filled = np.where(valid, depth, np.float32(0.0))
+    powers = [(i, j) for i in range(3) for j in range(3 - i)]
+
+    def blurred(image: Image, i: int, j: int) -> NDArray[np.float64]:
+        return np.asarray(cv2.GaussianBlur((image * u**i * v**j).astype(np.float64), (0, 0), sigma), np.float64)
+
+    moments = {(i, j): blurred(weight, i, j) for i in range(5) for j in range(5 - i)}
+    known = valid & (moments[0, 0] > 0.05)
+    A = np.array([[moments[a + c, b + d][known] for c, d in powers] for a, b in powers]).transpose(2, 0, 1)
+    y = np.array([blurred(filled, i, j)[known] for i, j in powers]).T
+    here = np.array([(u**i * v**j)[known] for i, j in powers]).T
+    out = np.full(depth.shape, np.nan, np.float32)
+    out[known] = (np.linalg.solve(A + 1e-9 * np.eye(6), y[..., None])[..., 0] * here).sum(axis=1)
+    return out
+
+
 def surface(camera: Camera, depth: Image, valid: Bools, blur: float) -> tuple[Vec, Vec]:
     """Points and unit normals towards the camera, (H, W, 3), of depth blurred by so many pixels; NaN where invalid."""
     points = camera.rays32 * smooth_depth(depth, valid, blur)[..., None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from seed_core.spatial import inverse_pose, so3_exp, so3_log
 from seed_estimation.camera import Array
-from seed_estimation.covariance import Covariance
+from seed_estimation.covariance import HIDDEN, Covariance
 from seed_estimation.dots import SPAN
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Box, Frame, project32
@@ -26,7 +26,6 @@ SURE = 0.05  # a track that was lost must explain this much more of every image 
 SURE_FRAMES = 2  # and do so this many frames in a row
 REACH = 0.35, 0.012  # [rad], [m] no tool jumps further than this between two frames
 RANGE = 0.9, 0.03  # [rad], [m] nor is it found further than this from where it was grasped
-HIDDEN = 0.4  # [1] an image of which less is explained shows something else, or nothing
 APART = 3.0  # times the usual depth residual: the tool is not there
 USUAL = 0.05  # weight of a frame in what is usual
 
@@ -102,8 +101,20 @@ class Tracker:
         if quality < p.lock:
             best = max((best, *self._at_dots(frames)), key=self._quality)
             quality = self._quality(best)
+        if quality >= p.lock and not self.lost:
+            best = self._without_hidden(frames, best)
+            quality = self._quality(best)
         self._accept(best, quality, stamp)
         return best
+
+    def _without_hidden(self, frames: Mapping[str, Frame], found: Fit) -> Fit:
+        """The fit without images that show something else: that something pulls at it."""
+        hidden = [f for f in self._touching if found.locked[f] < HIDDEN]
+        if not hidden:
+            return found
+        models = [m.without_image() if m.finger in hidden else m for m in self.models]
+        steps = (0, self.parameters.iterations)
+        return fit(models, frames, found.X_CT, self.slip.value, PRIOR, steps)
 
     def _at_dots(self, frames: Mapping[str, Frame]) -> list[Fit]:
         """Fits from where each finger's dots are: they may have sprung back, and the tool with them."""

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from rclpy.serialization import serialize_message
 from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
@@ -29,7 +30,7 @@ from seed_ros.images import image_message
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
 
 PERIOD = 0.04  # [s] between two pictures: leaves time to a busy test machine
@@ -145,6 +146,18 @@ def test_estimates_carry_the_robots_time_where_the_cameras_clock_is_ahead(bench:
     assert bench.until(lambda: len(rig.poses) > 2)
     stamp = seconds(rig.poses[-1].header.stamp)
     assert min(abs(stamp + 0.5 - t) for t in exposed) < 1e-6
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_a_grasp_reminds_of_clocks_that_were_never_compared(bench: Bench, renderer: Any, compared: bool) -> None:
+    rig = Rig(bench, renderer, clock_compared=compared, **QUICK)
+    reference = rig.call("capture_reference")
+    rig.X_CT = np.eye(4)
+    bench.spin(0.3)
+    grasp = rig.call("initialize_grasp")
+    assert grasp.success, grasp.message
+    assert ("never compared with the robot's" in grasp.message) == (not compared)
+    assert "compared" not in reference.message
 
 
 def test_without_a_reference_or_a_grasp_it_says_so(bench: Bench, renderer: Any) -> None:
@@ -474,12 +487,12 @@ def test_whatever_images_come_the_node_lives_and_answers_with_reasons(bench: Ben
     @given(st.lists(any_image(), min_size=1, max_size=4), st.integers(0, 2**31 - 1))
     def feed(images: list[tuple[str, str, Image]], second: int) -> None:
         for finger, kind, message in images:
-            node.inputs._on_image(finger, kind, message)
+            node.inputs._on_image(finger, kind, serialize_message(message), {})
         for finger in ("left", "right"):  # and whole sets of what does not fit together
             for kind in ("depth", "ir"):
                 message = images[len(finger + kind) % len(images)][2]
                 message.header.stamp.sec, message.header.stamp.nanosec = second, 0
-                node.inputs._on_image(finger, kind, message)
+                node.inputs._on_image(finger, kind, serialize_message(message), {})
 
     feed()
     assert len(told) > 20

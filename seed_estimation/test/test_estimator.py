@@ -9,10 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error, so3_exp
 from seed_estimation.estimator import Estimator, EstimatorError, EstimatorParameters
 from seed_estimation.images import TactileImages
+from seed_estimation.published import fitted_gain
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -82,6 +84,21 @@ def test_the_published_method_sees_pitch() -> None:
     estimator, bubbles = held(TactileParameters(), 12, "published")
     estimate = estimator.update(bubbles.render(pose_from_rpy((0.0, 0.12, 0.0), np.zeros(3)), 0.1), 0.1)
     assert -estimate.X_CT[2, 0] == pytest.approx(np.sin(0.12), rel=0.25)
+
+
+def test_the_published_methods_constant_is_calibrated_from_known_pitches() -> None:
+    estimator, bubbles = held(TactileParameters(), 12, "published")
+    assert estimator.parameters.curl_gain == 1.0  # so that pitches come out as curls
+
+    def curl(pitch: float, t: float) -> float:
+        estimate = estimator.update(bubbles.render(pose_from_rpy((0.0, pitch, 0.0), np.zeros(3)), t), t)
+        return float(-np.arcsin(estimate.X_CT[2, 0]))
+
+    known = np.deg2rad((-8.0, -4.0, 4.0, 8.0))
+    gain = fitted_gain([curl(p, 0.1 * (i + 1)) for i, p in enumerate(known)], known)
+    assert gain * curl(0.1, 1.0) == pytest.approx(0.1, rel=0.05)
+    with pytest.raises(SeedError, match="turn the tool"):
+        fitted_gain([0.0, 0.0], [0.1, -0.1])
 
 
 def test_one_finger_gives_a_reduced_estimate() -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from seed_ros.conversions import MessageError, stamp_from_seconds
+from seed_ros.serialized_images import SerializedImage
 
 DEPTH_ENCODINGS = {"32FC1": (np.float32, 1), "16UC1": (np.uint16, 1), "mono16": (np.uint16, 1)}
 GRAY_ENCODINGS = {
@@ -25,9 +26,10 @@ GRAY_ENCODINGS = {
 }
 _LUMA_RGB = np.array((0.299, 0.587, 0.114), dtype=np.float32)  # ITU-R BT.601
 MAX_PIXELS = 5_000_000  # more than any tactile camera
+AnyImage: TypeAlias = Image | SerializedImage
 
 
-def _array(message: Image, encodings: Mapping[str, tuple[Any, int]], name: str) -> NDArray[np.generic]:
+def _array(message: AnyImage, encodings: Mapping[str, tuple[Any, int]], name: str) -> NDArray[np.generic]:
     if message.encoding not in encodings:
         hint = ""
         if message.encoding in ("rgb8", "bgr8", "rgba8", "bgra8"):
@@ -48,7 +50,7 @@ def _array(message: Image, encodings: Mapping[str, tuple[Any, int]], name: str) 
     return out.reshape(h, w, channels) if channels > 1 else out.reshape(h, w)
 
 
-def depth_from_message(message: Image, name: str = "depth") -> NDArray[np.float32]:
+def depth_from_message(message: AnyImage, name: str = "depth") -> NDArray[np.float32]:
     """Depth (H, W) [m], NaN where there is none, from 32FC1 [m] or 16UC1 [mm] (REP-118).
 
     Raises:
@@ -58,11 +60,11 @@ def depth_from_message(message: Image, name: str = "depth") -> NDArray[np.float3
     depth = raw.astype(np.float32)
     if message.encoding != "32FC1":
         depth *= np.float32(1e-3)
-    depth[~(depth > 0) | ~np.isfinite(depth)] = np.nan
+    np.copyto(depth, np.float32(np.nan), where=~((depth > 0) & (depth < np.inf)))
     return depth
 
 
-def gray_from_message(message: Image, name: str = "ir") -> NDArray[np.float32]:
+def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32]:
     """Brightness (H, W) [counts] from mono16, mono8 or a colour image (its luma). Raises MessageError."""
     raw = _array(message, GRAY_ENCODINGS, name).astype(np.float32)
     if raw.ndim == 3:

@@ -14,6 +14,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from math import inf
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -131,6 +132,7 @@ class FixedRateLoop:
         self.overruns = 0
         self._priority, self._idle_rest = priority, rest
         self._next_rest = self._busy_until = 0.0
+        self._extra = inf
         self._group = _Polled()
         self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
         self._unheard = bool(node.get_parameter("use_sim_time").value)  # of a simulated clock
@@ -162,6 +164,10 @@ class FixedRateLoop:
         )
         self._polled.append((subscription, callback))
 
+    def also_at(self, at: float) -> None:
+        """A period between the regular ones of a steady loop, at time.monotonic() = at [s]."""
+        self._extra = at
+
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Until the context ends, or `ended()`."""
         executor = self.executor()
@@ -172,12 +178,14 @@ class FixedRateLoop:
     def _run(self, executor: RestExecutor, ended: Callable[[], bool]) -> None:
         due, last = self._now(), time.monotonic()
         while self.node.context.ok() and not ended():
-            if self._await(due):
+            if self._await(min(due, self._extra)):
                 now = time.monotonic()
                 self.periods.append(now - last)
+                extra = self._extra < due
+                self._extra = inf if extra else self._extra
                 self.take()
                 self._tick()
-                last, due = now, self._next(due)
+                last, due = now, due if extra else self._next(due)
             self._rest(executor)
 
     def _await_clock(self, ended: Callable[[], bool]) -> None:

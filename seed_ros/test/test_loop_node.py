@@ -104,3 +104,14 @@ def test_an_eager_loop_hands_over_messages_as_they_come(context: Context) -> Non
     assert len(heard) > 2
     for node in (source, listener):
         node.destroy_node()
+
+
+def test_a_steady_loop_can_be_asked_for_a_period_between_the_regular_ones(context: Context) -> None:
+    node, ticks = Node("asking", context=context), []
+    loop = FixedRateLoop(node, 2.0, lambda: ticks.append(time.monotonic()), steady=True, eager=True)
+    loop.poll(Clock, "news", lambda _: None, CLOCK)
+    loop.also_at(asked := time.monotonic() + 0.1)
+    loop.run(lambda: len(ticks) >= 3)
+    node.destroy_node()
+    began, between, regular = ticks
+    assert asked <= between < began + 0.5 <= regular

@@ -7,6 +7,7 @@ import sys
 import time
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -21,15 +22,16 @@ from seed_ros import diagnostics
 from seed_ros.cameras import Intrinsics, camera_info
 from seed_ros.conversions import pose_to_matrix, seconds, stamp_from_seconds
 from seed_ros.frames import FrameNames
-from seed_ros.images import image_message
 from seed_ros.loop import QUIET_OUT, FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import SENSOR
+from seed_ros.serialized_images import ImageWriter
 from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
 LOOP_RATE = 200.0  # [Hz] at which it is looked what is due
+JUST_AFTER = 1e-4  # [s] after images are due: no clock is exact
 STANDSTILL = 0.05  # [s] without a step of the clock: simulated time stands still
 
 
@@ -59,8 +61,8 @@ class BubblesNode(Node):
         tactile = replace(tactile_parameters(scenario), fingers=self.settings.fingers)
         self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
         self._shot = -np.inf
-        self._ready: deque[tuple[float, dict[str, TactileImages]]] = deque()
-        self._frames_sent = self._late = 0
+        self._ready: deque[tuple[str, TactileImages]] = deque()
+        self._pairs_sent = self._late = 0
         self._stepped = (0.0, 0.0)  # the clock's last step, by itself and by a steady clock [s]
         self._streams = {f: self._finger_publishers(f) for f in self.renderer.cameras}
         self._infos = {f: self._camera_info(f) for f in self.renderer.cameras}
@@ -69,12 +71,16 @@ class BubblesNode(Node):
         self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self._diagnostics = diagnostics.Diagnostics(self, tactile.camera, self._report)
 
-    def _finger_publishers(self, finger: str) -> tuple[Any, Any, Any]:
-        prefix = f"bubble_{finger}"
+    def _finger_publishers(self, finger: str) -> tuple[ImageWriter, ImageWriter, Any]:
+        create, prefix, frame = (
+            partial(self.create_publisher, event_callbacks=QUIET_OUT),
+            f"bubble_{finger}",
+            self.frames.camera(finger),
+        )
         return (
-            self.create_publisher(Image, f"{prefix}/depth/image_rect_raw", SENSOR, event_callbacks=QUIET_OUT),
-            self.create_publisher(Image, f"{prefix}/ir/image_rect_raw", SENSOR, event_callbacks=QUIET_OUT),
-            self.create_publisher(CameraInfo, f"{prefix}/depth/camera_info", SENSOR, event_callbacks=QUIET_OUT),
+            ImageWriter(create(Image, f"{prefix}/depth/image_rect_raw", SENSOR), "32FC1", frame),
+            ImageWriter(create(Image, f"{prefix}/ir/image_rect_raw", SENSOR), "mono16", frame),
+            create(CameraInfo, f"{prefix}/depth/camera_info", SENSOR),
         )
 
     def _camera_info(self, finger: str) -> CameraInfo:
@@ -89,11 +95,11 @@ class BubblesNode(Node):
             return
         self._next, self._shot = max(self._next + self._period, now - self._period), stamp
         X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
-        self._ready.append(
-            (stamp, self.renderer.no_contact(stamp) if X_CT is None else self.renderer.render(X_CT, stamp))
-        )
-        self._stepped = now, time.monotonic()
-        self._deliver(self._now())
+        for finger in self.renderer.fingers:  # one is on its way while the next is drawn, as with two cameras
+            self._ready.append((finger, self.renderer.finger(finger, X_CT, stamp)))
+            self._stepped = now, time.monotonic()
+            self._deliver(self._now())
+        self.loop.also_at(time.monotonic() + self.settings.latency - (self._now() - stamp) + JUST_AFTER)
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds * 1e-9)
@@ -106,24 +112,21 @@ class BubblesNode(Node):
 
     def _deliver(self, now: float) -> None:
         awaited = time.monotonic() - self._stepped[1] > STANDSTILL  # time stands still for these images
-        while self._ready and (awaited or now - self._ready[0][0] >= self.settings.latency):
-            stamp, images = self._ready.popleft()
-            self._late += now - stamp > self.settings.latency + 0.01
-            self._send(stamp, images)
+        while self._ready and (awaited or now - self._ready[0][1].stamp >= self.settings.latency):
+            finger, images = self._ready.popleft()
+            self._pairs_sent += 1
+            self._late += now - images.stamp > self.settings.latency + 0.01
+            self._send(finger, images)
 
-    def _send(self, stamp: float, images: dict[str, TactileImages]) -> None:
-        self._frames_sent += 1
-        for finger, pair in images.items():
-            depth, ir, info = self._streams[finger]
-            frame = self.frames.camera(finger)
-            self._infos[finger].header.stamp = stamp_from_seconds(stamp)
-            info.publish(self._infos[finger])
-            depth.publish(image_message(pair.depth.astype(np.float32), "32FC1", stamp, frame))
-            counts = np.clip(np.rint(pair.ir), 0, 65535).astype(np.uint16)
-            ir.publish(image_message(counts, "mono16", stamp, frame))
+    def _send(self, finger: str, images: TactileImages) -> None:
+        depth, ir, info = self._streams[finger]
+        self._infos[finger].header.stamp = stamp_from_seconds(images.stamp)
+        info.publish(self._infos[finger])
+        depth.publish(images.depth, images.stamp)
+        ir.publish(images.ir.astype(np.uint16), images.stamp)  # whole counts already
 
     def _report(self) -> diagnostics.Report:
-        values = {"frames": self._frames_sent, "late": self._late}
+        values = {"pairs": self._pairs_sent, "late": self._late}
         if self._shot == -np.inf:
             return diagnostics.STALE, "no ground truth from the simulation yet", values
         return diagnostics.OK, "exposing", values

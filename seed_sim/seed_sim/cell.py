@@ -34,8 +34,10 @@ try:
     from pydrake.multibody import plant as dp
     from pydrake.multibody import tree as dt
     from pydrake.systems.framework import DiagramBuilder
-except ImportError as _error:  # pragma: no cover
-    raise SeedError("the simulated cell needs Drake: pip install drake==1.51.1") from _error
+except ImportError as _error:
+    _missing: ImportError | None = _error
+else:
+    _missing = None
 
 GRAVITY = 9.81  # [m/s^2], downwards
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
@@ -76,6 +78,8 @@ class Cell:
         dt_step: float,
         meshcat: Any,
     ) -> None:
+        if _missing is not None:
+            raise SeedError("the simulated cell needs Drake: pip install drake==1.51.1") from _missing
         self.surface, self.shape = surface, shape
         self.bushing: Any = None
         builder = DiagramBuilder()

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from seed_control.tasks import Task, load_task
+from seed_core.command_line import Help, seed_number, to_json, whole
 from seed_core.errors import SeedError
 from seed_sim.baselines import run_baseline
 from seed_sim.closed_loop import Progress, Run, run_closed_loop
@@ -95,8 +94,8 @@ def run(
 def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="seed evaluate",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-        description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces. "
+        formatter_class=Help,
+        description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces.\n"
         "With --scenarios N, sweep over seeds and columns.",
     )
     p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
@@ -107,10 +106,10 @@ def _parser() -> argparse.ArgumentParser:
         default="truth",
         help="where relative poses come from: exact; exact with noise and delay; rendered images",
     )
-    p.add_argument("--force", type=float, default=None, help="[N] size of every force in the task")
-    p.add_argument("--seed", type=int, default=7, help="draws table and errors; first seed of a sweep")
-    p.add_argument("--scenario", default=None, help=f"one of {', '.join(shipped_scenarios())}, or a file")
-    p.add_argument("--scenarios", type=int, default=0, metavar="N", help="sweep: seeds per column")
+    p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    p.add_argument("--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep")
+    p.add_argument("--scenario", help=f"one of {', '.join(shipped_scenarios())}, or a file; the task's own if left out")
+    p.add_argument("--scenarios", type=whole(1), metavar="N", help="sweep: seeds per column")
     p.add_argument(
         "--column",
         action="append",
@@ -118,19 +117,10 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="sweep: only this column, any shipped scenario (may be repeated)",
     )
-    p.add_argument("--jobs", type=int, default=1, metavar="J", help="sweep: processes")
-    p.add_argument("--plot", type=Path, default=None, help="sweep: where to write the plot (PNG)")
+    p.add_argument("--jobs", type=whole(1), default=1, metavar="J", help="sweep: processes")
+    p.add_argument("--plot", type=Path, help="sweep: where to write the plot (PNG)")
     p.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     return p
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no NaN: null instead."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _print_result(r: dict[str, Any]) -> None:
@@ -175,8 +165,9 @@ def main(argv: list[str] | None = None) -> int:
             from seed_sim.sweep import sweep_command
 
             return sweep_command(args)
-        if args.column:
-            parser.error("--column belongs to a sweep: give --scenarios N as well")
+        for name in ("column", "plot"):
+            if getattr(args, name) is not None:
+                parser.error(f"--{name} belongs to a sweep: give --scenarios N as well")
         bar = _Bar()
         try:
             result = run(
@@ -191,10 +182,10 @@ def main(argv: list[str] | None = None) -> int:
         finally:
             bar.close()
     except SeedError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"seed evaluate: {error}", file=sys.stderr)
         return 2
     if args.json:
-        print(json.dumps(_finite(result)))
+        print(to_json(result))
     else:
         _print_result(result)
     return 0 if result["finished"] else 1

@@ -32,7 +32,7 @@ from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.arm import ELBOW_UP
-from seed_sim.awaited import Awaited
+from seed_sim.awaited import LONGEST, Awaited
 from seed_sim.cell import GRAVITY
 from seed_sim.closed_loop import start_pose
 from seed_sim.latch import Latch
@@ -43,12 +43,13 @@ from seed_sim.ur.plant_link import ArmState, PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
 ROBOT_BEHIND = 0.1  # [s] the same, of the time of a stand-in controller
-AHEAD = 1.25  # [periods] that a stand-in controller may be ahead of the plant, which follows it
+AHEAD = 1.0  # [periods] that a stand-in controller may be ahead of the plant, which follows it
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
 LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
 PATIENCE = {"target_frame": 0.05, "relative_pose": 0.13}  # [s] age, from which the plant waits for the next
-ROBOT_PATIENCE = {"target_frame": 0.03, "current_pose": 0.03, "relative_pose": 0.13}  # [s] with a robot's own lag
+ROBOT_PATIENCE = {"target_frame": 0.012, "current_pose": 0.012, "relative_pose": 0.1}  # [s] with a robot's own lag
+LONG = {"relative_pose": 15.0}  # [s] of waiting; a disk may hold an estimator up, and poses end only with it
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -140,7 +141,7 @@ class SimNode(Node):
         self._lost = 0.0
         self._rated = (time.monotonic(), self.plant.time)
         patience = PATIENCE if self._link is None else ROBOT_PATIENCE
-        self._awaited = {topic: Awaited(age) for topic, age in patience.items()}
+        self._awaited = {topic: Awaited(age, LONG.get(topic, LONGEST)) for topic, age in patience.items()}
 
     def _ros_now(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
@@ -170,8 +171,10 @@ class SimNode(Node):
     def _waits(self) -> bool:
         """Whether the plant stands still for a process that this machine is too busy to run in time."""
         steady = time.monotonic()
-        late = [stream.late(self.stamp, steady) for stream in self._awaited.values()]
-        return self.settings.clock and any(late)
+        late = {topic for topic, stream in self._awaited.items() if stream.late(self.stamp, steady)}
+        if not self._awaited["target_frame"].runs:
+            late.discard("current_pose")  # nobody steers by it, and a driver that starts its program says nothing
+        return self.settings.clock and bool(late)
 
     def _lose(self, lost: float) -> None:
         """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""

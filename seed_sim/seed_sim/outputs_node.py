@@ -73,8 +73,8 @@ class Outputs:
             self._pose.publish(pose_stamped(X_WE, t, self._frames.base))
         self._count += 1
         if self._count % 2 == 0:
+            self._publish_truth(t, grasped)  # first: cameras expose at it
             self._publish_loads(t)
-            self._publish_truth(t, grasped)
         if self._own_arm and self._count % 4 == 0:
             self._publish_motion(t, X_WE)
         if self._count % 5 == 0:

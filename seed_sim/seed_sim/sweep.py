@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from seed_core.command_line import results_folder, to_json
 from seed_core.errors import SeedError
 from seed_sim.scenario import COLUMNS
 
@@ -115,22 +115,29 @@ def _table(result: dict[str, Any]) -> None:
 
 def sweep_command(args: argparse.Namespace) -> int:
     """`./seed evaluate TASK --scenarios N`."""
-    if args.scenarios < 1 or args.jobs == 0:
-        raise SeedError(f"--scenarios {args.scenarios} and --jobs {args.jobs} must be at least 1")
+    path = _plot_file(args)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)  # before the minutes that a sweep takes
     images = args.estimator in ("published", "rigid_fit")  # micro-slip of the membrane exists in images only
     usual = [*COLUMNS, "slip20"] if images else list(COLUMNS)
     columns = args.column or ([args.scenario] if args.scenario else usual)
     seeds = list(range(args.seed, args.seed + args.scenarios))
-    result = sweep(args.task, columns, seeds, law=args.law, estimator=args.estimator, force=args.force, jobs=args.jobs)
+    how = {"law": args.law, "estimator": args.estimator, "force": args.force, "jobs": args.jobs}
+    result = sweep(args.task, columns, seeds, **how)
     if args.json:
-        from seed_sim.evaluate import _finite
-
-        print(json.dumps(_finite(result)))
+        print(to_json(result))
     else:
         _table(result)
-    if args.plot or not args.json:
-        path = args.plot or Path("results") / f"sweep-{args.task}-{args.law}-{args.seed}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
+    if path is not None:
         plot(result, path)
         print(f"plot: {path}", file=sys.stderr)
     return 1 if any("error" in r for c in result["columns"].values() for r in c["runs"]) else 0
+
+
+def _plot_file(args: argparse.Namespace) -> Path | None:
+    """Where the plot goes; nowhere with --json alone. A folder takes it under its usual name."""
+    name = f"sweep-{Path(args.task).stem}-{args.law}-{args.seed}.png"
+    if args.plot is None:
+        return None if args.json else results_folder() / name
+    path = Path(args.plot)
+    return path / name if path.is_dir() else path

@@ -9,6 +9,7 @@ import signal
 import sys
 from math import radians
 
+from seed_core.command_line import Help, number
 from seed_core.errors import SeedError
 from seed_core.ur_models import MODELS
 from seed_sim.ur.controller import HOME, Options
@@ -37,14 +38,19 @@ def version(text: str) -> tuple[int, int, int, int]:
 
 def parser() -> argparse.ArgumentParser:
     """Command line of the stand-in."""
-    out = argparse.ArgumentParser(prog="ur_controller", description=__doc__)
-    out.add_argument("--host", default="127.0.0.2", help="loopback address to serve on (default %(default)s)")
-    out.add_argument("--model", default="ur5e", choices=sorted(MODELS))
-    out.add_argument("--version", default="5.12.4.1101319", help="PolyScope version (default %(default)s)")
+    out = argparse.ArgumentParser(prog="seed ur-sim", description=__doc__, formatter_class=Help)
+    out.add_argument("--host", default="127.0.0.2", help="loopback address to serve on")
+    out.add_argument("--model", default="ur5e", choices=sorted(MODELS), help="which arm")
+    out.add_argument("--version", default="5.12.4.1101319", help="PolyScope version")
     out.add_argument("--home", type=float, nargs=6, metavar="DEG", help="joint angles at start [degree]")
     out.add_argument("--local", action="store_true", help="start in local control (remote control is refused)")
-    out.add_argument("--on-stop", default="paused", choices=("paused", "stopped", "playing"))
-    out.add_argument("--unlock-after", type=float, default=5.0, help="[s] lock after a protective stop")
+    out.add_argument(
+        "--on-stop",
+        default="paused",
+        choices=("paused", "stopped", "playing"),
+        help="state of the program after a stop",
+    )
+    out.add_argument("--unlock-after", type=number(0.0, "s"), default=5.0, help="[s] lock after a protective stop")
     out.add_argument("--protective-stop", action="store_true", help="start in a protective stop")
     out.add_argument("--await-plant", action="store_true", help="open the ports once a plant has placed the arm")
     out.add_argument("--anywhere", action="store_true", help="allow an address that other machines can reach")
@@ -69,12 +75,12 @@ def main(arguments: list[str] | None = None) -> int:
         )
         server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
     except (SeedError, ValueError) as error:
-        print(f"ur_controller: {error}", file=sys.stderr)
+        print(f"seed ur-sim: {error}", file=sys.stderr)
         return 2
     if given.protective_stop:
         server.box.protective_stop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: setattr(server, "running", False))
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: setattr(server, "running", False))
     print(f"UR stand-in: {given.model}, PolyScope {given.version}, on {given.host}", flush=True)
     server.run()
     return 0

@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from seed_core.command_line import Help, number, seed_number, whole
 from seed_core.errors import SeedError
 from seed_sim.validation import run, slip
 from seed_sim.validation.scores import NAMED, Series, scores
@@ -46,24 +47,35 @@ def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="seed validate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
     commands = parser.add_subparsers(required=True, metavar="estimator|slip")
-    one = commands.add_parser("estimator", help="accuracy, honesty and cost of an estimator over a trajectory")
-    one.add_argument("--method", choices=METHODS, default="rigid_fit")
+    one = commands.add_parser(
+        "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
+    )
+    one.add_argument("--method", choices=METHODS, default="rigid_fit", help="which estimator")
     one.add_argument("--scenario", default="long_cylinder", help=f"{', '.join(run.shipped())}, or a .yaml file")
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
-    one.add_argument("--report", nargs="?", const=Path("validation.png"), type=Path, help="draw truth and estimate")
+    one.add_argument(
+        "--report",
+        nargs="?",
+        const=Path("validation.png"),
+        metavar="FILE.png",
+        type=Path,
+        help="draw truth and estimate",
+    )
     one.set_defaults(run=_estimator)
-    two = commands.add_parser("slip", help="alarms when the tool slides, and none when it does not")
+    two = commands.add_parser(
+        "slip", formatter_class=Help, help="alarms when the tool slides, and none when it does not"
+    )
     two.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
-    two.add_argument("--slips", type=int, default=40, help="how many slips")
-    two.add_argument("--minutes", type=float, default=10.0, help="of ordinary manipulation for false alarms")
-    two.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
+    two.add_argument("--slips", type=whole(0), default=40, help="how many slips")
+    two.add_argument(
+        "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
+    )
+    two.add_argument("--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core")
     two.set_defaults(run=_slip)
     for command in (one, two):
-        command.add_argument("--seed", type=int, default=0)
+        command.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
         command.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
@@ -94,7 +106,7 @@ def _report(series: Series, options: argparse.Namespace, name: str) -> Path:
 def _slip(options: argparse.Namespace) -> int:
     scenario = run.load(options.scenario)
     progress = None if options.json else _progress("slips")
-    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, max(1, options.jobs), progress)
+    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, progress)
     print(json.dumps(result, indent=2))
     return 0
 

@@ -16,7 +16,7 @@ from seed_ros.qos import CLOCK, SENSOR
 from seed_ros.testing import Bench
 from seed_sim.bubbles_node import BubblesNode
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
 
 EXPOSED = 12.0  # [s]
 

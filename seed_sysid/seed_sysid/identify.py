@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from seed_core.command_line import Help, results_folder, seed_number
 from seed_core.errors import SeedError
 from seed_sysid.analysis import Analysis, analyse
 from seed_sysid.dataset import Dataset, read
@@ -34,41 +35,56 @@ def main(argv: list[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(prog="seed identify", description=__doc__)
+    out = argparse.ArgumentParser(prog="seed identify", description=__doc__, formatter_class=Help)
     out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sysid/config/identify")
-    out.add_argument("--seed", type=int, default=0, help="draws the hidden stiffness and every fault")
+    out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
     out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
     out.add_argument(
         "--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor"
     )
-    out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit (default: the scenario's)")
+    out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit; default: the scenario's")
     out.add_argument(
         "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
     )
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
     out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
-    out.add_argument("--out", type=Path, help="folder for data, stiffness.yaml and report.html")
+    out.add_argument(
+        "--out", type=Path, help="folder for data, stiffness.yaml and report.html; default: results/identify-TIME"
+    )
     out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
     return out
 
 
 def _run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC)
+    _refuse_what_would_be_ignored(args)
     if args.procedure == "weight":
         from seed_sysid.weight import run_weight
 
         return run_weight(args)
     folder = args.out
     if args.live:
-        return _live(args, folder or Path("results") / "identification")
+        return _live(args, folder or results_folder() / "identification")
     if folder is None and not args.json:
-        folder = Path("results") / f"identify-{now:%Y%m%d-%H%M%S}"
+        folder = results_folder() / f"identify-{now:%Y%m%d-%H%M%S}"
     analysis, figures = _from_file(args) if args.source else _simulated(args, folder, now.isoformat(timespec="seconds"))
     if folder is not None:
         _write(folder, analysis, figures, now.isoformat(timespec="seconds"))
     print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
     return 0
+
+
+def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
+    weight, live, recorded = args.procedure == "weight", args.live, args.source is not None
+    for wrong, text in (
+        (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
+        (live and recorded, "--live and --from exclude each other"),
+        (live and weight, "--procedure weight does not run --live: record the poses and weights"),
+        (args.in_the_loop and (live or recorded or weight), "--in-the-loop needs a simulated run: only it has a truth"),
+    ):
+        if wrong:
+            raise SeedError(text)
 
 
 def _live(args: argparse.Namespace, folder: Path) -> int:

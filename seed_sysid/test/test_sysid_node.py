@@ -26,7 +26,7 @@ from seed_sysid.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.procedure import Command, average  # noqa: E402
 from seed_sysid.simulation import SimulatedCell  # noqa: E402
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
 
 LEFT = 4  # poses that the node has to visit itself
 SENSOR = {"sensor__position": [0.0, 0.0, 0.06], "sensor__rpy_deg": [180.0, 0.0, 30.0]}

@@ -47,9 +47,13 @@ def start(arguments: list[str]) -> None:
 
     pins = _pins_asked_for(arguments)
     environment = ready_environment(ROOT, pins)
-    variables = ready_workspace(ROOT, environment, force=arguments[0] == "build", extra=arguments[1:])
+    variables = ready_workspace(ROOT, environment, force=_builds(arguments), extra=arguments[1:])
     python = str(environment.python)
     os.execve(python, [python, "-P", "-m", "seed_bringup.cli", *arguments], variables)
+
+
+def _builds(arguments: list[str]) -> bool:
+    return arguments[0] == "build" and arguments[1:2] not in (["-h"], ["--help"])
 
 
 def _pins_asked_for(arguments: list[str]) -> str:

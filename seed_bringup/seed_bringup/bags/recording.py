@@ -68,4 +68,8 @@ class Recording:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.stop()
+        try:
+            self.stop()
+        except BagError:
+            if error is None:
+                raise  # else whatever ended the block tells more than a recorder that had hardly begun

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -46,6 +46,7 @@ class NodeProcess:
 
     def __init__(self, node: Node, folder: Path, output: Output) -> None:
         self.node = node
+        self.interrupted = False  # by us
         self.process = subprocess.Popen(
             command_line(node, folder),
             env=node.environment | {"PYTHONUNBUFFERED": "1"},
@@ -60,11 +61,13 @@ class NodeProcess:
         self._reader.start()
 
     def _read(self, stream: IO[bytes], output: Output) -> None:
-        for line in stream:
-            output(self.node.label, line.decode(errors="replace").rstrip("\n"))
+        lines = (raw.decode(errors="replace").rstrip("\n") for raw in stream)
+        for line in without_interrupts(lines, lambda: self.interrupted):
+            output(self.node.label, line)
 
     def signal(self, number: int) -> None:
         """Send to the whole group, which may outlive its first process."""
+        self.interrupted = True
         try:
             os.killpg(self.process.pid, number)
         except (ProcessLookupError, PermissionError):
@@ -84,6 +87,19 @@ class NodeProcess:
     def finish_output(self) -> None:
         """Wait for the last lines."""
         self._reader.join(timeout=0.5)
+
+
+def without_interrupts(lines: Iterable[str], interrupted: Callable[[], bool]) -> Iterator[str]:
+    """Leave out the tracebacks of Python programs that our interrupt met while they were still starting."""
+    held: list[str] = []  # a traceback, until its last line tells what it was
+    for line in lines:
+        if interrupted() and (line.startswith("Traceback (") or (held and line.startswith(" "))):
+            held.append(line)
+            continue
+        if not (held and line == "KeyboardInterrupt"):
+            yield from [*held, line]
+        held.clear()
+    yield from held
 
 
 def _runs_in_group(stat: Path, group: int) -> bool:

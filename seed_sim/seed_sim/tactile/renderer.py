@@ -85,10 +85,19 @@ class TactileRenderer:
         X_slid (4, 4) is how far the tool has slid through the membrane since the grasp: what the membrane has followed
         is X_CT X_slid^-1. Left out: it has not. load: share of the largest load that friction bears, see `friction`.
         """
+        return {name: self.finger(name, X_CT, stamp, X_slid, load) for name in self.fingers}
+
+    def finger(
+        self, name: str, X_CT: Array | None, stamp: float, X_slid: Array | None = None, load: float = 0.0
+    ) -> TactileImages:
+        """Images of one finger, as `render` makes them; X_CT is None with nothing in the grasp."""
+        finger = self.fingers[name]
+        if X_CT is None:
+            return finger.render(finger.membrane.rest, stamp)
         X_stuck = X_CT if X_slid is None else X_CT @ inverse_pose(X_slid)
         X_stuck = followed(X_stuck, self.parameters.slip)
-        return {n: f.render(f.membrane.press(X_CT, X_stuck, load), stamp) for n, f in self.fingers.items()}
+        return finger.render(finger.membrane.press(X_CT, X_stuck, load), stamp)
 
     def no_contact(self, stamp: float) -> dict[str, TactileImages]:
         """Images with nothing in the grasp."""
-        return {n: f.render(f.membrane.rest, stamp) for n, f in self.fingers.items()}
+        return {name: self.finger(name, None, stamp) for name in self.fingers}

@@ -214,7 +214,9 @@ class Controller:
             self.arm.step(PERIOD)
         except (ProgramError, KinematicsError) as error:
             self._fail(str(error))
-        self._publish(now)
+        pose, speed = self.publish()
+        linear, turning = math.hypot(*speed[:3]), math.hypot(*speed[3:])
+        self.recorder.state(now, pose, linear, turning, self.arm.qd, isinstance(self.arm.motion, Servo))
 
     def _play(self, now: float) -> None:
         program = self.program
@@ -254,11 +256,11 @@ class Controller:
         """Wrench of the environment on the flange, (fx fy fz tx ty tz) in E; refuses what is not finite."""
         self.wrench_E = checked_pose(wrench_E, "wrench")
 
-    def _publish(self, now: float) -> None:
+    def publish(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Set the outputs to what is, and stop an arm that is too fast; pose and velocity of the TCP."""
         arm, values = self.arm, self.values
         pose, speed = arm.tcp_pose(), arm.tcp_velocity(arm.qd)
-        linear = math.hypot(*speed[:3])
-        if linear > self.options.max_tcp_speed and self.safety_mode == NORMAL:
+        if math.hypot(*speed[:3]) > self.options.max_tcp_speed and self.safety_mode == NORMAL:
             self.protective_stop()
         wrench = tuple(w - z for w, z in zip(self.wrench_W(), self.zero_W, strict=True))
         playing = self.runtime_state == PLAYING
@@ -285,7 +287,7 @@ class Controller:
             robot_status_bits=(self.robot_mode >= IDLE) | (2 if playing else 0),
             safety_status_bits=_SAFETY_BITS[self.safety_mode],
         )
-        self.recorder.state(now, pose, linear, math.hypot(*speed[3:]), arm.qd, isinstance(arm.motion, Servo))
+        return pose, speed
 
 
 def _initial_values() -> dict[str, wire.Value]:

@@ -78,7 +78,7 @@ class PlantLink:
     def report(self, force_E: Array, torque_E: Array, until: float | None = None) -> None:
         """The wrench of the environment on the flange, about its origin, in E [N, N m].
 
-        until: how far the controller may run by its own clock [s]; beyond it creeps, at a tenth of its pace.
+        until: how far the controller may run by its own clock [s]; there it stands still.
         """
         message: dict[str, Any] = {"wrench": [*map(float, force_E), *map(float, torque_E)]}
         if until is not None:

@@ -29,7 +29,7 @@ PRIORITY = 70  # SCHED_FIFO, where it is allowed
 CATCH_UP = 0.1  # [s] cycles later than this are skipped
 PLANT_TIMEOUT = 0.5  # [s] without a word from the plant the wrench is zero
 PACER_TIMEOUT = 5.0  # [s] of a plant that sets the pace: it may be busy
-CREEP = 0.02  # [s] between two cycles that come although the plant has not got there: a clock that never stands still
+REPEAT = 0.01  # [s] between packages of a robot whose clock stands still for the plant: clients take silence for a loss
 
 
 @dataclass
@@ -102,7 +102,8 @@ class Server:
         """
         self.box.place(pose, near)
         if clock is not None:
-            self.box.boot, self.until = self.robot_now - clock, clock
+            self.box.now = self.robot_now
+            self.box.boot, self.until = self.box.now - clock, clock
             self.plant_heard = time.monotonic()
         if self.awaiting_plant:
             self.awaiting_plant = False
@@ -151,11 +152,12 @@ class Server:
             now = time.monotonic()
             if now >= deadline:
                 self.box.recorder.tick(now - deadline)
-                if self._may_go_on(deadline) or deadline - last >= CREEP:
-                    self._cycle(deadline)
-                    last = deadline
-                else:
+                goes_on = self._may_go_on(deadline)
+                if not goes_on:
                     self.held_back += PERIOD
+                if goes_on or deadline - last >= REPEAT:
+                    self._cycle(deadline, goes_on)
+                    last = deadline
                 deadline += PERIOD
                 if now - deadline > CATCH_UP:
                     deadline = now
@@ -169,7 +171,7 @@ class Server:
         box = self.box
         return self.until is None or box.boot is None or now - self.held_back - box.boot <= self.until + 0.5 * PERIOD
 
-    def _cycle(self, now: float) -> None:
+    def _cycle(self, now: float, goes_on: bool) -> None:
         if self.network.freeze:
             seconds, self.network.freeze = self.network.freeze, 0.0
             time.sleep(seconds)
@@ -178,7 +180,10 @@ class Server:
             self._listen_robot()
         if now - self.plant_heard > (PLANT_TIMEOUT if self.until is None else PACER_TIMEOUT):
             self._forget_plant()
-        self.box.tick(now - self.held_back)
+        if goes_on:
+            self.box.tick(now - self.held_back)
+        else:
+            self.box.publish()
         self._tell_plant()
         if now >= max(self.network.silent_until, self.network.mute_until):
             paused = now < max(self.network.outputs_paused_until, self.network.no_data_until)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the command lines of the suite share: arguments that say what is wrong with them, help, and where results go."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too
+
+
+class Help(argparse.HelpFormatter):
+    """Lines as they are written; a default is named where it tells something that the help does not."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=100)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        del width
+        return "".join(indent + line for line in text.splitlines(keepends=True))
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        text = action.help or ""
+        told = action.default in (None, False, "", argparse.SUPPRESS) or "default" in text or not action.option_strings
+        return text if told else f"{text} (default: %(default)s)".lstrip()
+
+
+def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+    """Type of an argument: a whole number from `low` to `high`."""
+
+    def parse(text: str) -> int:
+        bound = f"of at least {low}" if high is None else f"from {low} to {high}"
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if value < low or (high is not None and value > high):
+            raise argparse.ArgumentTypeError(f"{text} must be a whole number {bound}")
+        return value
+
+    return parse
+
+
+def number(low: float, unit: str, high: float = math.inf) -> Callable[[str], float]:
+    """Type of an argument: a finite number from `low` to `high`, in `unit`."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low <= value <= high and math.isfinite(value)):
+            bound = f"of at least {low:g} {unit}" if math.isinf(high) else f"from {low:g} to {high:g} {unit}"
+            raise argparse.ArgumentTypeError(f"{text} must be a number {bound}")
+        return value
+
+    return parse
+
+
+seed_number = whole(0, LARGEST_SEED)
+
+
+@contextmanager
+def leaving_at_once(name: str) -> Iterator[None]:
+    """While libraries are imported Ctrl-C ends the process: a KeyboardInterrupt may be swallowed in there."""
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        print(f"seed {name}: interrupted", file=sys.stderr, flush=True)
+        os._exit(130)
+
+    before = signal.signal(signal.SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def results_folder() -> Path:
+    """Where a command leaves its results by itself: results/ of the checkout, else of the current folder."""
+    return Path(os.environ.get("SEED_ROOT") or ".") / "results"
+
+
+def to_json(value: Any, indent: int | None = None) -> str:
+    """JSON, which knows neither NaN nor infinity: null instead."""
+    return json.dumps(_finite(value), indent=indent)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
