@@ -54,11 +54,12 @@ def realtime(config: DriverConfig, above: int = 0) -> None:
 @contextmanager
 def threads_above(config: DriverConfig) -> Iterator[None]:
     """Threads made in the block get a higher priority than ours: ur_rtde spins until they have received something."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
     realtime(config, above=1)
     try:
         yield
     finally:
-        realtime(config)
+        os.sched_setscheduler(0, *before)
 
 
 def silence() -> None:
