@@ -8,10 +8,11 @@ import sys
 import time
 from pathlib import Path
 
-from seed_core.command_line import Help, number
+from seed_core.command_line import Help, command, number
 from seed_core.errors import SeedError
 
 
+@command("seed bag")
 def main(argv: list[str]) -> int:
     """Run one of the three; ROS is imported by record and play only."""
     options = _parser().parse_args(argv)
@@ -82,8 +83,4 @@ def _info(options: argparse.Namespace) -> int:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main(sys.argv[1:]))
-    except SeedError as error:
-        print(f"seed bag: {error}", file=sys.stderr)
-        sys.exit(1)
+    sys.exit(main())

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from seed_core.command_line import Help
+from seed_core.command_line import Help, command
 from seed_core.errors import SeedError
 
 # Name on the command line, and the module whose run() returns nested numbers, names ending in their unit.
@@ -61,6 +61,7 @@ def lines(values: Mapping[str, Any], indent: str = "  ") -> list[str]:
     return out
 
 
+@command("seed bench")
 def main(argv: list[str]) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(prog="seed bench", description=__doc__, formatter_class=Help)

@@ -9,12 +9,18 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from seed_core.command_line import command
+from seed_core.errors import SeedError
+
+# pytest's exit codes
+PYTEST_USAGE, PYTEST_NOTHING_COLLECTED = 4, 5
+
 
 def checkout() -> Path:
     """The repository that ./seed was started from."""
     root = os.environ.get("SEED_ROOT")
     if not root:
-        raise SystemExit("seed: this works on a checkout only: start it as ./seed from the repository")
+        raise SeedError("this works on a checkout only: start it as ./seed from the repository")
     return Path(root)
 
 
@@ -32,6 +38,7 @@ Every test, or those of the files and folders given, for instance:
 Recordings that are no part of the project are looked for in $SEED_DATA; their tests are skipped where it is missing."""
 
 
+@command("seed test")
 def test(argv: list[str]) -> int:
     """Run pytest over every package, or over the paths given; further arguments are pytest's."""
     if _asks_for_help(argv):
@@ -41,13 +48,12 @@ def test(argv: list[str]) -> int:
     argv = [a for a in argv if a != "--"]
     missing = _missing_paths(argv, root)
     if missing:
-        print(f"seed test: there is no {', '.join(missing)} in {root}", file=sys.stderr)
-        return 2
+        raise SeedError(f"there is no {', '.join(missing)} in {root}")
     paths = [] if _names_a_path(argv, root) else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
-    command = [sys.executable, "-P", "-m", "pytest", "--durations=15", *_workers(argv), *argv, *paths]
-    print(f"seed test: {' '.join(command[3:])}", flush=True)
-    # pytest itself returns 5 when it collected nothing.
-    return subprocess.run(command, cwd=root).returncode
+    words = [sys.executable, "-P", "-m", "pytest", "--durations=15", *_workers(argv), *argv, *paths]
+    print(f"seed test: {' '.join(words[3:])}", flush=True)
+    code = subprocess.run(words, cwd=root).returncode
+    return 2 if code in (PYTEST_USAGE, PYTEST_NOTHING_COLLECTED) else min(code, 1)
 
 
 def _names_a_path(argv: list[str], root: Path) -> bool:
@@ -71,6 +77,7 @@ def _asks_for_help(argv: list[str]) -> bool:
     return argv[:1] in (["-h"], ["--help"])
 
 
+@command("seed lint")
 def lint(argv: list[str]) -> int:
     """Ruff's rules and format over everything, mypy strict over the cores; --fix mends what ruff can."""
     if argv not in ([], ["--fix"]):
@@ -85,10 +92,10 @@ def lint(argv: list[str]) -> int:
         [sys.executable, "-P", "-m", "mypy", *map(str, cores(root))],
     ]
     codes = []
-    for command in commands:
-        print(f"seed lint: {' '.join(command[3:5])}", flush=True)
-        codes.append(subprocess.run(command, cwd=root).returncode)
-    return max(codes)
+    for words in commands:
+        print(f"seed lint: {' '.join(words[3:5])}", flush=True)
+        codes.append(subprocess.run(words, cwd=root).returncode)
+    return int(any(codes))
 
 
 def cores(root: Path) -> list[Path]:
@@ -101,6 +108,7 @@ def is_edge(file: Path) -> bool:
     return file.stem.split("_")[-1] in ("node", "bag") or file.parent.name in ("seed_ros", "bags")
 
 
+@command("seed shell")
 def shell(argv: list[str]) -> int:
     """An interactive shell in the environment, or one command: ./seed shell -c 'ros2 topic list'."""
     if _asks_for_help(argv):

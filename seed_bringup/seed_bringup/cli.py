@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from seed_bringup.commands import available, usage
-from seed_core.command_line import leaving_at_once
+from seed_core.command_line import command, leaving_at_once
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {
@@ -21,19 +21,19 @@ PIP_ONLY = {
 }
 
 
-def main(argv: list[str] | None = None) -> int:
+@command("seed")
+def main(arguments: list[str]) -> int:
     """Run one subcommand and return its exit code."""
-    arguments = sys.argv[1:] if argv is None else argv
     root = os.environ.get("SEED_ROOT")
     commands = available(Path(root) if root else None)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(usage(commands))
         return 0
-    command = commands.get(arguments[0])
-    if command is None:
+    chosen = commands.get(arguments[0])
+    if chosen is None:
         print(f"seed: no command {arguments[0]!r}; there are: {', '.join(commands)}", file=sys.stderr)
         return 2
-    return _run(command.module, command.function, arguments)
+    return _run(chosen.module, chosen.function, arguments)
 
 
 def _run(module: str, function: str, arguments: list[str]) -> int:
@@ -41,13 +41,7 @@ def _run(module: str, function: str, arguments: list[str]) -> int:
     try:
         with leaving_at_once(arguments[0]):
             run = getattr(importlib.import_module(module), function)
-        result = run(arguments[1:])
-    except KeyboardInterrupt:
-        print(f"seed {arguments[0]}: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        return int(run(arguments[1:]))
     except ModuleNotFoundError as error:
         package = PIP_ONLY.get((error.name or "").partition(".")[0])
         if package is None:
@@ -55,21 +49,6 @@ def _run(module: str, function: str, arguments: list[str]) -> int:
         message = f"needs the Python package {package}, which apt does not have: pip install {package}"
         print(f"seed {arguments[0]}: {message} (the version in requirements/)", file=sys.stderr)
         return 1
-    except OSError as error:  # a folder that cannot be written, a full disk, a file where a folder should be
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"seed {arguments[0]}: {where}{error.strerror or error}", file=sys.stderr)
-        return 1
-    except Exception as error:
-        if not _is_expected(error):
-            raise
-        print(f"seed {arguments[0]}: {error}", file=sys.stderr)
-        return 1
-    return int(result or 0)
-
-
-def _is_expected(error: Exception) -> bool:
-    """Errors of ours speak for themselves; anything else keeps its traceback."""
-    return any(base.__name__ == "SeedError" for base in type(error).__mro__)
 
 
 if __name__ == "__main__":

@@ -31,9 +31,9 @@ from seed_bringup.showing.live_score import TOPICS, live_score, recording_of
 from seed_bringup.showing.report import Picture, Report, text_table
 from seed_bringup.showing.series import Series, read_series
 from seed_control.tasks import Task, load_task
-from seed_core.command_line import Help, leaving_at_once, number, results_folder, seed_number, to_json
+from seed_core.command_line import Help, command, leaving_at_once, number, results_folder, seed_number, to_json
 from seed_core.config import to_mapping
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import rpy_from_rotation
 from seed_sim.evaluate import SCENARIO_OF_TASK, scored_phase
 from seed_sim.recording import SETTLING
@@ -198,7 +198,7 @@ class Demo:
         played = session.played
         self.real_time_factor = round(played.real_time_factor, 3)
         if not played.result.success:
-            raise SeedError(
+            raise FailedError(
                 f"the task ended early: {played.result.message}; the bag and nodes.log are in {self.folder}"
             )
         ends = [start for _, start in played.phases[1:]] + [played.ended]
@@ -263,7 +263,7 @@ class Demo:
     def _watch(self, launch: Launch) -> None:
         code = launch.poll()
         if code is not None:
-            raise SeedError(
+            raise FailedError(
                 f"{self._failed_node or 'the cell ended'}; all that it said is in {self.folder / 'nodes.log'}"
             )
 
@@ -440,6 +440,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+@command("seed demo")
 def main(argv: list[str]) -> int:
     """Command line; the exit code is 0 only if the force was held."""
     for ending in (signal.SIGTERM, signal.SIGHUP):

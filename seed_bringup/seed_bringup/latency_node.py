@@ -35,7 +35,7 @@ from seed_bringup.demo import live_rates
 from seed_bringup.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_bringup.showing.session_node import Session, SessionError
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.spatial import Array
 from seed_ros.conversions import seconds
 from seed_ros.loop import FixedRateLoop
@@ -167,7 +167,7 @@ def _prepare(session: Session, grasp: str, arm: str = "") -> None:
 
 def _summary(heard: _Listener) -> dict[str, Any]:
     if not heard.ages:
-        raise SeedError("no valid pose arrived")
+        raise FailedError("no valid pose arrived")
     since_stamp, since_sending = 1e3 * np.array(heard.ages).T
     published = {stage: float(np.median(heard.stages.get(stage, [np.nan]))) for stage in STAGES}
     before = float(np.median(since_stamp - since_sending))

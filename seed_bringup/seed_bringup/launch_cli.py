@@ -15,11 +15,12 @@ from seed_bringup.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.description import declared_arguments, describe
 from seed_bringup.launching.elements import LaunchError
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.command_line import Help
+from seed_core.command_line import Help, command
 
 
+@command("seed launch")
 def main(argv: list[str]) -> int:
-    """Parse, check every argument, run; the exit code is that of the first node that failed."""
+    """Parse, check every argument, run; 1 when a node failed."""
     options = _parser().parse_args(argv)
     words = [w for w in options.words if ":=" not in w]
     if not 1 <= len(words) <= 2:

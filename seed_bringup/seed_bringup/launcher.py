@@ -64,7 +64,7 @@ class Launch:
         return self
 
     def poll(self) -> int | None:
-        """Look after the nodes once: None while the run goes on, else its result (0: every node ended well)."""
+        """Look after the nodes once: None while the run goes on, else its result (0: every node ended well; 1: one failed)."""
         for running in list(self.nodes):
             code = running.process.poll()
             if code is not None and self._code is None:
@@ -134,7 +134,7 @@ class Launch:
             self._report(f"{node.label} has finished")
         else:
             self._report(f"{node.label} died with {exit_text(code)} ({node.origin}); shutting down")
-            self._code = code if code > 0 else 1
+            self._code = 1
 
     def _forget(self, running: NodeProcess) -> None:
         running.signal(signal.SIGKILL)  # children that it left behind

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from seed_bringup.bags.messages import message_class
 from seed_bringup.real_press import START, write
 from seed_core.config import load_file
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_estimation import press
 from seed_estimation.contact_patch import ContactPatch
 from seed_estimation.node import EstimatorNode
@@ -100,14 +100,14 @@ class _Player:
             self._publish(frame)
             self._bench.until(lambda before=before: self._node.inputs.counts()["pairs"] > before, PATIENCE)
         if not self._bench.until(answer.done, PATIENCE) or not answer.result().success:
-            raise SeedError(f"no reference: {answer.result().message if answer.done() else 'the node is silent'}")
+            raise FailedError(f"no reference: {answer.result().message if answer.done() else 'the node is silent'}")
 
     def patch(self, frame: Messages) -> ContactPatch:
         """The contact that the node reports for a frame."""
         self._answers.clear()
         self._publish(frame)
         if not self._bench.until(lambda: self._answers, PATIENCE):
-            raise SeedError("the estimator node does not answer an image")
+            raise FailedError("the estimator node does not answer an image")
         told = self._answers[-1].patches[0]
         at = np.array((told.centroid.x, told.centroid.y, told.centroid.z))
         return ContactPatch(told.finger, told.in_contact, at, mean_indentation=told.mean_indentation)

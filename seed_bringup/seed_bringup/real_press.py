@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from seed_bringup.bags.writing import BagWriter
-from seed_core.errors import SeedError
+from seed_core.command_line import command
 from seed_estimation.press import Press, load
 
 START = 1_000_000_000  # [ns] time of the first frame where the recording starts at zero
@@ -72,18 +72,15 @@ def _info(store, press: Press, stamp: int, finger: str):  # type: ignore[no-unty
     )  # fmt: skip
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Exit code 0 when the bag was written."""
+@command("seed_bringup.real_press")
+def main(argv: list[str]) -> int:
+    """Write the bag."""
     parser = argparse.ArgumentParser(description="Turn a recorded press into a bag.")
     parser.add_argument("press", type=Path)
     parser.add_argument("bag", type=Path, help="must not exist; .mcap for a single file")
     parser.add_argument("--finger", choices=("left", "right"), default="left")
     options = parser.parse_args(argv)
-    try:
-        write(load(options.press), options.bag, options.finger)
-    except SeedError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    write(load(options.press), options.bag, options.finger)
     print(f"written to {options.bag}")
     return 0
 

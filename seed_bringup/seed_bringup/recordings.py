@@ -13,12 +13,13 @@ import os
 import sys
 from pathlib import Path
 
-from seed_core.command_line import Help
+from seed_core.command_line import Help, command
 from seed_estimation import press, real_ir
 
 PRESS, INFRARED = "uiuc_punyo_d405_dev.npz", "picoflexx_ir_dev.npz"
 
 
+@command("seed recordings")
 def main(argv: list[str]) -> int:
     """Prints one JSON object per recording."""
     options = _parser().parse_args(argv)
@@ -30,7 +31,7 @@ def main(argv: list[str]) -> int:
         print(json.dumps({"press": found._asdict(), "good": found.good}), flush=True)
         good &= found.good
     if options.only != "press":
-        good &= real_ir.main([str(options.infrared or folder() / INFRARED)]) == 0
+        good &= real_ir.report(options.infrared or folder() / INFRARED)
     return 0 if good else 1
 
 
@@ -49,4 +50,4 @@ def folder() -> Path:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -7,20 +7,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from seed_core.command_line import Help, results_folder, seed_number
-from seed_core.errors import SeedError
+from seed_core.command_line import Help, command, results_folder, seed_number
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Command line. Returns the exit code: 0 done, 2 when it could not be done."""
+@command("seed reproduce")
+def main(argv: list[str]) -> int:
+    """Command line."""
     args = _parser().parse_args(argv)
     folder = args.out or results_folder() / args.figure
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text, files = _make(args, folder)
-    except (SeedError, OSError) as error:
-        print(f"seed reproduce: {error}", file=sys.stderr)
-        return 2
+    folder.mkdir(parents=True, exist_ok=True)
+    text, files = _make(args, folder)
     print(text)
     print("\nwritten: " + ", ".join(str(f) for f in files))
     return 0

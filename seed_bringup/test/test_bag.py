@@ -150,7 +150,7 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         connection = writer.add_topic("/force", "std_msgs/msg/Float32")
         writer.write(connection, 1, b"\x00\x01\x00\x00\x00\x00\x80?")
     wrong = played([str(tmp_path / "one.mcap"), "--topics", "/farce"])
-    assert wrong.returncode == 1
+    assert wrong.returncode == 2
     assert "the bag has no topic '/farce'; it has: /force" in wrong.stderr
     with pytest.raises(BagError, match="never overwritten"):
         BagWriter(tmp_path / "one.mcap")

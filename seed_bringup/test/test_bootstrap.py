@@ -153,8 +153,15 @@ def test_leftovers_are_named_and_what_is_in_use_is_not(
         variables = {"VIRTUAL_ENV": str(tmp_path / f"env-wheels-wheels-{env}")}
         (tmp_path / name / "stamp.json").write_text(json.dumps({"checkout": str(checkout), "variables": variables}))
     leftovers.name_leftovers(tmp_path, tmp_path / "env-wheels-wheels-new", ROOT)
-    named = capsys.readouterr().err.partition("rm -r ")[2].split()
-    assert {Path(n).name for n in named} == {"ws-1", "ws-3", "env-wheels-wheels-old", "env-wheels-apt-other"}
+    assert capsys.readouterr().err == (
+        f"seed: 4 old folders are used no longer; to free their space: rm -r $(cat {tmp_path / 'unused'})\n"
+    )
+    assert {Path(n).name for n in (tmp_path / "unused").read_text().split()} == {
+        "ws-1",
+        "ws-3",
+        "env-wheels-wheels-old",
+        "env-wheels-apt-other",
+    }
 
 
 def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the command lines of the suite share: arguments that say what is wrong with them, help, and where results go."""
+"""What the command lines of the suite share: arguments that say what is wrong with them, help, exit codes,
+and where results go."""
 
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 import os
@@ -14,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
+
+from seed_core.errors import FailedError, SeedError
 
 LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too
 
@@ -67,6 +71,36 @@ def number(low: float, unit: str, high: float = math.inf) -> Callable[[str], flo
 
 
 seed_number = whole(0, LARGEST_SEED)
+
+
+def command(name: str) -> Callable[[Callable[[list[str]], int | None]], Callable[..., int]]:
+    """Decorator of a command's main(argv): answers errors in one line that begins with `name`, and gives the exit code.
+
+    0: good (also for None). 1: the result is bad, or something failed on the way. 2: used wrongly, that is an argument
+    or a file that it names. 130: Ctrl-C. 141: nobody reads the output any more. Without argv it takes the process's.
+    """
+
+    def decorate(main: Callable[[list[str]], int | None]) -> Callable[..., int]:
+        @functools.wraps(main)
+        def run(argv: list[str] | None = None) -> int:
+            try:
+                return main(sys.argv[1:] if argv is None else argv) or 0
+            except KeyboardInterrupt:
+                problem, code = "interrupted", 130
+            except BrokenPipeError:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                return 141
+            except SeedError as error:
+                problem, code = str(error), 1 if isinstance(error, FailedError) else 2
+            except OSError as error:  # a folder that cannot be written, a file where a folder should be; a full disk
+                where = f"{error.filename}: " if error.filename else ""
+                problem, code = f"{where}{error.strerror or error}", 2 if error.filename else 1
+            print(f"{name}: {problem}", file=sys.stderr)
+            return code
+
+        return run
+
+    return decorate
 
 
 @contextmanager

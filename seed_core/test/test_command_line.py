@@ -2,12 +2,14 @@
 """Arguments are checked where they are read, results have one place, and JSON stays JSON."""
 
 import argparse
+import errno
 import json
 from pathlib import Path
 
 import pytest
 
-from seed_core.command_line import Help, number, results_folder, seed_number, to_json
+from seed_core.command_line import Help, command, number, results_folder, seed_number, to_json
+from seed_core.errors import FailedError, SeedError
 
 
 @pytest.mark.parametrize("text", ["-1", "x", "1.5", "", str(2**31), "99999999999999999999"])
@@ -23,6 +25,38 @@ def test_a_rate_is_finite_and_not_negative(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=f"{text} must be a number of at least 0 Hz"):
         number(0.0, "Hz")(text)
     assert number(0.0, "Hz")("22.5") == 22.5
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (SeedError("no such task"), 2, "seed wipe: no such task\n"),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "/root/out"),
+            2,
+            "seed wipe: /root/out: Permission denied\n",
+        ),
+        (FailedError("the cell ended"), 1, "seed wipe: the cell ended\n"),
+        (OSError(errno.ENOSPC, "No space left on device"), 1, "seed wipe: No space left on device\n"),
+        (KeyboardInterrupt(), 130, "seed wipe: interrupted\n"),
+    ],
+)
+def test_a_command_tells_wrong_use_from_failure(
+    error: BaseException, code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @command("seed wipe")
+    def main(argv: list[str]) -> int:
+        raise error
+
+    assert main([]) == code
+    assert capsys.readouterr().err == said
+
+
+def test_a_command_gives_its_result_and_lets_defects_through() -> None:
+    assert command("seed wipe")(lambda argv: None)([]) == 0
+    assert command("seed wipe")(lambda argv: len(argv))(["--force"]) == 1
+    with pytest.raises(ZeroDivisionError):
+        command("seed wipe")(lambda argv: 1 // len(argv))([])
 
 
 def test_help_names_a_default_only_where_it_tells_something() -> None:

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from seed_core.command_line import command
 from seed_core.errors import SeedError
 from seed_driver.peer_node import Peer
 from seed_driver.rotation import Vector, difference, turned
@@ -265,8 +266,9 @@ def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "b
         return check(peer, limits, clauses)
 
 
-def main() -> int:
-    """Command line."""
+@command("seed_driver.contract_node")
+def main(argv: list[str]) -> int:
+    """Command line; 0 when every clause is kept."""
     default = Limits()
     parser = argparse.ArgumentParser(prog="seed_driver.contract_node", description=__doc__.split("\n")[0])
     parser.add_argument("--arm", default="driver", help="name of the arm's node (default %(default)s)")
@@ -274,12 +276,8 @@ def main() -> int:
     parser.add_argument("--enable", default=default.enable, help="its service that resumes motion; '' when it has none")
     parser.add_argument("--pose-rate", type=float, default=default.pose_rate, help="[Hz] (default %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    given = parser.parse_args()
-    try:
-        verdicts = run(given.arm, default._replace(enable=given.enable, pose_rate=given.pose_rate), base=given.base)
-    except SeedError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    given = parser.parse_args(argv)
+    verdicts = run(given.arm, default._replace(enable=given.enable, pose_rate=given.pose_rate), base=given.base)
     if given.json:
         print(json.dumps({"arm": given.arm, "clauses": [v._asdict() for v in verdicts]}))
     else:

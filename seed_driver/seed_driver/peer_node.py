@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_driver.rotation import Quaternion, Vector
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -81,13 +81,13 @@ class Peer:
         while not condition():
             self.executor.spin_once(timeout_sec=0.01)
             if time.monotonic() - start > timeout:
-                raise SeedError(f"{what}: not within {timeout} s")
+                raise FailedError(f"{what}: not within {timeout} s")
         return time.monotonic() - start
 
     def pose(self) -> tuple[Vector, Quaternion]:
         """The newest pose of the flange, position [m] and quaternion."""
         if not self.poses:
-            raise SeedError("no current_pose was received: is the arm running, and in this namespace and domain?")
+            raise FailedError("no current_pose was received: is the arm running, and in this namespace and domain?")
         p, q = self.poses[-1][1].pose.position, self.poses[-1][1].pose.orientation
         return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 
@@ -120,7 +120,7 @@ class Peer:
         """Call a service of the arm; its response."""
         client = self.node.create_client(kind, name if name.startswith("/") else f"{self.driver}/{name}")
         if not client.wait_for_service(timeout_sec=timeout):
-            raise SeedError(f"there is no service {client.srv_name}")
+            raise FailedError(f"there is no service {client.srv_name}")
         future = client.call_async(kind.Request(**fields))
         self.wait(future.done, timeout, f"answer of {client.srv_name}")
         self.node.destroy_client(client)

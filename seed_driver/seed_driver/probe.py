@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import NamedTuple
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 
 RTDE_PORT, DASHBOARD_PORT = 30004, 29999
 TIMEOUT = 0.5  # [s]
@@ -22,7 +22,7 @@ OLDEST = {3: (3, 10), 5: (5, 4), 10: (10, 10)}  # first supported release of eac
 _FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d"}
 
 
-class LinkError(SeedError):
+class LinkError(FailedError):
     """The controller cannot be used as it is; the message says why and what to do."""
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from seed_core.command_line import command
 from seed_core.config import field, load_file
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
@@ -130,8 +131,9 @@ def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]
     return cameras, still, held
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Exit code 0 when the calibration was written."""
+@command("seed calibrate")
+def main(argv: list[str]) -> int:
+    """Measure a capture and write the calibration."""
     parser = argparse.ArgumentParser(
         prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras."
     )
@@ -142,16 +144,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
     parser.add_argument("--hand", type=Path, help="YAML of the hand; without it the default one")
     parser.add_argument("--radius", type=float, default=0.012, help="[m] of the grasped cylinder; default: %(default)s")
-    options = parser.parse_args(sys.argv[1:] if argv is None else argv)
-    try:
-        shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
-        hand = load_file(options.hand, Hand) if options.hand else Hand()
-        cameras, still, held = _read(options.capture)
-        calibration = calibrate(cameras, still, held, shape, options.radius, hand)
-        save(calibration, options.out)
-    except (SeedError, OSError) as error:
-        print(f"seed calibrate: {error}", file=sys.stderr)
-        return 2
+    options = parser.parse_args(argv)
+    shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
+    hand = load_file(options.hand, Hand) if options.hand else Hand()
+    cameras, still, held = _read(options.capture)
+    calibration = calibrate(cameras, still, held, shape, options.radius, hand)
+    save(calibration, options.out)
     for finger, one in calibration.fingers.items():
         median = float(np.median(one.offset_map())) * 1e3
         print(

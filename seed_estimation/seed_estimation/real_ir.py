@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
+from seed_core.command_line import command
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import so3_log
@@ -156,22 +157,25 @@ def load(path: Path) -> tuple[Image, Array]:
         raise SeedError(f"{path}: no infrared images in it (ir_mono16 and K of an npz file): {error}") from error
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Prints one JSON object per image; exit code 0 when all is within 1.5 % and 0.1 degrees."""
-    parser = argparse.ArgumentParser(description="Follow recorded infrared images through known motions.")
-    parser.add_argument("images", type=Path, help="npz with ir_mono16 (n, H, W) and K (3, 3)")
-    options = parser.parse_args(argv)
-    images, K = load(options.images)
+def report(path: Path) -> bool:
+    """Print one JSON object per image; whether all is within 1.5 % and 0.1 degrees. Raises SeedError as load does."""
+    images, K = load(path)
     good = True
     for index, ir in enumerate(images):
         result = check(ir, K)
         good &= all(v <= (0.1 if name == "drift_deg" else 0.015) for name, v in result.items())
         print(json.dumps({"image": index, **{k: round(v, 5) for k, v in result.items()}}))
-    return 0 if good else 1
+    return good
+
+
+@command("seed_estimation.real_ir")
+def main(argv: list[str]) -> int:
+    """Command line; 0 when all is within its bounds."""
+    parser = argparse.ArgumentParser(description="Follow recorded infrared images through known motions.")
+    parser.add_argument("images", type=Path, help="npz with ir_mono16 (n, H, W) and K (3, 3)")
+    options = parser.parse_args(argv)
+    return 0 if report(options.images) else 1
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except SeedError as refused:
-        sys.exit(f"error: {refused}")
+    sys.exit(main())

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose
 from seed_sim.scenario import Scenario
 from seed_sim.tools import (
@@ -79,7 +79,7 @@ class Cell:
         meshcat: Any,
     ) -> None:
         if _missing is not None:
-            raise SeedError("the simulated cell needs Drake: pip install drake==1.51.1") from _missing
+            raise FailedError("the simulated cell needs Drake: pip install drake==1.51.1") from _missing
         self.surface, self.shape = surface, shape
         self.bushing: Any = None
         builder = DiagramBuilder()

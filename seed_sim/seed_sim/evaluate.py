@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_control.tasks import Task, load_task
-from seed_core.command_line import Help, seed_number, to_json, whole
+from seed_core.command_line import Help, command, seed_number, to_json, whole
 from seed_core.errors import SeedError
 from seed_sim.baselines import run_baseline
 from seed_sim.closed_loop import Progress, Run, run_closed_loop
@@ -156,34 +156,31 @@ class _Bar:
         self._bar.close()
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Command line. Returns the exit code."""
+@command("seed evaluate")
+def main(argv: list[str]) -> int:
+    """Command line: 1 when the task did not come to its end."""
     parser = _parser()
     args = parser.parse_args(argv)
-    try:
-        if args.scenarios:
-            from seed_sim.sweep import sweep_command
+    if args.scenarios:
+        from seed_sim.sweep import sweep_command
 
-            return sweep_command(args)
-        for name in ("column", "plot"):
-            if getattr(args, name) is not None:
-                parser.error(f"--{name} belongs to a sweep: give --scenarios N as well")
-        bar = _Bar()
-        try:
-            result = run(
-                args.task,
-                law=args.law,
-                estimator=args.estimator,
-                force=args.force,
-                seed=args.seed,
-                scenario=args.scenario,
-                progress=bar,
-            ).result
-        finally:
-            bar.close()
-    except SeedError as error:
-        print(f"seed evaluate: {error}", file=sys.stderr)
-        return 2
+        return sweep_command(args)
+    for name in ("column", "plot"):
+        if getattr(args, name) is not None:
+            parser.error(f"--{name} belongs to a sweep: give --scenarios N as well")
+    bar = _Bar()
+    try:
+        result = run(
+            args.task,
+            law=args.law,
+            estimator=args.estimator,
+            force=args.force,
+            seed=args.seed,
+            scenario=args.scenario,
+            progress=bar,
+        ).result
+    finally:
+        bar.close()
     if args.json:
         print(to_json(result))
     else:

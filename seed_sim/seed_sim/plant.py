@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.bushing import Stiffness
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.arm import Arm
 from seed_sim.cell import Cell, Surface
@@ -128,7 +128,7 @@ class Plant:
                 self._publish()
         self._state, self._X_WT = state, None
         if not np.isfinite(state).all():
-            raise PlantError(f"the simulation of scenario '{self.scenario.name}' diverged before {self.time:.3f} s")
+            raise FailedError(f"the simulation of scenario '{self.scenario.name}' diverged before {self.time:.3f} s")
 
     def _place_gripper(self, state: Array, motion: Array) -> None:
         """Write pose and velocity (13,) of the gripper into the state."""

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from seed_control.tasks import load_task
 from seed_core.command_line import results_folder, to_json
 from seed_core.errors import SeedError
-from seed_sim.scenario import COLUMNS
+from seed_sim.scenario import COLUMNS, load_scenario
 
 
 def one(task: str, column: str, seed: int, law: str, estimator: str, force: float | None) -> dict[str, Any]:
@@ -115,13 +116,16 @@ def _table(result: dict[str, Any]) -> None:
 
 def sweep_command(args: argparse.Namespace) -> int:
     """`./seed evaluate TASK --scenarios N`."""
-    path = _plot_file(args)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)  # before the minutes that a sweep takes
     images = args.estimator in ("published", "rigid_fit")  # micro-slip of the membrane exists in images only
     usual = [*COLUMNS, "slip20"] if images else list(COLUMNS)
     columns = args.column or ([args.scenario] if args.scenario else usual)
+    load_task(args.task, args.force)  # a mistake here would break every run
+    for column in columns:
+        load_scenario(column)
     seeds = list(range(args.seed, args.seed + args.scenarios))
+    path = _plot_file(args)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)  # before the minutes that a sweep takes
     how = {"law": args.law, "estimator": args.estimator, "force": args.force, "jobs": args.jobs}
     result = sweep(args.task, columns, seeds, **how)
     if args.json:

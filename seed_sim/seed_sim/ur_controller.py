@@ -9,7 +9,7 @@ import signal
 import sys
 from math import radians
 
-from seed_core.command_line import Help, number
+from seed_core.command_line import Help, command, number
 from seed_core.errors import SeedError
 from seed_core.ur_models import MODELS
 from seed_sim.ur.controller import HOME, Options
@@ -57,26 +57,15 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-def main(arguments: list[str] | None = None) -> int:
+@command("seed ur-sim")
+def main(words: list[str]) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    words = sys.argv[1:] if arguments is None else arguments
     if "--ros-args" in words:  # what a launch file adds: a name and parameters, of no use here
         words = words[: words.index("--ros-args")]
     given = parser().parse_args(words)
-    try:
-        home = tuple(radians(t) for t in given.home) if given.home else HOME
-        options = Options(
-            given.model,
-            version(given.version),
-            home,
-            not given.local,
-            given.on_stop,
-            given.unlock_after,
-        )
-        server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
-    except (SeedError, ValueError) as error:
-        print(f"seed ur-sim: {error}", file=sys.stderr)
-        return 2
+    home = tuple(radians(t) for t in given.home) if given.home else HOME
+    options = Options(given.model, version(given.version), home, not given.local, given.on_stop, given.unlock_after)
+    server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
     if given.protective_stop:
         server.box.protective_stop()
     for ending in (signal.SIGINT, signal.SIGTERM):

@@ -15,22 +15,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from seed_core.command_line import Help, number, seed_number, whole
-from seed_core.errors import SeedError
+from seed_core.command_line import Help, command, number, seed_number, whole
 from seed_sim.validation import run, slip
 from seed_sim.validation.scores import NAMED, Series, scores
 
 METHODS = ("published", "rigid_fit")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Exit code 0 when the run ended, 2 when it could not be done."""
-    options = _parser().parse_args(sys.argv[1:] if argv is None else argv)
-    try:
-        return int(options.run(options))
-    except SeedError as error:
-        print(f"seed validate: {error}", file=sys.stderr)
-        return 2
+@command("seed validate")
+def main(argv: list[str]) -> int:
+    """Run one of the two."""
+    options = _parser().parse_args(argv)
+    return int(options.run(options))
 
 
 def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.spatial import Array, so3_log
 
 FARTHEST, STEP = 0.3, 0.005  # [s] of the offsets that are tried
@@ -23,7 +23,7 @@ MOST = 20_000  # readings that are kept of each stream
 FLOOR = 1e-5  # [m], [rad] of noise that every estimate has
 
 
-class ClockError(SeedError):
+class ClockError(FailedError):
     """The offset cannot be told from these readings."""
 
 

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from seed_core.command_line import Help, results_folder, seed_number
+from seed_core.command_line import Help, command, results_folder, seed_number
 from seed_core.errors import SeedError
 from seed_sysid.analysis import Analysis, analyse
 from seed_sysid.dataset import Dataset, read
@@ -23,14 +23,10 @@ from seed_sysid.scenario import load
 from seed_sysid.session import simulate
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; 0 when a stiffness was found, 1 with a message when not."""
-    args = parser().parse_args(argv)
-    try:
-        return _run(args)
-    except SeedError as error:
-        print(f"seed identify: {error}", file=sys.stderr)
-        return 1
+@command("seed identify")
+def main(argv: list[str]) -> int:
+    """Run the command; 0 when a stiffness was found."""
+    return _run(parser().parse_args(argv))
 
 
 def parser() -> argparse.ArgumentParser:

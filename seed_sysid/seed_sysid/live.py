@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
 from seed_sysid.analysis import Analysis, analyse
@@ -24,7 +24,7 @@ from seed_sysid.procedure import Command, Reading, Run
 STALE = 0.3  # [s] a stream older than this stops the run
 
 
-class LiveError(SeedError):
+class LiveError(FailedError):
     """A live identification that cannot start or go on."""
 
 

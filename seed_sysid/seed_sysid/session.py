@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_sysid.dataset import Dataset, Header, Sample, Writer
 from seed_sysid.excitation import design
 from seed_sysid.procedure import Command, Run, average
@@ -20,7 +20,7 @@ from seed_sysid.simulation import Eyes, SimulatedCell
 _SHOW = 1.0  # [s] between lines of progress
 
 
-class SessionError(SeedError):
+class SessionError(FailedError):
     """An identification that ended early."""
 
 

@@ -14,7 +14,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" 
 
 import commands  # noqa: E402
 
-from progress import SetupError, say  # noqa: E402
+from progress import SetupError, UsageError, say  # noqa: E402
 
 
 def main(arguments: list[str]) -> int:
@@ -33,7 +33,7 @@ def main(arguments: list[str]) -> int:
         start(arguments)
     except SetupError as error:
         say(str(error))
-        return 1
+        return error.exit_code
     except KeyboardInterrupt:
         say("set-up interrupted; run the same command again and it starts over where it must")
         return 130
@@ -63,7 +63,7 @@ def _pins_asked_for(arguments: list[str]) -> str:
     at = arguments.index("--pins")
     pins = arguments[at + 1] if at + 1 < len(arguments) else ""
     if pins not in ("wheels", "apt"):
-        raise SetupError(f"--pins {pins or '(nothing)'}: must be wheels or apt")
+        raise UsageError(f"--pins {pins or '(nothing)'}: must be wheels or apt")
     del arguments[at : at + 2]
     return pins
 

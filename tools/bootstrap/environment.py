@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import home
-from progress import SetupError, run_logged, say
+from progress import SetupError, UsageError, run_logged, say
 from ros import Ros, find_ros
 from system import require_system_packages
 
@@ -36,7 +36,7 @@ def ready_environment(root: Path, pins: str) -> Environment:
     ros = find_ros()
     pins = pins or os.environ.get("SEED_PINS") or ("apt" if ros.kind in PINNED_NUMPY_1 else "wheels")
     if pins not in ("wheels", "apt"):
-        raise SetupError(f"SEED_PINS={pins}: must be wheels (NumPy 2) or apt (NumPy 1.26)")
+        raise UsageError(f"SEED_PINS={pins}: must be wheels (NumPy 2) or apt (NumPy 1.26)")
     python = _interpreter(ros)
     files = _requirement_files(root, ros, pins)
     identity = [

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from progress import SetupError, say
+from progress import SetupError, UsageError, say
 
 
 def seed_home() -> Path:
@@ -27,7 +27,7 @@ def seed_home() -> Path:
             return home
         say(f"cannot keep the environment in {home}: {problem}")
         if wanted:
-            raise SetupError("set SEED_HOME to a writable folder without white space in its path")
+            raise UsageError("set SEED_HOME to a writable folder without white space in its path")
     raise SetupError("found no place for the environment; set SEED_HOME to a writable folder with 3 GB free")
 
 

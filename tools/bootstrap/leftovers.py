@@ -9,7 +9,9 @@ from progress import say
 
 
 def name_leftovers(base: Path, environment: Path, root: Path) -> None:
-    """Say which folders can go: of checkouts that are gone, and of earlier pins of this one."""
+    """Say which folders can go: of checkouts that are gone, and of earlier pins of this one. Their list is a file."""
+    listed = base / "unused"
+    listed.unlink(missing_ok=True)
     used, unused = {environment.name}, []
     for workspace in sorted(base.glob("ws-*")):
         if not (workspace / "stamp.json").is_file():
@@ -23,7 +25,8 @@ def name_leftovers(base: Path, environment: Path, root: Path) -> None:
             used.add(env)
     unused += [e for e in sorted(base.glob("env-*")) if (e / "seed-complete").is_file() and e.name not in used]
     if unused:
-        say(f"no longer used; to free the space: rm -r {' '.join(map(str, unused))}")
+        listed.write_text("".join(f"{folder}\n" for folder in unused))
+        say(f"{len(unused)} old folders are used no longer; to free their space: rm -r $(cat {listed})")
 
 
 def _described(workspace: Path) -> tuple[Path, str]:

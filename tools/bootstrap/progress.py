@@ -15,6 +15,14 @@ from typing import IO
 class SetupError(Exception):
     """Set-up cannot go on; the message says why and what to do."""
 
+    exit_code = 1
+
+
+class UsageError(SetupError):
+    """An argument or a variable of the environment asks for what cannot be."""
+
+    exit_code = 2
+
 
 def say(text: str) -> None:
     """One line to the user, apart from what the command itself prints."""

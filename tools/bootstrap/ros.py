@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from progress import SetupError, say
+from progress import UsageError, say
 
 INSTALLED = ("jazzy", "kilted", "lyrical", "rolling")  # in order of preference; older ones lack Python 3.11
 
@@ -35,7 +35,7 @@ def find_ros() -> Ros:
     if wanted:
         found = _ros_at(Path(wanted))
         if found is None:
-            raise SetupError(
+            raise UsageError(
                 f"SEED_ROS={wanted}: no ROS 2 with setup.bash and rclpy there; name its prefix, or 'wheels'"
             )
         return found._replace(underlays=tuple(filter(None, os.environ.get("SEED_UNDERLAYS", "").split(":"))))

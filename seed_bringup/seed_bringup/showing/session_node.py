@@ -21,7 +21,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
 from seed_ros.qos import LATCHED
 
@@ -29,7 +29,7 @@ Watch = Callable[[], None]  # raises when the run must end
 Tell = Callable[[str], None]
 
 
-class SessionError(SeedError):
+class SessionError(FailedError):
     """The cell did not do what was asked; the message says which part and why."""
 
 

@@ -14,7 +14,7 @@ import sys
 import time
 from typing import Any
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_sim.ur.server import SIDE_PORT
 
 _numbers = itertools.count()
@@ -57,7 +57,7 @@ class StandIn:
             except OSError:
                 time.sleep(0.02)
         self.close()
-        raise SeedError(f"the stand-in controller did not start on {self.host}")
+        raise FailedError(f"the stand-in controller did not start on {self.host}")
 
     def ask(self, do: str, **arguments: Any) -> dict[str, Any]:
         """One request to the side port; raises SeedError when it is refused."""
@@ -69,7 +69,7 @@ class StandIn:
                 line = file.readline()
         reply: dict[str, Any] = json.loads(line or b'{"ok": false, "error": "closed"}')
         if not reply.pop("ok"):
-            raise SeedError(f"stand-in refused {do}: {reply['error']}")
+            raise FailedError(f"stand-in refused {do}: {reply['error']}")
         return reply
 
     def kill(self) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.ur_pose import pose_from_matrix
 from seed_sim.ur.server import PLANT_PORT, SIDE_PORT
 
@@ -64,10 +64,12 @@ class PlantLink:
                 break
             except OSError as error:
                 if time.monotonic() > until:
-                    raise SeedError(f"no stand-in UR controller at {self._address[0]}:{SIDE_PORT} ({error})") from error
+                    raise FailedError(
+                        f"no stand-in UR controller at {self._address[0]}:{SIDE_PORT} ({error})"
+                    ) from error
                 time.sleep(0.1)
         if not reply["ok"]:
-            raise SeedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
+            raise FailedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
         self.clock = clock
 
     def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:

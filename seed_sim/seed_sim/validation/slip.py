@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from joblib import Parallel, delayed
 
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_sim.scenario import Scenario
 from seed_sim.tactile import TactileRenderer
@@ -110,7 +110,7 @@ def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, i
     alarms = valid = frames = 0
     for m in moments(p, renderer.reach, replace(_ORDINARY, duration=duration), None, seed):
         if m.held.sliding:
-            raise SeedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
+            raise FailedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
         estimate = estimator.update(renderer.render(m.X_CT, m.stamp, load=m.held.load), m.stamp)
         frames, valid = frames + 1, valid + estimate.valid
         if estimate.gross_slip:

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One rule for every command: 2 when it is used wrongly, with one line that says how."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from seed_bringup.cli import main
+
+WRONG = [
+    "dmeo",
+    "demo --seed -1",
+    "demo --force abc",
+    "demo --task gone",
+    "demo --scenario gone",
+    "demo --scenario {junk}",
+    "demo --out {junk}/below",
+    "demo --out {full}",
+    "demo robot:=kuka",
+    "demo robot:=ur robot_ip:=10.0.0.1",
+    "test seed_core/test/gone.py",
+    "test -n 0 seed_core/test/test_config.py -k gone",
+    "evaluate gone",
+    "evaluate gone --scenarios 1",
+    "evaluate squeegee --force nan",
+    "evaluate squeegee --scenario gone.yaml",
+    "evaluate squeegee --scenario {junk}",
+    "evaluate squeegee --plot plot.png",
+    "evaluate squeegee --scenarios 1 --plot {junk}/plot.png",
+    "validate estimator --scenario gone",
+    "validate estimator --from gone",
+    "validate estimator --from {junk}",
+    "validate slip --minutes -1",
+    "recordings --only press --press gone",
+    "recordings --only infrared --infrared {junk}",
+    "calibrate gone.npz",
+    "calibrate {junk}",
+    "identify --scenario gone",
+    "identify --from gone",
+    "identify --from {junk}",
+    "identify --zero-sensor",
+    "reproduce fig9",
+    "reproduce fig6 --force -1 --out {empty}",
+    "reproduce fig6 --out {junk}/below",
+    "bench gone",
+    "launch",
+    "launch gone",
+    "launch cell gone:=1",
+    "launch {junk}",
+    "bag info gone",
+    "bag play {junk}",
+    "bag record",
+    "ur-sim --host 0.0.0.0",
+    "ur-sim --version 4",
+    "lint --gone",
+]
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
+    """A file of nonsense, a folder with something in it and one without; arguments and signals as before afterwards."""
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    (tmp_path / "junk.yaml").write_text("nonsense: [1, 2")
+    (tmp_path / "a folder").mkdir()
+    (tmp_path / "a folder" / "file").touch()
+    (tmp_path / "empty").mkdir()
+    yield {"junk": str(tmp_path / "junk.yaml"), "full": str(tmp_path / "a folder"), "empty": str(tmp_path / "empty")}
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_wrong_use_exits_with_2_and_says_how(
+    words: str, places: dict[str, str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = shlex.split(words.format(**{name: shlex.quote(place) for name, place in places.items()}))
+    try:
+        code = main(arguments)
+    except SystemExit as ended:  # argparse's own
+        code = ended.code
+    said = capfd.readouterr()
+    assert code == 2, said.err
+    assert "Traceback" not in said.err
+    assert (said.err or said.out).strip()
