@@ -95,7 +95,9 @@ def lint(argv: list[str]) -> int:
     for words in commands:
         print(f"seed lint: {' '.join(words[3:5])}", flush=True)
         codes.append(subprocess.run(words, cwd=root).returncode)
-    return int(any(codes))
+    failed = [" ".join(words[3:5]) for words, code in zip(commands, codes, strict=True) if code]
+    print(f"seed lint: {'failed: ' + ', '.join(failed) if failed else 'all is well'}")
+    return int(bool(failed))
 
 
 def cores(root: Path) -> list[Path]:

@@ -68,7 +68,7 @@ def usage(commands: dict[str, Command]) -> str:
             "The first start sets everything up; SEED_HOME says where (default: ~/.cache/seed-ros2).",
             "SEED_ROS=wheels|/opt/ros/NAME chooses the ROS 2, SEED_PYTHON the interpreter.",
             "",
-            "Exit codes of every command: 0 good; 1 a bad result, or something failed; 2 used wrongly (an argument, or a",
-            "file that it names); 130 after Ctrl-C. A shell's is that of what ran in it.",
+            "Exit codes of every command: 0 good; 1 a bad result, or something failed; 2 used wrongly (an argument,",
+            "or a file that it names); 130 after Ctrl-C. A shell's is that of what ran in it.",
         ]
     )

@@ -31,9 +31,9 @@ from rclpy.serialization import deserialize_message
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo
 
-from seed_bringup.demo import live_rates
 from seed_bringup.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
+from seed_bringup.showing.live import live_rates
 from seed_bringup.showing.session_node import Session, SessionError
 from seed_core.errors import FailedError
 from seed_core.spatial import Array

@@ -64,7 +64,7 @@ class Launch:
         return self
 
     def poll(self) -> int | None:
-        """Look after the nodes once: None while the run goes on, else its result (0: every node ended well; 1: one failed)."""
+        """Look after the nodes once: None while the run goes on, else 0 if every node ended well, 1 if not."""
         for running in list(self.nodes):
             code = running.process.poll()
             if code is not None and self._code is None:

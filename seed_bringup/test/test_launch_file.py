@@ -203,7 +203,7 @@ def test_every_launch_file_of_the_suite_resolves(file: Path) -> None:
 
 def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
     pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
-    from seed_bringup.demo import robot_arguments
+    from seed_bringup.showing.plan import robot_arguments
 
     def programs(words: list[str]) -> set[str]:
         arguments = {**robot_arguments(words), "method": "truth"}
@@ -231,7 +231,7 @@ def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
 
 def test_a_cell_that_is_told_nothing_believes_what_the_simulated_one_is() -> None:
     """Cameras a centimetre beside where they are believed to be see two tools."""
-    from seed_bringup.demo import beliefs
+    from seed_bringup.showing.live import beliefs
 
     told = yaml.safe_load((ROOT / "seed_bringup/config/hand.yaml").read_text())["/**"]["ros__parameters"]
     assert told == beliefs(load_scenario("nominal"))["/**"]["ros__parameters"]

@@ -45,7 +45,7 @@ def test_a_command_tells_wrong_use_from_failure(
     error: BaseException, code: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @command("seed wipe")
-    def main(argv: list[str]) -> int:
+    def main(_: list[str]) -> int:
         raise error
 
     assert main([]) == code
@@ -53,7 +53,7 @@ def test_a_command_tells_wrong_use_from_failure(
 
 
 def test_a_command_gives_its_result_and_lets_defects_through() -> None:
-    assert command("seed wipe")(lambda argv: None)([]) == 0
+    assert command("seed wipe")(lambda _: None)([]) == 0
     assert command("seed wipe")(lambda argv: len(argv))(["--force"]) == 1
     with pytest.raises(ZeroDivisionError):
         command("seed wipe")(lambda argv: 1 // len(argv))([])

@@ -70,9 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     two.add_argument("--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core")
     two.set_defaults(run=_slip)
-    for command in (one, two):
-        command.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
-        command.add_argument("--json", action="store_true", help="print one JSON object")
+    for either in (one, two):
+        either.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
+        either.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 

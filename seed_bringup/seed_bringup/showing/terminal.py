@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the demo says while it runs."""
+
+from __future__ import annotations
+
+import sys
+
+WIDTH = 24  # characters of the bar
+
+
+def say(text: str) -> None:
+    """One line of progress."""
+    print(f"seed demo: {text}", flush=True)
+
+
+class Bar:
+    """Phase, progress and force on one line of the terminal; a line for each phase where there is no terminal."""
+
+    def __init__(self) -> None:
+        self._live = sys.stdout.isatty()
+        self._phase = ""
+
+    def show(self, phase: str, progress: float, force: float) -> None:
+        """Progress from 0 to 1, and the estimated pressing force [N]."""
+        text = f"{phase:<12} {100 * progress:3.0f} %   estimated force {force:6.2f} N"
+        if self._live:
+            done = round(WIDTH * progress)
+            print(f"\r  [{'#' * done}{'.' * (WIDTH - done)}] {text}  ", end="", flush=True)
+        elif phase != self._phase:
+            print(f"  {text}", flush=True)
+        self._phase = phase
+
+    def close(self) -> None:
+        """End the line."""
+        if self._live:
+            print(flush=True)
