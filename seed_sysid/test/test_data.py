@@ -143,7 +143,7 @@ def test_refused_data_overwrite_nothing(data: Dataset, tmp_path: Path, capsys: p
     bad.write_text("\n".join(_lines(BAD["constant channel"][0](data))) + "\n")
     out.mkdir()
     (out / "stiffness.yaml").write_text("precious")
-    assert identify.main(["--from", str(bad), "--out", str(out)]) == 1
+    assert identify.main(["--from", str(bad), "--out", str(out)]) == 2
     assert "dead channel" in capsys.readouterr().err
     assert [f.name for f in out.iterdir()] == ["stiffness.yaml"]
     assert (out / "stiffness.yaml").read_text() == "precious"

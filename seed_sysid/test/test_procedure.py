@@ -112,5 +112,5 @@ def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> Non
     ],
 )
 def test_wrong_arguments_are_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert identify.main(arguments) == 1
+    assert identify.main(arguments) == 2
     assert message in capsys.readouterr().err
