@@ -60,14 +60,15 @@ class CalibratedKinematics(URKinematics):
 
 def load_calibration(path: str, nominal: URKinematics) -> CalibratedKinematics:
     """Read a calibration file; raises SeedError naming file, entry and what was expected."""
-    file = Path(path).expanduser()
-    if not file.is_file():
+    try:
+        data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
         raise SeedError(
             f"calibration_file = {path!r} does not exist; write one with ur_calibration, or leave the setting empty"
-        )
-    try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        ) from error
+    except (OSError, RuntimeError) as error:  # the latter when ~name is nobody's home
+        raise SeedError(f"calibration_file = {path!r} cannot be read: {error}") from error
+    except (yaml.YAMLError, ValueError) as error:
         raise SeedError(f"{path}: not YAML: {error}") from error
     links = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(links, dict):

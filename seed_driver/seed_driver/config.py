@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ from seed_core.ur_models import MODELS
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than every 60 ms counts as lost
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class DriverConfig:
     robot_ip: str = field("", doc="address of the controller; must be set")
     model: str = field("ur5e", choices=tuple(MODELS), doc="arm")
     calibration_file: str = field("", doc="kinematics YAML written by ur_calibration; empty: published lengths")
-    frequency: float = field(0.0, unit="Hz", low=0, high=500, doc="servo rate; 0: 500, or 125 on CB3")
+    frequency: float = field(0.0, unit="Hz", low=0, high=500, doc="servo rate, 50 or more; 0: 500, or 125 on CB3")
     base_frame: str = field("base", doc="name of UR's base frame")
     flange_frame: str = field("tool0", doc="name of the flange frame")
     joint_prefix: str = field("", doc="put before the name of every joint")
@@ -66,6 +68,10 @@ class DriverConfig:
         """Itself, or ConfigError naming the setting, its value, unit and bounds."""
         if not self.robot_ip:
             raise ConfigError("robot_ip is empty: give the controller's address, e.g. robot_ip:=192.168.56.101")
+        if 0.0 < self.frequency < SLOWEST:
+            raise ConfigError(f"frequency = {self.frequency:g} Hz must be 0 or within {SLOWEST:g} and 500 Hz")
+        if self.cpu >= (count := os.cpu_count() or 1):
+            raise ConfigError(f"cpu = {self.cpu} must be -1 or within 0 and {count - 1}: there are {count} processors")
         return checked(self, "driver")
 
 

@@ -16,6 +16,7 @@ import os
 import random
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,12 +88,13 @@ def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, 
     start, failed, faults = time.monotonic(), [], 0
     holds: list[str] = []
     files = len(os.listdir("/proc/self/fd"))
-    shared = _shared_memory()
+    memories: set[int] = set()
     for number in range(first, first + count):
         rng, began = random.Random(f"{seed}/{number}"), time.monotonic()
         names: list[str] = []
         try:
             with Rig("--unlock-after", "0.2", "--on-stop", rng.choice(("paused", "stopped", "playing"))) as rig:
+                memories.add(rig.memory_inode)
                 play(rig, rng, names, holds)
             if time.monotonic() - began > LIMIT:
                 raise SeedError(f"took {time.monotonic() - began:.0f} s, limit {LIMIT} s")
@@ -111,13 +113,18 @@ def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, 
         "seconds": round(time.monotonic() - start, 1),
         "leaked_processes": leftover_processes(os.getpid()),
         "leaked_descriptors": len(os.listdir("/proc/self/fd")) - files,
-        "leaked_shared_memory": sorted(_shared_memory() - shared),
+        "leaked_shared_memory": _holders(memories),
     }
 
 
-def _shared_memory() -> set[str]:
-    """Named shared memory, but for that of ROS nodes that others run: nothing here is one."""
-    return {name for name in os.listdir("/dev/shm") if "fastrtps" not in name}
+def _holders(memories: set[int]) -> list[str]:
+    """Descriptors, of any process, of one of these shared memories, which are given by their inodes."""
+    held = []
+    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):  # closed meanwhile, or somebody else's
+            if "memfd:seed_driver" in os.readlink(descriptor) and descriptor.stat().st_ino in memories:
+                held.append(str(descriptor))
+    return held
 
 
 def main() -> int:

@@ -40,7 +40,7 @@ def refusal(
     if abs(length - 1.0) > UNIT_TOLERANCE:
         return f"target_frame quaternion has length {length:.4f}, must be 1"
     if target.frame != c.base_frame:
-        return f"target_frame is in frame '{target.frame}', must be '{c.base_frame}'"
+        return f"target_frame is in frame '{target.frame:.60}', must be '{c.base_frame}'"
     return _stale(target, c) or _outside(target, c) or _jump(target, command, c) or _unreachable(target, joints, arm)
 
 
@@ -54,14 +54,14 @@ def _stale(target: Target, c: DriverConfig) -> str | None:
 def _outside(target: Target, c: DriverConfig) -> str | None:
     for axis, value, low, high in zip("xyz", target.p, c.workspace_low, c.workspace_high, strict=True):
         if not low <= value <= high:
-            return f"target_frame {axis} = {value:.3f} m leaves the workspace {low} to {high} m"
+            return f"target_frame {axis} = {value:.4g} m leaves the workspace {low} to {high} m"
     return None
 
 
 def _jump(target: Target, command: tuple[Vector, Quaternion], c: DriverConfig) -> str | None:
     distance = hypot(*(a - b for a, b in zip(target.p, command[0], strict=True)))
     if distance > c.max_step:
-        return f"target_frame jumps {distance:.3f} m from the command, limit {c.max_step} m"
+        return f"target_frame jumps {distance:.4g} m from the command, limit {c.max_step} m"
     turn = hypot(*difference(target.q, command[1]))
     if turn > c.max_turning_step:
         limit = degrees(c.max_turning_step)

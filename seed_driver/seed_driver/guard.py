@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot, isfinite
 
 from seed_core.config import ConfigError, field
 from seed_driver.config import DriverConfig
-from seed_driver.gate import Target, refusal
+from seed_driver.gate import UNIT_TOLERANCE, Target, refusal
 from seed_driver.limits import ZERO, Bounds, Follower, Reference
 from seed_driver.rotation import Quaternion, Vector
 
@@ -66,7 +67,9 @@ class Guard:
         return not self.reason
 
     def measured(self, pose: Pose, now: float) -> None:
-        """Where the arm is."""
+        """Where the arm is, unless it is not finite or no rotation."""
+        if not all(map(isfinite, pose[0])) or not abs(hypot(*pose[1]) - 1.0) <= UNIT_TOLERANCE:
+            return
         self._measured, self._measured_at = pose, now
 
     def resume(self, now: float) -> str:

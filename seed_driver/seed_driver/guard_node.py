@@ -9,12 +9,12 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from seed_driver.gate import Target
 from seed_driver.guard import Guard, GuardConfig, Pose
+from seed_ros.conversions import seconds
 from seed_ros.main import run
 from seed_ros.parameters import declare
 from seed_ros.qos import COMMAND, LATCHED, QUEUE
@@ -36,7 +36,7 @@ class GuardNode(Node):
         self.create_timer(1.0 / self.guard.config.rate, self._step)
 
     def _on_target(self, message: PoseStamped) -> None:
-        age = (self.get_clock().now() - Time.from_msg(message.header.stamp)).nanoseconds * 1e-9
+        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
         why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), time.monotonic())
         if why:
             self.get_logger().warning(f"target_frame is not followed: {why}", throttle_duration_sec=1.0)

@@ -15,7 +15,6 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
@@ -26,8 +25,10 @@ from seed_driver.kinematics import arm_kinematics
 from seed_driver.outputs_node import Outputs
 from seed_driver.shared import State
 from seed_driver.supervisor import Supervisor
+from seed_ros.conversions import seconds
 from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
+from seed_ros.parameters import refuse_unknown
 from seed_ros.qos import COMMAND
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
@@ -45,6 +46,7 @@ class DriverNode(LifecycleNode):
         for name, value in to_json(DriverConfig()).items():
             # any type is let in here: the check in on_configure says what would have been right
             self.declare_parameter(name, value, ParameterDescriptor(description=_describe(name), dynamic_typing=True))
+        refuse_unknown(self)
         self.supervisor: Supervisor | None = None
         self.config: DriverConfig | None = None
         self.refused = 0
@@ -91,6 +93,7 @@ class DriverNode(LifecycleNode):
         if self.outputs is not None:
             self.outputs.destroy()
             self.outputs = None
+        self.config = None
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
@@ -107,6 +110,9 @@ class DriverNode(LifecycleNode):
         for future, _ in self._waiting.values():
             future.set_result((False, "the driver was deactivated"))
         self._waiting.clear()
+        for _, future in self._thread_calls:
+            future.set_result("the driver was deactivated")
+        self._thread_calls.clear()
 
     def destroy_node(self) -> None:
         """End the servo process too, also after half a construction."""
@@ -123,12 +129,12 @@ class DriverNode(LifecycleNode):
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         known = to_json(DriverConfig())
         changes = {p.name: p.value for p in parameters if p.name in known}
-        active = self.supervisor is not None
-        fixed = sorted(set(changes) & set(FIXED))
-        if active and fixed:
-            return SetParametersResult(successful=False, reason=f"{fixed[0]} is fixed while the driver is active")
         if self.config is None:
             return SetParametersResult(successful=True)  # everything is checked when the driver is configured
+        fixed = sorted(set(changes) & set(FIXED))
+        if fixed:
+            reason = f"{fixed[0]} is fixed while the driver is configured: deactivate it and clean it up first"
+            return SetParametersResult(successful=False, reason=reason)
         try:
             lists = {n: list(v) if isinstance(known[n], list) else v for n, v in changes.items()}
             from_json({**self._settings(), **lists}).check()
@@ -175,7 +181,7 @@ class DriverNode(LifecycleNode):
 
     def _target(self, message: PoseStamped) -> Target:
         p, q = message.pose.position, message.pose.orientation
-        age = (self.get_clock().now() - Time.from_msg(message.header.stamp)).nanoseconds * 1e-9
+        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
         return Target(message.header.frame_id, age, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
     def _warn(self, text: str) -> None:

@@ -42,7 +42,7 @@ class MiniRtde:
         self.host = host
         try:
             self._socket = socket.create_connection((host, RTDE_PORT), timeout)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # the latter from names that cannot be one of a host
             raise LinkError(
                 f"no controller at {host}:{RTDE_PORT} ({error}); check robot_ip, cable and power"
             ) from error

@@ -40,22 +40,26 @@ def hasten(pid: int) -> None:
         os.setpriority(os.PRIO_PROCESS, pid, HASTE)
 
 
-def realtime(config: DriverConfig, above: int = 0) -> None:
-    """Real-time priority and one processor, when the system allows it."""
-    try:
-        if config.cpu >= 0:
+def realtime(config: DriverConfig) -> None:
+    """Real-time priority and one processor, when the system allows it; timing is measured, whether or not it does."""
+    if config.cpu >= 0:
+        with suppress(OSError):
             os.sched_setaffinity(0, {config.cpu})
-        if config.realtime_priority > 0:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(config.realtime_priority + above))
-    except OSError:
-        pass  # ordinary users may not; timing is measured and shown in the diagnostics
+    if config.realtime_priority > 0:
+        _prioritize(config.realtime_priority)
+
+
+def _prioritize(priority: int) -> None:
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
 @contextmanager
 def threads_above(config: DriverConfig) -> Iterator[None]:
     """Threads made in the block get a higher priority than ours: ur_rtde spins until they have received something."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
-    realtime(config, above=1)
+    if config.realtime_priority > 0:
+        _prioritize(config.realtime_priority + 1)
     try:
         yield
     finally:

@@ -7,6 +7,7 @@ Needs seed_sim. Used by the tests, `bench` and `fault_sequences`; nothing in the
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from seed_driver.config import DriverConfig
 from seed_driver.rotation import Quaternion, Vector
 from seed_driver.shared import State
 from seed_driver.supervisor import Reply, Supervisor
-from seed_sim.ur.client import StandIn
+from seed_sim.ur.client import StandIn, private_host
 
 Path = Callable[[float], tuple[Vector, Quaternion]]
 STEP = 0.004  # [s] between targets: a 250 Hz controller
@@ -38,8 +39,9 @@ class Rig:
     """A context manager that leaves no process behind. Stand-in options as on its command line."""
 
     def __init__(self, *standin: str, **settings: Any) -> None:
-        self.robot = StandIn(None, *standin)
-        self.supervisor = Supervisor(DriverConfig(**{"robot_ip": self.robot.host, **settings}))
+        host = private_host()
+        self.supervisor = Supervisor(DriverConfig(**{"robot_ip": host, **settings}))
+        self.robot = StandIn(host, *standin)
         self.events: list[Event] = []
         self.path: Path | None = None
         self._path_start = 0.0
@@ -56,6 +58,12 @@ class Rig:
     def state(self) -> State:
         """The newest state."""
         return self.supervisor.state
+
+    @property
+    def memory_inode(self) -> int:
+        """Of the memory shared with the servo process, by which it is known in every process."""
+        assert self.supervisor._memory is not None
+        return os.fstat(self.supervisor._memory.fd).st_ino
 
     def step(self) -> State:
         """One turn: a target if there is a path and the driver follows, supervision, log."""

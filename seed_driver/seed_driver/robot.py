@@ -131,25 +131,21 @@ class Robot:
         self.states.poll()
         deadline = time.monotonic() + 1.5
         while self.states.runtime_state != link.PLAYING:
-            if time.monotonic() > deadline:
-                raise LinkError("the robot does not start our program; look at the pendant")
+            demand(time.monotonic() < deadline, "start our program")
             time.sleep(0.004)
             self.states.poll()
         time.sleep(3.0 / CONTROL_RATE)  # until ur_rtde knows it too: it refuses commands to a program that does not run
 
     def _set_up(self) -> None:
         self.apply_tool(self.config)
-        if not self.control.setWatchdog(self.config.watchdog_frequency):
-            raise LinkError("the robot does not take the watchdog; look at the pendant")
+        demand(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
 
     def apply_tool(self, config: DriverConfig) -> None:
         """Send TCP, payload and speed slider to the controller."""
         self.config = config
         self._set_tcp(config)
-        if not self.control.setTcp(list(config.tcp)):
-            raise LinkError("the robot does not take the TCP; look at the pendant")
-        if not self.control.setPayload(config.payload_mass, list(config.payload_cog)):
-            raise LinkError("the robot does not take the payload; look at the pendant")
+        demand(self.control.setTcp(list(config.tcp)), "take the TCP")
+        demand(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
         self.set_slider(config.speed_slider)
 
     def set_slider(self, fraction: float) -> None:
@@ -177,6 +173,12 @@ class Robot:
         if self.control is not None:
             self.control.servoStop()
             self.control.stopScript()
+
+
+def demand(done: bool, what: str) -> None:
+    """Raise LinkError unless the robot has done what it was asked for."""
+    if not done:
+        raise LinkError(f"the robot does not {what}; look at the pendant")
 
 
 def send_at_once(port: int) -> None:

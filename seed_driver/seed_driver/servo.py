@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import struct
 import sys
 import time
 from typing import Any
@@ -23,7 +24,7 @@ from seed_driver.probe import LinkError
 from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
 from seed_driver.robot import Robot, load
 from seed_driver.session import Session
-from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, TargetSlot
+from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
 from seed_driver.timing import Periods
 
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes
@@ -77,6 +78,8 @@ class ServoProcess:
                     return Robot(self.session.config)
             except (LinkError, RuntimeError) as error:
                 self._wait(str(error), RETRY)
+            except (struct.error, ValueError, KeyError) as error:
+                self._wait(f"{self.session.config.robot_ip} answers like no UR controller: {error}", RETRY)
 
     def _wait(self, reason: str, seconds: float) -> None:
         """Wait, with a heart that beats."""
@@ -185,8 +188,8 @@ class ServoProcess:
 
     def _quit(self) -> str:
         """Decelerate, end the program, end the process."""
-        self.session.hold("the driver is shutting down")
-        self.session.want_start, self._quitting = False, True
+        self.session.stop()
+        self.session.reason, self._quitting = "the driver is shutting down", True
         if self.session.robot is None:
             os._exit(0)
         return ""
@@ -201,17 +204,27 @@ class ServoProcess:
     def publish(self, stage: Stage) -> None:
         """Write the state, and that we live."""
         s, m, now = self.session, self.motion, time.monotonic()
-        number = m.target.number if m.target is not None else 0
-        self.memory.write_state(
-            (now, s.sample_time, self.ticks, stage, m.armed and stage == Stage.SERVOING, s.linked),
-            s.sample if s.sample is not None else NO_SAMPLE,
-            (*m.follower.p, *m.follower.q),
-            (s.clock, number, self.sent, self.latency),
-            (self.periods.p50, self.periods.p99, self.periods.largest),
-            s.want_start,
-            self._version,
-            s.reason,
+        state = State(
+            heartbeat=now,
+            sample_time=s.sample_time,
+            ticks=self.ticks,
+            stage=stage,
+            armed=m.armed and stage == Stage.SERVOING,
+            linked=s.linked,
+            sample=s.sample if s.sample is not None else NO_SAMPLE,
+            command=(*m.follower.p, *m.follower.q),
+            timestamp=s.clock,
+            target_number=m.target.number if m.target is not None else 0,
+            sent=self.sent,
+            latency=self.latency,
+            period_p50=self.periods.p50,
+            period_p99=self.periods.p99,
+            period_max=self.periods.largest,
+            wants_start=s.want_start,
+            version=self._version,
+            reason=s.reason,
         )
+        self.memory.write_state(state)
         self._published_reason = s.reason
 
     def end(self, code: int, reason: str) -> None:

@@ -11,7 +11,7 @@ from seed_driver.config import TOOL, DriverConfig
 from seed_driver.motion import Motion
 from seed_driver.probe import LinkError
 from seed_driver.realtime import threads_above
-from seed_driver.robot import Robot
+from seed_driver.robot import Robot, demand
 from seed_driver.shared import Sample
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
@@ -145,8 +145,10 @@ class Session:
         self.running = True
 
     def stop(self) -> str:
-        """Decelerate and hold."""
+        """Decelerate and hold, in freedrive too."""
         self.want_start = False
+        if self.freedrive:
+            self.set_freedrive(False)
         self.hold("stopped on request")
         return "holding"
 
@@ -160,8 +162,7 @@ class Session:
         """Zero the force/torque sensor while the arm stands."""
         robot = self._need_program()
         self._need_rest()
-        if not robot.control.zeroFtSensor():
-            raise LinkError("the controller did not zero the force/torque sensor")
+        demand(robot.control.zeroFtSensor(), "zero the force/torque sensor")
         return "force/torque sensor zeroed"
 
     def set_freedrive(self, on: bool) -> str:
@@ -169,11 +170,10 @@ class Session:
         robot = self._need_program()
         if on and not self.freedrive:
             self._need_rest()
+            demand(robot.control.servoStop() and robot.control.freedriveMode(), "go into freedrive")
             self.hold("freedrive")
-            robot.control.servoStop()
-            robot.control.freedriveMode()
         elif not on and self.freedrive:
-            robot.control.endFreedriveMode()
+            demand(robot.control.endFreedriveMode(), "leave freedrive")
             self._begin(robot)
             self.reason = "freedrive ended"
         self.freedrive = on

@@ -11,7 +11,6 @@ from __future__ import annotations
 import mmap
 import os
 import struct
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -19,7 +18,7 @@ from seed_driver.rotation import Quaternion, Vector
 
 _TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
 _COUNTER = struct.Struct("<Q")
-_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQddddI64s160s")
+_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQddddI64s256s")
 _HALF = 4096
 
 
@@ -66,52 +65,32 @@ class Sample(NamedTuple):
     speed_scaling: float
 
 
-class State(NamedTuple):
-    """What the servo process knows; times are the host's monotonic clock [s]."""
-
-    heartbeat: float
-    sample_time: float  # when the newest sample came from the robot
-    ticks: int
-    stage: Stage
-    armed: bool  # targets are followed
-    linked: bool
-    sample: Sample
-    command: tuple[float, ...]  # pose of the flange: position [m], quaternion
-    timestamp: float  # [s] the controller's clock
-    target_number: int  # of the newest target used
-    sent: int  # servo commands
-    latency: float  # [s] from receipt of the newest target to its first command
-    period_p50: float
-    period_p99: float
-    period_max: float
-    wants_start: bool  # the program will be started without being asked for
-    version: str
-    reason: str  # why it holds, or what it waits for
-
-
 ZERO6 = (0.0,) * 6
 HERE: Quaternion = (0.0, 0.0, 0.0, 1.0)
 NO_SAMPLE = Sample(ZERO6, ZERO6, ZERO6, (0.0, 0.0, 0.0), HERE, ZERO6, ZERO6, Modes(), 1.0)
-EMPTY = State(
-    0.0,
-    0.0,
-    0,
-    Stage.STARTING,
-    False,
-    False,
-    NO_SAMPLE,
-    (0.0, 0.0, 0.0, *HERE),
-    0.0,
-    0,
-    0,
-    0.0,
-    0.0,
-    0.0,
-    0.0,
-    False,
-    "",
-    "",
-)
+
+
+class State(NamedTuple):
+    """What the servo process knows; times are the host's monotonic clock [s]."""
+
+    heartbeat: float = 0.0
+    sample_time: float = 0.0  # when the newest sample came from the robot
+    ticks: int = 0
+    stage: Stage = Stage.STARTING
+    armed: bool = False  # targets are followed
+    linked: bool = False
+    sample: Sample = NO_SAMPLE
+    command: tuple[float, ...] = (0.0, 0.0, 0.0, *HERE)  # pose of the flange: position [m], quaternion
+    timestamp: float = 0.0  # [s] the controller's clock
+    target_number: int = 0  # of the newest target used
+    sent: int = 0  # servo commands
+    latency: float = 0.0  # [s] from receipt of the newest target to its first command
+    period_p50: float = 0.0
+    period_p99: float = 0.0
+    period_max: float = 0.0
+    wants_start: bool = False  # the program will be started without being asked for
+    version: str = ""
+    reason: str = ""  # why it holds, or what it waits for
 
 
 class SharedMemory:
@@ -127,7 +106,7 @@ class SharedMemory:
         fd = os.memfd_create("seed_driver")
         os.ftruncate(fd, 2 * _HALF)
         memory = cls(fd)
-        memory.write_reason("starting", 0.0)
+        memory.write_state(State(reason="starting"))
         return memory
 
     def close(self) -> None:
@@ -149,20 +128,11 @@ class SharedMemory:
         number, received, x, y, z, *q = _TARGET.unpack(data)
         return TargetSlot(number, received, (x, y, z), (q[0], q[1], q[2], q[3]))
 
-    def write_state(
-        self,
-        head: tuple[float, float, int, int, bool, bool],
-        sample: Sample,
-        command: Sequence[float],
-        counts: tuple[float, int, int, float],
-        periods: tuple[float, float, float],
-        wants_start: bool,
-        version: str,
-        reason: str,
-    ) -> None:
-        """Servo process: publish the state; the arguments' parts are in the order of State."""
+    def write_state(self, state: State) -> None:
+        """Servo process: publish the state; before it lives, the node does."""
+        sample = state.sample
         data = _STATE.pack(
-            *head,
+            *state[:6],
             *sample.modes,
             *sample.q,
             *sample.qd,
@@ -172,19 +142,12 @@ class SharedMemory:
             *sample.twist,
             *sample.wrench,
             sample.speed_scaling,
-            *command,
-            *counts,
-            *periods,
-            wants_start,
-            version.encode()[:64],
-            reason.encode()[:160],
+            *state.command,
+            *state[8:16],
+            state.version.encode()[:64],
+            state.reason.encode()[:256],
         )
         self._write(_HALF, data)
-
-    def write_reason(self, reason: str, now: float) -> None:
-        """Node: an empty state with only a reason and a heartbeat, before a servo process lives."""
-        head = (now, 0.0, 0, Stage.STARTING, False, False)
-        self.write_state(head, NO_SAMPLE, EMPTY.command, (0.0, 0, 0, 0.0), (0.0, 0.0, 0.0), False, "", reason)
 
     def read_state(self) -> State | None:
         """Node: the newest state, None while one is being written."""
@@ -204,10 +167,8 @@ class SharedMemory:
             speed_scaling=v[48],
         )
         version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[64:66])
-        return State(
-            v[0], v[1], v[2], Stage(v[3]), bool(v[4]), bool(v[5]), sample, v[49:56], v[56], v[57], v[58], v[59], v[60],
-            v[61], v[62], bool(v[63]), version, reason,
-        )  # fmt: skip
+        head = (*v[:3], Stage(v[3]), bool(v[4]), bool(v[5]))
+        return State._make((*head, sample, v[49:56], *v[56:63], bool(v[63]), version, reason))
 
     def _write(self, at: int, data: bytes) -> None:
         (count,) = _COUNTER.unpack_from(self._map, at)

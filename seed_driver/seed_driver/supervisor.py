@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, to_json
 from seed_driver.realtime import hasten
-from seed_driver.shared import EMPTY, SharedMemory, Stage, State, TargetSlot
+from seed_driver.shared import SharedMemory, Stage, State, TargetSlot
 from seed_driver.starting import Start
 
 LONGEST_START = 40.0  # [s] without a heartbeat while the process starts, from a cold disk of a busy machine
@@ -45,7 +45,7 @@ class Supervisor:
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config.check()
-        self.state: State = EMPTY
+        self.state = State()
         self.replies: dict[int, Reply] = {}
         self.deaths = 0
         self._memory: SharedMemory | None = None
@@ -69,17 +69,18 @@ class Supervisor:
         assert self._memory is not None
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         reason = self.state.reason if self.deaths else "starting"
-        self._memory.write_reason(reason, now)
+        self._memory.write_state(State(heartbeat=now, reason=reason))
         command = [sys.executable, "-m", "seed_driver.servo", str(self._memory.fd), str(theirs.fileno())]
         self._process = subprocess.Popen(
             command, pass_fds=(self._memory.fd, theirs.fileno()), stdin=subprocess.DEVNULL, close_fds=True
         )
         if self.config.realtime_priority > 0:
             hasten(self._process.pid)
-        theirs.close()
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
+        theirs.close()
         self._wire, self._starting = ours, Start(self._process.pid, now)
+        self.state = self.state._replace(stage=Stage.STARTING)
 
     @property
     def pid(self) -> int | None:
@@ -195,7 +196,7 @@ class Supervisor:
         if self._memory is not None:
             self._memory.close()
             self._memory = None
-        self.state = EMPTY._replace(reason="not active")
+        self.state = State(reason="not active")
 
 
 def _obituary(code: int) -> str:

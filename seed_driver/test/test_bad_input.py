@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever is wrong at the robot's end is named within three seconds, and the driver goes on trying."""
 
+import contextlib
+import socket
+import struct
+import threading
 import time
 from pathlib import Path
 
@@ -37,7 +41,9 @@ def complaint(text: str, host: str, **settings) -> str:
         supervisor.close()
 
 
-@pytest.mark.parametrize("host", ["127.0.77.1", "192.0.2.1"], ids=["nobody-there", "no-such-network"])
+@pytest.mark.parametrize(
+    "host", ["127.0.77.1", "192.0.2.1", "192.168..1"], ids=["nobody-there", "no-such-network", "no-address"]
+)
 def test_wrong_address(host: str) -> None:
     assert f"no controller at {host}:30004" in complaint("no controller", host)
 
@@ -62,6 +68,42 @@ def test_a_controller_that_answers_but_sends_no_data() -> None:
     with StandIn() as robot:
         robot.ask("no_data", seconds=30.0)
         assert "sends no data" in complaint("sends no data", robot.host)
+
+
+@pytest.mark.parametrize(
+    ("answers", "text"),
+    [
+        ([b"SSH-2.0-OpenSSH_9.6\r\n"], "does not speak RTDE"),
+        ([b"\0\4V\1", b"\0\7v\0\0\0\5"], "answers like no UR controller"),
+        (
+            [b"\0\4V\1", b"\0\x13v" + struct.pack(">4I", 5, 12, 4, 1), b"\0\x0aO\1BANANA"],
+            "answers like no UR controller",
+        ),
+    ],
+    ids=["another-service", "short-version", "unknown-type"],
+)
+def test_something_else_that_listens_at_the_address(answers: list[bytes], text: str) -> None:
+    host, ended = private_host(), threading.Event()
+    with socket.create_server((host, 30004)) as server:
+
+        def serve() -> None:
+            while not ended.is_set():
+                connection, _ = server.accept()
+                with connection, contextlib.suppress(OSError):
+                    for answer in answers:
+                        connection.recv(4096)
+                        connection.sendall(answer)
+                    connection.recv(4096)
+                    connection.sendall(b"\0\4S\1\0\4U\1")
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            assert text in complaint(text, host)
+        finally:
+            ended.set()
+            socket.create_connection((host, 30004)).close()
+            thread.join()
 
 
 def test_local_control_is_named_and_remote_control_starts() -> None:

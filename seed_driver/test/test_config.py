@@ -30,6 +30,8 @@ NOMINAL = URKinematics.for_model("ur5e")
         ({"robot_ip": ""}, "robot_ip is empty"),
         ({"payload_mass": -1.0}, "payload_mass = -1 kg must be within 0 and 20 kg"),
         ({"speed": 1.0}, "unknown key 'speed'"),
+        ({"frequency": 3.0}, "frequency = 3 Hz must be 0 or within 50 and 500 Hz"),
+        ({"cpu": 1000}, "cpu = 1000 must be -1 or within 0 and"),
     ],
 )
 def test_a_bad_setting_is_refused(settings: dict, message: str) -> None:
@@ -99,6 +101,12 @@ def test_a_bad_calibration_file_is_named(tmp_path: Path, text: str | None, messa
     with pytest.raises(SeedError) as caught:
         arm_kinematics(DriverConfig(robot_ip="127.0.0.9", calibration_file=str(file)))
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("path", ["/proc", "~nobody-of-that-name/c.yaml", "a" * 5000])
+def test_a_calibration_file_that_cannot_be_read_is_named(path: str) -> None:
+    with pytest.raises(SeedError, match=r"calibration_file = .* cannot be read"):
+        arm_kinematics(DriverConfig(robot_ip="127.0.0.9", calibration_file=path))
 
 
 def test_calibration_of_another_arm_is_refused(tmp_path: Path) -> None:

@@ -119,6 +119,17 @@ def test_a_fault_during_the_first_start_does_not_end_the_starting(fault: str) ->
         assert not rig.state.armed
 
 
+def test_a_request_to_a_process_that_has_only_just_been_started_is_answered_at_once() -> None:
+    with Rig() as rig:
+        rig.ready()
+        rig.supervisor._process.kill()
+        rig.wait(lambda _: rig.supervisor.deaths == 1, 2.0, "death")
+        rig.wait(lambda _: rig.supervisor.pid is not None, 2.0, "next life")
+        reply = rig.supervisor.replies[rig.supervisor.send("start")]
+        assert not reply.ok
+        assert "no link to the robot" in reply.text
+
+
 def test_a_process_stopped_while_it_starts_is_replaced_before_a_request_gives_up() -> None:
     """It does not work any more: that is seen in the first life as in a later one."""
     with Rig() as rig:

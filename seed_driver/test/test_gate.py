@@ -8,6 +8,7 @@ import pytest
 from seed_core.ur_kinematics import URKinematics
 from seed_driver.config import DriverConfig
 from seed_driver.gate import Target, refusal
+from seed_driver.guard import Guard, GuardConfig
 from seed_driver.rotation import from_rotation_vector
 
 ARM = URKinematics.for_model("ur5e")
@@ -37,8 +38,8 @@ def test_a_target_here_and_now_passes() -> None:
         ({"frame": "base_link"}, "frame 'base_link', must be 'base'"),
         ({"age": 0.5}, "stamp is 0.500 s old, limit 0.1 s"),
         ({"age": -0.5}, "0.500 s ahead of this computer's clock"),
-        ({"p": (HERE[0], HERE[1] + 1.0, HERE[2])}, "jumps 1.000 m from the command, limit 0.05 m"),
-        ({"p": (HERE[0], HERE[1], 1.7)}, "z = 1.700 m leaves the workspace -0.6 to 1.6 m"),
+        ({"p": (HERE[0], HERE[1] + 1.0, HERE[2])}, "jumps 1 m from the command, limit 0.05 m"),
+        ({"p": (HERE[0], HERE[1], 1.7)}, "z = 1.7 m leaves the workspace -0.6 to 1.6 m"),
     ],
 )
 def test_a_bad_target_is_refused_with_the_number(changes, reason) -> None:
@@ -58,3 +59,14 @@ def test_a_target_out_of_reach_is_refused() -> None:
 
 def test_the_quaternion_of_either_sign_is_the_same_rotation() -> None:
     assert say(q=tuple(-t for t in DOWN)) is None
+
+
+@pytest.mark.parametrize(
+    "pose", [((math.nan, 0.0, 0.0), DOWN), (HERE, (0.0, 0.0, 0.0, 0.0)), (HERE, (math.nan, 0.0, 0.0, 1.0))]
+)
+def test_the_guard_does_not_start_from_what_is_no_pose(pose) -> None:
+    guard = Guard(GuardConfig())
+    guard.measured(pose, 1.0)
+    assert "no current_pose" in guard.resume(1.0)
+    guard.measured((HERE, DOWN), 1.0)
+    assert guard.resume(1.0) == ""

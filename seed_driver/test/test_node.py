@@ -17,8 +17,14 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
+from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from std_srvs.srv import Trigger
+
 from seed_driver.peer_node import Peer, SetBool
 from seed_driver.rotation import rotate, turned
+from seed_driver.supervisor import leftover_processes
 from seed_sim.ur.client import StandIn
 
 pytestmark = pytest.mark.ros
@@ -145,6 +151,28 @@ def test_an_old_target_and_a_foreign_frame_are_refused(peer) -> None:
     peer.wait(lambda: "frame 'world', must be 'base'" in peer.latest["hold_reason"].data, 1.0, "refusal")
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda m: setattr(m.header.stamp, "sec", -1), " s old, limit 0.1 s"),
+        (lambda m: setattr(m.header.stamp, "nanosec", 2**32 - 1), "ahead of this computer's clock"),
+        (lambda m: setattr(m.header, "frame_id", "x" * 100_000), "must be 'base'"),
+    ],
+    ids=["before-1970", "nanoseconds-of-seconds", "endless-frame"],
+)
+def test_an_absurd_header_is_refused_as_any_other(peer, node, change, reason) -> None:
+    peer.hold(0.3)
+    message = PoseStamped()
+    message.header.stamp, message.header.frame_id = peer.node.get_clock().now().to_msg(), "base"
+    message.pose = peer.poses[-1][1].pose
+    change(message)
+    before = leftover_processes(node.pid)
+    peer.targets.publish(message)
+    peer.wait(lambda: reason in peer.latest["hold_reason"].data, 1.0, "refusal")
+    assert node.poll() is None
+    assert leftover_processes(node.pid) == before
+
+
 def test_stop_holds_until_the_program_is_asked_for_again(peer, robot) -> None:
     (x, y, z), q = peer.pose()
 
@@ -222,12 +250,40 @@ def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> No
     refused = peer.set_parameter("servo_gain", 5000.0)
     assert refused[0] is False
     assert "servo_gain = 5000 must be within 100 and 2000" in refused[1]
-    assert "fixed while the driver is active" in peer.set_parameter("robot_ip", "127.0.0.1")[1]
+    assert "robot_ip is fixed while the driver is configured" in peer.set_parameter("robot_ip", "127.0.0.1")[1]
+
+
+def transit(peer: Peer, *labels: str) -> None:
+    for label in labels:
+        assert peer.call("change_state", ChangeState, transition=Transition(label=label)).success
+
+
+def test_what_is_fixed_can_be_changed_by_configuring_anew(peer) -> None:
+    for frame in "world", "base":
+        transit(peer, "deactivate")
+        assert not peer.set_parameter("base_frame", frame)[0]  # the publishers have the other one
+        transit(peer, "cleanup")
+        assert peer.set_parameter("base_frame", frame)[0]
+        peer.poses.clear()
+        transit(peer, "configure", "activate")
+        peer.wait(lambda: running(peer) and peer.poses, 20.0, "driver ready")
+        assert peer.poses[-1][1].header.frame_id == frame
+
+
+def test_a_call_that_waits_for_the_robot_is_answered_when_the_driver_is_deactivated(peer, robot) -> None:
+    robot.ask("mute", seconds=1.0)
+    unlock = peer.node.create_client(Trigger, "driver/unlock_protective_stop")
+    assert unlock.wait_for_service(5.0)
+    answer = unlock.call_async(Trigger.Request())
+    peer.spin(0.05)
+    transit(peer, "deactivate")
+    peer.wait(answer.done, 5.0, "answer")
+    assert not answer.result().success
+    transit(peer, "activate")
+    peer.wait(lambda: running(peer), 20.0, "driver ready")
 
 
 def test_the_servo_process_may_die_and_the_node_lives(peer, node) -> None:
-    from seed_driver.supervisor import leftover_processes
-
     (child,) = leftover_processes(node.pid)
     os.kill(child, signal.SIGSEGV)
     peer.wait(lambda: not running(peer) and peer.latest["hold_reason"].data != "", 5.0, "death reported")

@@ -59,6 +59,12 @@ def test_a_wrong_parameter_is_named_and_the_node_stays(tmp_path, parameters, mes
     assert node.end() == 0
 
 
+def test_a_parameter_that_does_not_exist_is_named(tmp_path) -> None:
+    node = Node(tmp_path, "robot_ip:=127.0.0.9", "max_sped:=0.1")
+    assert node.says("driver has no parameter 'max_sped'; did you mean max_speed"), node.file.read_text()
+    assert node.process.wait(10.0) == 1
+
+
 def test_a_node_without_a_robot_waits_and_ends_on_interrupt(tmp_path) -> None:
     host = private_host()
     node = Node(tmp_path, f"robot_ip:={host}")

@@ -141,6 +141,16 @@ def test_freedrive_and_back_without_a_jump(rig) -> None:
     assert rig.ask("start").ok
 
 
+def test_stop_ends_freedrive(rig) -> None:
+    assert rig.ask("freedrive", on=True).ok
+    rig.run(0.2)
+    assert rig.ask("stop").ok
+    assert rig.robot.ask("state")["freedrive"] is False
+    rig.run(0.1)
+    assert rig.state.reason == "stopped on request"
+    assert rig.ask("start").ok
+
+
 def test_zeroing_is_refused_while_moving_and_done_at_rest(rig) -> None:
     rig.robot.ask("wrench", wrench=[0, 0, 5, 0, 0, 0])
     rig.sway()

@@ -89,6 +89,18 @@ def test_a_tcp_moves_the_robots_pose_not_ours() -> None:
         assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
 
 
+def test_closing_in_freedrive_ends_it_and_the_program() -> None:
+    with Rig() as rig:
+        rig.ready()
+        assert rig.ask("freedrive", on=True).ok
+        rig.run(0.2)
+        start = time.monotonic()
+        rig.supervisor.close()
+        assert time.monotonic() - start < 1.5  # the process is killed after 2 s
+        state = rig.robot.ask("state")
+        assert (state["freedrive"], state["runtime_state"], state["messages"]) == (False, 1, [])
+
+
 def test_closing_leaves_the_robot_at_rest_and_no_process() -> None:
     descriptors, others = len(os.listdir("/proc/self/fd")), leftover_processes(os.getpid())
     with Rig() as rig:

@@ -47,7 +47,10 @@ def test_a_robot_whose_clock_has_run_ahead_gets_one_step_per_cycle(memory) -> No
 
 
 def test_the_priority_of_new_threads_is_not_kept_by_the_one_that_makes_them() -> None:
-    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-    with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=5)):
+    def scheduling():
+        return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
+
+    before = scheduling()
+    with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=5, cpu=0)):
         pass
-    assert (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority) == before
+    assert scheduling() == before

@@ -5,7 +5,7 @@ import os
 import signal
 import time
 
-from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, TargetSlot
+from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
 
 
 def test_targets_and_states_come_out_as_they_went_in() -> None:
@@ -15,22 +15,11 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     assert memory.read_target(2) == target
     assert memory.read_target(3) is None
     sample = NO_SAMPLE._replace(q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), speed_scaling=0.5)
-    head = (9.0, 8.0, 7, Stage.SERVOING, True, True)
-    memory.write_state(
-        head, sample, (1, 2, 3, 0, 0, 0, 1), (4.0, 5, 6, 0.7), (0.1, 0.2, 0.3), True, "5.12.4.1", "grüße"
-    )
-    state = memory.read_state()
-    assert state is not None
-    assert (state.heartbeat, state.stage, state.armed, state.linked) == (9.0, Stage.SERVOING, True, True)
-    assert state.wants_start
-    assert state.sample == sample
-    assert (state.sent, state.latency, state.period_max, state.version, state.reason) == (
-        6,
-        0.7,
-        0.3,
-        "5.12.4.1",
-        "grüße",
-    )
+    head = (9.0, 8.0, 7, Stage.SERVOING, True, False, sample)
+    command, words = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0), (True, "5.12.4", "grüße")
+    state = State(*head, command, 4.0, 5, 6, 0.7, 0.1, 0.2, 0.3, *words)
+    memory.write_state(state)
+    assert memory.read_state() == state
     memory.close()
 
 
