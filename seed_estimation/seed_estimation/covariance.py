@@ -15,14 +15,14 @@ import numpy as np
 
 from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit import Fit
-from seed_estimation.slip import OFF, MicroSlip
+from seed_estimation.slip import MicroSlip
 
 # Chosen on rendered bubbles, seeds 901 and 951 to 953 of ten scenarios; docs/estimation.md has the outcome on others
-SCATTER = 0.7  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
+SCATTER = 0.65  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
 OWN = 0.25  # [1] deviations of the fit's own information
-SLIP_DOUBT = 0.1  # [1] share of a corrected micro-slip by which it may be wrong
-LEARNT = 0.04  # [1] deviation from which a micro-slip that is not corrected counts as known to be none
-ROUGH = 0.2  # [1] share of the slip's doubt that works in any direction
+LEARNT = 0.02  # [1] deviation from which a micro-slip counts as known
+ROUGH = 0.2  # [1] share of what is not known of it that works in any direction
+UNEVEN = 0.045  # [1] share of what is corrected that does: no patch slips by the same share all over
 HIDDEN = 0.4  # [1] an image of which less is explained shows something else, or nothing
 ALONE = 2.0  # [1] deviations so much larger as soon as one of two images is hidden: what it balanced shows up
 MEMORY = 0.05  # weight of one frame in the average
@@ -47,16 +47,15 @@ class Covariance:
 
     def of(self, result: Fit, slip: MicroSlip) -> Array:
         """(6, 6) of [rotation vector in C, translation in C], of the fit that `update` took last."""
-        doubt = float(np.hypot(slip.deviation, SLIP_DOUBT * slip.value))
         own = OWN**2 * np.eye(6) + (0.0 if self._excess is None else SCATTER**2 * self._excess)
         alone = len(result.locked) > 1 and min(result.locked.values()) < HIDDEN
         C = (ALONE**2 if alone else 1.0) * self._root.T @ own @ self._root
-        C += doubt**2 * np.outer(result.slip_effect, result.slip_effect)
+        C += slip.deviation**2 * np.outer(result.slip_effect, result.slip_effect)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = result.X_CT[:3, :3]
         C = R @ C @ R.T
-        unknown = doubt if slip.estimate > OFF else float(np.sqrt(max(doubt**2 - LEARNT**2, 0.0)))
-        if unknown > 0.0:  # one share for the whole patch and all axes is a rough model
-            turn, way = np.linalg.norm(so3_log(result.X_CT[:3, :3])), np.linalg.norm(result.X_CT[:3, 3])
-            C += np.diag(np.square(ROUGH * unknown * np.array((turn, turn, turn, way, way, way))))
+        unknown = max(slip.variance - LEARNT**2, 0.0)
+        turn, way = np.linalg.norm(so3_log(result.X_CT[:3, :3])), np.linalg.norm(result.X_CT[:3, 3])
+        anywhere = ROUGH**2 * unknown + UNEVEN**2 * slip.value**2
+        C += anywhere * np.diag(np.square((turn, turn, turn, way, way, way)))
         return np.asarray(0.5 * (C + C.T))

@@ -63,6 +63,13 @@ def test_all_six_axes_are_seen(p: TactileParameters) -> None:
     assert (rmse < (0.35, 0.25, 0.45, 0.10, 0.12, 0.10)).all(), rmse
 
 
+def test_a_small_micro_slip_is_corrected() -> None:
+    """5 % of this motion would be 0.25 degrees and 0.18 mm."""
+    rmse, valid = errors(TactileParameters(slip=0.05), 11, 3.0)
+    assert valid == 1.0
+    assert (rmse < (0.12, 0.12, 0.12, 0.08, 0.04, 0.08)).all(), rmse
+
+
 def test_the_published_method_sees_y_and_is_blind_along_a_long_cylinder() -> None:
     """The paper's findings (Sec. VII-D) for a cylinder along z: y is good, z does not show at all."""
     estimator, bubbles = held(TactileParameters(), 12, "published")

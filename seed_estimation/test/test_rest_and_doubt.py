@@ -43,9 +43,17 @@ def _learnt(demands: Array, information: float) -> MicroSlip:
 
 def test_a_slip_that_depth_hardly_sees_stays_in_doubt() -> None:
     """One bubble: five seconds of demands that err alike by as much as the slip itself."""
-    alike = np.repeat(np.random.default_rng(3).normal(0.1, 0.1, 10), 23)
-    slip = _learnt(alike, 50.0)
-    assert slip.deviation > 0.7 * START_DEVIATION
+    for seed in range(5):
+        alike = np.repeat(np.random.default_rng(seed).normal(0.1, 0.1, 10), 23)
+        slip = _learnt(alike, 50.0)
+        assert abs(slip.value - 0.1) < 2.0 * slip.deviation
+        assert slip.deviation > 0.4 * START_DEVIATION
+
+
+def test_a_slip_of_three_per_cent_is_corrected_and_none_is_not_invented() -> None:
+    noise = np.random.default_rng(4).normal(0.0, 0.03, 180)
+    assert 0.02 < _learnt(0.03 + noise, 3000.0).value < 0.035
+    assert _learnt(np.abs(noise) - 0.02, 3000.0).value < 0.002
 
 
 def test_doubt_is_never_less_than_the_error_of_a_slip_that_is_seen_well() -> None:

@@ -19,8 +19,8 @@ from seed_sim.validation import run
 from seed_sim.validation.scores import AXES, NAMED, Series, components, errors, scores
 from seed_sim.validation.trajectory import TrajectorySection, poses
 
-SHIPPED = ("long_cylinder", "short_handle", "box", "marker", "large_rotation", "slip20", "bright30", "d405", "noise2x",
-           "one_finger", "range_offset")  # fmt: skip
+SHIPPED = ("long_cylinder", "short_handle", "box", "marker", "large_rotation", "slip05", "slip20", "bright30", "d405",
+           "noise2x", "one_finger", "range_offset")  # fmt: skip
 
 
 def series(noise=0.0, gain=1.0, offset=0.0, invalid=0, sigma=1e-3, seed=0):
