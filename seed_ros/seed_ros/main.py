@@ -24,7 +24,11 @@ def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
     Returns the exit code.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    rclpy.init(args=argv)
+    try:
+        rclpy.init(args=argv)
+    except RuntimeError as error:  # a file of parameters that cannot be read, a remapping that is none
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     node: Node | None = None
     try:
         node = create()

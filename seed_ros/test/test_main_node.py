@@ -31,3 +31,14 @@ def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace():
         time.sleep(0.005)
     _, errors = process.communicate(timeout=10.0)
     assert (process.returncode, errors) == (0, "")
+
+
+def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path):
+    file = tmp_path / "parameters.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    max_speed: [1\n")
+    command = [sys.executable, "-c", NODE, "--ros-args", "--params-file", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if not line.startswith("[ERROR]"))  # rcl has its own
+    assert line.startswith("error: ")
+    assert str(file) in line
