@@ -8,9 +8,9 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Sequence
 from typing import Any
 
-from seed_core.ur_pose import checked_pose
 from seed_driver import link, probe
 from seed_driver.config import DriverConfig
 from seed_driver.probe import LinkError
@@ -43,13 +43,6 @@ class Robot:
         self.states = StateStream(config.robot_ip, self.rate)
         self.control: Any = None
         self._slider: probe.MiniRtde | None = None
-        self._set_tcp(config)
-
-    def _set_tcp(self, config: DriverConfig) -> None:
-        x, y, z, *r = checked_pose(config.tcp, "tcp")
-        self.p_tcp: Vector = (x, y, z)  # in the flange frame
-        self.q_tcp = from_rotation_vector((r[0], r[1], r[2]))
-        self._tcp_at_flange = not any(config.tcp)
 
     @property
     def timestamp(self) -> float:
@@ -72,13 +65,14 @@ class Robot:
         v = self.states.values
         modes = Modes(v[38], v[39], v[40], v[42], v[41])
         tcp_orientation = from_rotation_vector(v[23:26])
-        if self._tcp_at_flange:
+        tcp = self.states.tcp_offset or self.config.tcp
+        if not any(tcp):
             return Sample(
                 v[2:8], v[8:14], v[14:20], v[20:23], tcp_orientation, v[26:32], v[32:38], modes, v[43] * v[44]
             )
-        x, y, z, w = self.q_tcp
+        p_tcp, (x, y, z, w) = _split(tcp)
         q = multiply(tcp_orientation, (-x, -y, -z, w))
-        arm = rotate(q, self.p_tcp)  # from flange to TCP, in base
+        arm = rotate(q, p_tcp)  # from flange to TCP, in base
         wx, wy, wz = v[29:32]
         twist = (
             v[26] - (wy * arm[2] - wz * arm[1]),
@@ -143,7 +137,6 @@ class Robot:
     def apply_tool(self, config: DriverConfig) -> None:
         """Send TCP, payload and speed slider to the controller."""
         self.config = config
-        self._set_tcp(config)
         demand(self.control.setTcp(list(config.tcp)), "take the TCP")
         demand(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
         self.set_slider(config.speed_slider)
@@ -161,11 +154,12 @@ class Robot:
     def servo(self, p: Vector, q: Quaternion, period: float) -> None:
         """Stream one flange pose."""
         c = self.config
-        if self._tcp_at_flange:
+        if not any(c.tcp):
             pose = [*p, *rotation_vector(q)]
         else:
-            x, y, z = rotate(q, self.p_tcp)
-            pose = [p[0] + x, p[1] + y, p[2] + z, *rotation_vector(multiply(q, self.q_tcp))]
+            p_tcp, q_tcp = _split(c.tcp)
+            x, y, z = rotate(q, p_tcp)
+            pose = [p[0] + x, p[1] + y, p[2] + z, *rotation_vector(multiply(q, q_tcp))]
         self.control.servoL(pose, 0.0, 0.0, period, c.servo_lookahead, c.servo_gain)
 
     def close(self) -> None:
@@ -173,6 +167,11 @@ class Robot:
         if self.control is not None:
             self.control.servoStop()
             self.control.stopScript()
+
+
+def _split(pose: Sequence[float]) -> tuple[Vector, Quaternion]:
+    """Position and quaternion of a pose vector."""
+    return (pose[0], pose[1], pose[2]), from_rotation_vector((pose[3], pose[4], pose[5]))
 
 
 def demand(done: bool, what: str) -> None:

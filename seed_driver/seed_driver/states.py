@@ -15,23 +15,28 @@ NAMES = (
     "safety_mode,runtime_state,robot_status_bits,safety_status_bits,speed_scaling,target_speed_fraction,"
 )
 KINDS = "DOUBLE" + 6 * ",VECTOR6D" + ",INT32,INT32,UINT32,UINT32,UINT32,DOUBLE,DOUBLE"
-LAYOUT = struct.Struct(">B37diiIIIdd")  # recipe number, then the names in order
+LAYOUT = ">B37diiIIIdd"  # recipe number, then the names in order
+OFFSET = "tcp_offset,", ",VECTOR6D", "6d"  # behind them, where it is known
+OFFSET_SINCE = {3: (3, 12), 5: (5, 5, 1), 10: (10,)}
 DATA = ord("U")
 LARGEST = 65_536  # [byte] read at once, 160 states
 
 
 class StateStream:
-    """A started stream of states; `values` is the newest: timestamp at 1, then as in NAMES, flattened."""
+    """A started stream of states; `values` is the newest: timestamp at 1, then as in NAMES and OFFSET, flattened."""
 
     def __init__(self, host: str, rate: float) -> None:
         self._rtde = MiniRtde(host)
         try:
             self.version = self._rtde.version()
-            kinds = self._rtde.ask("O", struct.pack(">d", rate) + NAMES.encode())[1:].decode("ascii", "replace")
-            if kinds != KINDS:
+            offset = OFFSET if self.version >= OFFSET_SINCE[self.version[0]] else ("", "", "")
+            names, expected, layout = (a + b for a, b in zip((NAMES, KINDS, LAYOUT), offset, strict=True))
+            kinds = self._rtde.ask("O", struct.pack(">d", rate) + names.encode())[1:].decode("ascii", "replace")
+            if kinds != expected:
                 raise LinkError(f"{host} offers other states than expected: {kinds}")
+            self._layout = struct.Struct(layout)
             self._rtde.ask("S")
-            self.values = LAYOUT.unpack(self._first(host))
+            self.values = self._layout.unpack(self._first(host))
             self._rtde.never_wait()
         except LinkError:
             self._rtde.close()
@@ -63,12 +68,12 @@ class StateStream:
                 return
             if len(buffer) - at < size:
                 break
-            if buffer[at + 2] == DATA and size == 3 + LAYOUT.size:
+            if buffer[at + 2] == DATA and size == 3 + self._layout.size:
                 newest = at
             at += size
         if newest >= 0:
             self.packages += 1
-            self.values = LAYOUT.unpack_from(buffer, newest + 3)
+            self.values = self._layout.unpack_from(buffer, newest + 3)
         del buffer[:at]
 
     @property
@@ -95,6 +100,11 @@ class StateStream:
     def speed_fraction(self) -> float:
         """Where the speed slider stands."""
         return float(self.values[44])
+
+    @property
+    def tcp_offset(self) -> tuple[float, ...]:
+        """The controller's TCP in the flange frame, a pose vector; empty where it does not say."""
+        return self.values[45:]
 
     def close(self) -> None:
         """Close the connection."""

@@ -10,10 +10,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.ur_kinematics import URKinematics
+from seed_driver.config import DriverConfig
 from seed_driver.rig import STEP, Rig
 from seed_driver.rotation import turned
 from seed_driver.shared import Stage
-from seed_driver.supervisor import leftover_processes
+from seed_driver.supervisor import Supervisor, leftover_processes
 from seed_sim.ur.controller import HOME
 from seed_sim.ur.plant_link import PlantLink
 
@@ -86,6 +87,33 @@ def test_a_tcp_moves_the_robots_pose_not_ours() -> None:
         rig.run(1.0)
         moved = np.subtract(rig.robot.ask("state")["tcp_pose"][:3], robot["tcp_pose"][:3])
         assert_allclose(moved, (0, 0, 0.02), atol=1e-4)
+        assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
+
+
+def test_poses_are_those_of_the_flange_whatever_tcp_another_program_left() -> None:
+    """Before our program runs, the TCP is the pendant's."""
+    with Rig(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
+        rig.ready()
+        flange = rig.state.sample.p
+        rig.supervisor.close()
+        rig.robot.ask("option", name="remote_control", value=False)
+        rig.supervisor = Supervisor(DriverConfig(robot_ip=rig.robot.host))
+        rig.supervisor.start(start_program=True)
+        rig.wait(lambda s: "local control" in s.reason, 10.0, "local control named")
+        assert np.linalg.norm(np.subtract(rig.robot.ask("state")["tcp_pose"][:3], flange)) > 0.1
+        assert_allclose(rig.state.sample.p, flange, atol=1e-6)
+
+
+@pytest.mark.parametrize(("version", "rate"), [("3.15.8", 125), ("5.4.2", 500)])
+def test_old_controllers_are_followed_too(version: str, rate: int) -> None:
+    """3.15 is a CB3 with its slower cycle; 5.4 does not tell its TCP."""
+    with Rig("--version", version, tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
+        rig.ready()
+        (x, y, z), q = command(rig)
+        sent = rig.state.sent
+        rig.follow(lambda t: ((x, y, z + 0.02 * min(1.0, t)), q))
+        rig.run(2.0)
+        assert rig.state.sent - sent == pytest.approx(2.0 * rate, rel=0.1)
         assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
 
 

@@ -189,7 +189,7 @@ class Arm:
 
     def set_tcp(self, X_E_tcp: Array) -> None:
         """Where the TCP is, in the flange frame."""
-        self.tcp, self._tcp_inverse = X_E_tcp, np.linalg.inv(X_E_tcp)
+        self.tcp, self._tcp_inverse, self.tcp_offset = X_E_tcp, np.linalg.inv(X_E_tcp), pose_from_matrix(X_E_tcp)
 
     def joint_speed_of(self, tcp_velocity: Sequence[float]) -> list[float]:
         """Joint speeds (6,) for a TCP velocity (vx vy vz wx wy wz in W), damped near singularities."""

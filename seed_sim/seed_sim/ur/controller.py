@@ -275,6 +275,7 @@ class Controller:
             actual_TCP_speed=speed,
             actual_TCP_force=wrench,
             ft_raw_wrench=wrench,
+            tcp_offset=arm.tcp_offset,
             target_TCP_pose=arm.target_tcp_pose(),
             target_TCP_speed=arm.tcp_velocity(arm.target_qd),
             speed_scaling=arm.scaling,

@@ -82,9 +82,10 @@ INPUTS: Mapping[str, str] = {
     **{f"input_int_register_{i}": "INT32" for i in range(48)},
     **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
 }
-_SINCE: Mapping[str, tuple[tuple[int, int], tuple[int, int]]] = {  # first release in the 3.x and in the 5.x line
+_SINCE: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]] = {  # first release in the 3.x and in the 5.x line
     "payload": ((3, 11), (5, 5)),
     "payload_cog": ((3, 11), (5, 5)),
+    "tcp_offset": ((3, 12), (5, 5, 1)),
     "payload_inertia": ((3, 15), (5, 11)),
     "ft_raw_wrench": ((3, 999), (5, 9)),
     "actual_current_as_torque": ((3, 999), (5, 23)),
@@ -98,7 +99,7 @@ def knows(version: Version, name: str) -> bool:
     if name not in _SINCE or version[0] >= 10:
         return True
     old, new = _SINCE[name]
-    return version[:2] >= (old if version[0] == 3 else new)
+    return version >= (old if version[0] == 3 else new)
 
 
 def pack(kind: int, payload: bytes = b"") -> bytes:
