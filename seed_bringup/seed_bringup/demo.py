@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from types import FrameType
 
-from seed_bringup.showing.baseline import start_baselines
+from seed_bringup.showing.baseline import running_baselines
 from seed_bringup.showing.conclusion import conclude
 from seed_bringup.showing.live import CORES, SMALL_CAMERA_RATE, play_live
 from seed_bringup.showing.live_score import TOPICS
@@ -73,13 +73,10 @@ def main(argv: list[str]) -> int:
     say(f"task {asked.task.name}, scenario {asked.scenario.name}, seed {o.seed}, estimator {o.estimator}")
     say(f"results go to {asked.folder}")
     played = play_live(asked)
-    pool, futures = start_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name)
-    try:
+    with running_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name) as running:
         series = read_series(asked.folder / "bag.mcap", TOPICS)
         say("baselines: open loop and welded, on the same table")
-        baselines = {law: future.result(timeout=120.0) for law, future in futures.items()}
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        baselines = {law: result.get(timeout=120.0) for law, result in running.items()}
     held = conclude(asked, played, series, baselines)
     say(f"{time.monotonic() - started:.0f} s in all; look at {asked.folder / 'report.html'}")
     return 0 if held else 1

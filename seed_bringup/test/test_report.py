@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import re
+import signal
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seed_bringup.showing.baseline import running_baselines
 from seed_bringup.showing.figures import Phase, force_and_torque, relative_pose
 from seed_bringup.showing.report import Picture, Report, text_table
 from seed_bringup.showing.series import Series
@@ -85,3 +89,15 @@ def test_numbers_stand_where_they_belong_and_missing_ones_are_dashes(report: Rep
     lines = text_table(report.scores).splitlines()
     assert [line.split()[0] for line in lines[1:]] == ["SEED", "open"]
     assert lines[1].split()[1:] == ["0.12", "0.020", "1.5"]
+
+
+def test_ctrl_c_is_not_for_the_processes_of_the_baselines() -> None:
+    """Each would answer it with a traceback; they end with their block."""
+    before = signal.getsignal(signal.SIGINT)
+    with running_baselines(("open_loop", "welded"), "squeegee", None, 7, "nominal"):
+        assert signal.getsignal(signal.SIGINT) is before
+        children = multiprocessing.active_children()
+        ignored = [re.search(r"SigIgn:\s*(\w+)", Path(f"/proc/{c.pid}/status").read_text()) for c in children]
+        assert len(ignored) == 2
+        assert all(found and int(found[1], 16) >> (signal.SIGINT - 1) & 1 for found in ignored)
+    assert not any(c.is_alive() for c in children)

@@ -4,14 +4,19 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import Future, ProcessPoolExecutor
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seed_bringup.showing.series import Array
+
+if TYPE_CHECKING:
+    from multiprocessing.pool import AsyncResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +38,13 @@ def run_baseline(law: str, task: str, force: float | None, seed: int, scenario: 
     return Baseline(done.result, np.array(recording["t"]), -recording["force"][:, 2], recording["torque_T"][:, 0])
 
 
-def start_baselines(laws: tuple[str, ...], *arguments: Any) -> tuple[ProcessPoolExecutor, dict[str, Future[Baseline]]]:
-    """Futures by law, and the pool to shut down."""
-    pool = ProcessPoolExecutor(len(laws), mp_context=get_context("spawn"), initializer=os.nice, initargs=(5,))
-    return pool, {law: pool.submit(run_baseline, law, *arguments) for law in laws}
+@contextmanager
+def running_baselines(laws: tuple[str, ...], *arguments: Any) -> Iterator[dict[str, AsyncResult[Baseline]]]:
+    """Results to come, by law; the processes end with the block, and Ctrl-C is the parent's alone."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes inherit
+    try:
+        pool = get_context("spawn").Pool(len(laws), initializer=os.nice, initargs=(5,))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with pool:
+        yield {law: pool.apply_async(run_baseline, (law, *arguments)) for law in laws}

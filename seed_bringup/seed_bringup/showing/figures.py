@@ -88,8 +88,8 @@ def relative_pose(estimate: Series, truth: Series, phases: list[Phase]) -> str:
         estimated, true = axes_of(estimate.values), axes_of(truth.values)
         for i, (name, unit) in enumerate(AXES):
             axis = grid[i // 3][i % 3]
-            axis.plot(truth.t, true[:, i], color=INK, lw=1.0, label="truth", zorder=3)
-            axis.plot(estimate.t, estimated[:, i], color=BLUE, lw=1.6, alpha=0.75, label="from images", zorder=2)
+            axis.plot(truth.t, true[:, i], color=GREY, lw=2.6, label="truth", zorder=2)
+            axis.plot(estimate.t, estimated[:, i], color=BLUE, lw=1.1, label="from images", zorder=3)
             axis.set_title(f"{name} [{unit}]", fontsize=10, loc="left", color=INK)
             span = max(float(np.ptp(true[:, i])), 0.5)
             middle = 0.5 * float(true[:, i].max() + true[:, i].min())
