@@ -112,7 +112,7 @@ def is_edge(file: Path) -> bool:
 
 @command("seed shell")
 def shell(argv: list[str]) -> int:
-    """An interactive shell in the environment, or one command: ./seed shell -c 'ros2 topic list'."""
+    """An interactive shell in the environment, or one command: ./seed shell -c 'python tool.py'."""
     if _asks_for_help(argv):
         print(f"usage: ./seed shell [-c COMMAND | ARGUMENTS OF THE SHELL]\n\n{shell.__doc__}")
         return 0

@@ -33,6 +33,8 @@ COMMANDS = (
     Command("reproduce", "seed_bringup.reproduce", "main", "the published experiments, side by side"),
     Command("bench", "seed_bringup.bench", "main", "figures of speed on this machine"),
     Command("launch", "seed_bringup.launch_cli", "main", "run a launch file: launch FILE [name:=value ...]"),
+    Command("call", "seed_bringup.cell_cli", "call", "call a service of a running cell, or list them"),
+    Command("play", "seed_bringup.cell_cli", "play", "play a task on a running cell"),
     Command("bag", "seed_bringup.bag_cli", "main", "record, play or describe a bag"),
     Command("ur-sim", "seed_sim.ur_controller", "main", "a simulated UR controller that speaks RTDE"),
     Command("shell", DEVELOPERS, "shell", "a shell with the environment set up"),

@@ -149,3 +149,20 @@ def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
     assert wrong.returncode == 2
     assert "no command 'dmeo'" in wrong.stderr
     assert not (tmp_path / "none").exists()
+
+
+def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
+    pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
+    anchors = {page: {_anchor(h) for h in re.findall(r"^#+ (.*)$", page.read_text(), re.M)} for page in pages}
+    for page, text in ((page, page.read_text()) for page in pages):
+        for target, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", text):
+            there = (page.parent / target).resolve() if target else page
+            assert there.exists(), f"{page.name} links to {target}"
+            assert not anchor or anchor in anchors[there], f"{page.name} links to {target}#{anchor}"
+        for name in re.findall(r"\./seed ([a-z][a-z-]*)", text):
+            assert name in available(ROOT), f"{page.name} speaks of ./seed {name}"
+
+
+def _anchor(heading: str) -> str:
+    """As GitHub makes it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")

@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from seed_core.command_line import command
-from seed_core.config import field, load_file
+from seed_core.config import field, from_mapping, load_file
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_estimation.calibration_file import STEP, Calibration, FingerCalibration, frame_of, load, save
@@ -131,6 +132,15 @@ def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]
     return cameras, still, held
 
 
+def read_hand(path: Path) -> Hand:
+    """The hand in the parameters of all nodes, as launch files take them, or a file of nothing else."""
+    try:
+        parameters = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]["hand"]
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return load_file(path, Hand)
+    return from_mapping(parameters, Hand, str(path))
+
+
 @command("seed calibrate")
 def main(argv: list[str]) -> int:
     """Measure a capture and write the calibration."""
@@ -142,11 +152,11 @@ def main(argv: list[str]) -> int:
         "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"
     )
     parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
-    parser.add_argument("--hand", type=Path, help="YAML of the hand; without it the default one")
+    parser.add_argument("--hand", type=Path, help="the launch's hand_file, or YAML of the hand alone")
     parser.add_argument("--radius", type=float, default=0.012, help="[m] of the grasped cylinder; default: %(default)s")
     options = parser.parse_args(argv)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
-    hand = load_file(options.hand, Hand) if options.hand else Hand()
+    hand = read_hand(options.hand) if options.hand else Hand()
     cameras, still, held = _read(options.capture)
     calibration = calibrate(cameras, still, held, shape, options.radius, hand)
     save(calibration, options.out)

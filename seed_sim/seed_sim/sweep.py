@@ -91,12 +91,14 @@ def plot(result: dict[str, Any], path: Path) -> None:
         for i, column in enumerate(result["columns"].values()):
             values = [r[key][sub] for r in column["runs"] if key in r]
             axis.plot([i] * len(values), values, "o", alpha=0.5)
-            axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-")
+            axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-", label="mean" if i == 0 else None)
         axis.set_xticks(range(len(result["columns"])), list(result["columns"]), rotation=20)
         axis.set_ylabel(label)
         axis.set_ylim(bottom=0)
         axis.grid(axis="y", alpha=0.3)
-    figure.suptitle(f"{result['task']}, law {result['law']}, {result['estimator']}: {len(result['seeds'])} seeds")
+        axis.legend(fontsize=8)
+    how = f"law {result['law']}, poses: {result['estimator']}"
+    figure.suptitle(f"{result['task']}, {how}, {len(result['seeds'])} seeds per scenario")
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

@@ -43,7 +43,7 @@ def stiffness_against_pressure(a: Analysis, truth: list[Array] | None = None) ->
             ax.plot(x, [t[j] for t in truth], "o", mfc="none", mec="0.4", ms=9, label="true")
         ax.errorbar(x, k, yerr=half, fmt="o", color=_POINTS, capsize=4, ms=4, label="identified")
         ax.set_title(AXES[j] + _caveat(a, j), fontsize=10)
-        ax.set_ylabel(UNITS[j])
+        ax.set_ylabel(f"stiffness [{UNITS[j]}]")
         low, high = min(k - half), max(k + half)
         ax.set_ylim(min(0.75 * k.mean(), low), max(1.25 * k.mean(), high))
         ax.set_xlabel("pressure [hPa]" if known else "width [mm]")
@@ -98,8 +98,8 @@ def load_against_displacement(a: Analysis) -> str:
         bad = ((kinds == AXES[j]) | (kinds == "home")) & ~a.solution.inlier
         ax.plot(unit * xi[bad, j], load[bad, j], "x", color=_OUTLIER)
         ax.set_title(AXES[j] + (" (hysteretic)" if AXES[j] in a.hysteretic else ""), fontsize=10)
-        ax.set_xlabel("mm" if j >= 3 else "degrees")
-        ax.set_ylabel(LOAD_UNITS[j])
+        ax.set_xlabel("displacement [mm]" if j >= 3 else "rotation [deg]")
+        ax.set_ylabel("force [N]" if j >= 3 else "torque [N m]")
     axes[0, 0].legend(fontsize=8, title="width")
     figure.tight_layout()
     return svg(figure)
@@ -129,9 +129,9 @@ def residuals(a: Analysis) -> str:
         ax.set_title(
             f"{CHANNELS[j]}: {a.solution.noise[j]:.2g} {LOAD_UNITS[j]}, R² {a.solution.r_squared[j]:.5f}", fontsize=9
         )
-        ax.set_ylabel(LOAD_UNITS[j])
+        ax.set_ylabel(f"residual [{LOAD_UNITS[j]}]")
     for ax in axes[1]:
-        ax.set_xlabel("minutes")
+        ax.set_xlabel("time [min]")
     figure.tight_layout()
     return svg(figure)
 

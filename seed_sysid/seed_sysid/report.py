@@ -67,7 +67,7 @@ def _flat(values: dict[str, list[float]]) -> Array:
 def _abstract(a: Analysis) -> str:
     minutes = (a.problem.time[-1] - a.problem.time[0]) / 60.0
     return (
-        f"{len(a.data.samples)} poses at {len(a.grips)} grips in {minutes:.0f} min; poses from {a.source}; "
+        f"{len(a.data.samples)} poses at {len(a.grips)} grips in {minutes:.0f} min; {a.source} poses; "
         f"{a.problem.parameters.model} model; condition number {a.solution.condition:.1f}; "
         f"{len(a.outliers)} outliers left out. "
         f"Recorded {escape(a.data.header.created or 'at an unknown time')}."

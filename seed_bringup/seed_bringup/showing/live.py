@@ -165,8 +165,7 @@ class _Run:
         bar = Bar()
 
         def tell(feedback: Any) -> None:
-            force = 0.0 if session.state is None else -session.state.estimated.force.z
-            bar.show(feedback.phase, feedback.progress, force)
+            bar.show(feedback.phase, feedback.progress, session.pressing_force)
             if camera is not None:
                 camera.consider(feedback)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person would do with ros2 service and ros2 action: prepare the cell, play a task, look at the fingers."""
+"""A client of a running cell: prepare it, play a task, look at the fingers."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ class Session:
         self.state: ControllerState | None = None
         self.played = Played()
         self.holds: list[str] = []  # why the arm held during the task
+        self._goal: Any = None  # the task that is played
         if follow:
             self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
         for arm in ("driver", "sim"):
@@ -107,6 +108,10 @@ class Session:
         """Call a std_srvs/Trigger and return its message."""
         return str(self.call(Trigger, name, Trigger.Request(), patience).message)
 
+    def switch(self, name: str, on: bool) -> str:
+        """Call a std_srvs/SetBool and return its message."""
+        return str(self.call(SetBool, name, SetBool.Request(data=on)).message)
+
     def enable(self, arm_service: str = "", patience: float = 15.0) -> None:
         """Enable arm (by its service, if it has one) and controller, as soon as their inputs are there."""
         if arm_service:
@@ -140,11 +145,23 @@ class Session:
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(sent.done, 10.0, "follow_setpoints did not answer")
         began, steady = self.now(), time.monotonic()
-        result = sent.result().get_result_async()
+        self._goal = sent.result()
+        result = self._goal.get_result_async()
         self.until(result.done, patience, f"the task '{task}' did not end")
         self.played.result, self.played.ended = result.result().result, self.now()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
+
+    def cancel(self, patience: float = 20.0) -> None:
+        """End the task, if one is played: the tool is lifted."""
+        if self._goal is not None:
+            self._goal.cancel_goal_async()
+            self.until(self._goal.get_result_async().done, patience, "the cancelled task did not end")
+
+    @property
+    def pressing_force(self) -> float:
+        """As estimated [N]; 0 before the controller's first state."""
+        return 0.0 if self.state is None else -float(self.state.estimated.force.z)
 
     def picture(self, topic: str, keep: Callable[[bytes], None], delay: float = 0.0) -> None:
         """Take one image of a topic, `delay` [s] from now, as PNG."""

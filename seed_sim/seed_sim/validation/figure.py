@@ -29,7 +29,7 @@ def draw(runs: dict[str, Series], path: Path, title: str) -> Path:
     truth = np.array([components(X) for X in any_run.X_true])
     found = {name: _found(series) for name, series in runs.items()}
     for i, row in enumerate(rows):
-        row.plot(times, truth[:, i], color="black", linewidth=1.6, label="truth")
+        row.plot(times, truth[:, i], color="0.65", linewidth=3.0, label="truth")
         for name, values in found.items():
             row.plot(times, values[:, i], color=_COLOURS.get(name), linewidth=1.0, label=name.replace("_", " "))
         margin = 0.6 * float(np.ptp(truth[:, i])) + 0.5

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands of the README's walk on hardware, on a simulated cell."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from seed_bringup.launcher import Launch
+from seed_bringup.launching.packages import find_launch_file
+
+pytestmark = pytest.mark.ros
+
+CELL = {"method": "truth", "use_sim_time": "true", "sim_rate": "125", "links": "false"}
+
+
+@pytest.fixture(scope="module")
+def cell() -> Iterator[Launch]:
+    launch = Launch(find_launch_file(["cell"]), CELL, output=lambda *_: None)
+    with launch:
+        yield launch
+
+
+def seed(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-P", "-m", "seed_bringup.cli", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=90.0)
+
+
+def playing(*words: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-P", "-u", "-m", "seed_bringup.cli", "play", *words]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow  # two tasks by simulated time
+def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled(cell: Launch) -> None:
+    assert seed("call", "sim/grasp").returncode == 0
+    for _ in range(20):  # until the inputs are there
+        enabled = seed("call", "controller/enable", "on")
+        if enabled.returncode == 0:
+            break
+        assert enabled.returncode == 1
+        assert "cannot enable" in enabled.stderr
+    assert "enabled" in enabled.stdout
+    with playing("squeegee", "--force", "5") as task:
+        assert task.stdout is not None
+        assert task.stderr is not None
+        for line in task.stdout:
+            if line.split()[0] == "wipe":
+                break
+        task.send_signal(signal.SIGINT)
+        assert task.wait(timeout=60.0) == 130
+        assert "the tool is lifted" in task.stderr.read()
+    done = seed("play", "squeegee", "--force", "5")
+    assert done.returncode == 0, done.stderr
+    assert "done in" in done.stdout
+    assert seed("call", "controller/enable", "off").returncode == 0
+    refused = seed("play", "squeegee")
+    assert refused.returncode == 1
+    assert "call ~/enable first" in refused.stderr
+    assert cell.poll() is None
+
+
+def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
+    until = time.monotonic() + 60.0
+    while "/controller/enable on|off\n" not in (listed := seed("call")).stdout:
+        assert time.monotonic() < until, listed
+    assert "/sim/grasp\n" in listed.stdout
+    switch = seed("call", "controller/enable")
+    assert switch.returncode == 2
+    assert "say on or off" in switch.stderr
+    trigger = seed("call", "/sim/grasp", "on")
+    assert trigger.returncode == 2
+    assert "takes neither" in trigger.stderr
+    gone = seed("call", "sim/gone")
+    assert gone.returncode == 1
+    assert "is the cell running" in gone.stderr
+    assert cell.poll() is None
