@@ -21,7 +21,7 @@ CELL = {"method": "truth", "use_sim_time": "true", "sim_rate": "125", "links": "
 
 @pytest.fixture(scope="module")
 def cell() -> Iterator[Launch]:
-    launch = Launch(find_launch_file(["cell"]), CELL, output=lambda *_: None)
+    launch = Launch(find_launch_file(["cell"]), CELL, output=lambda label, line: print(f"[{label}] {line}"))
     with launch:
         yield launch
 
@@ -52,9 +52,12 @@ def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled
         for line in task.stdout:
             if line.split()[0] == "wipe":
                 break
+        else:
+            pytest.fail(f"the task ended early: {task.stderr.read()}")
         task.send_signal(signal.SIGINT)
-        assert task.wait(timeout=60.0) == 130
-        assert "the tool is lifted" in task.stderr.read()
+        said = task.stderr.read()
+        assert task.wait(timeout=60.0) == 130, said
+        assert "the tool is lifted" in said
     done = seed("play", "squeegee", "--force", "5")
     assert done.returncode == 0, done.stderr
     assert "done in" in done.stdout

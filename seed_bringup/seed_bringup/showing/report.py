@@ -9,15 +9,26 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Column(NamedTuple):
+    """A figure of a score: where it stands in it, and how it is shown."""
+
+    name: str
+    unit: str
+    path: tuple[str, ...]
+    digits: int
+    sign: int = 1
+
 
 COLUMNS = (
-    ("force error rms", "N", ("force_z", "rmse"), 2),
-    ("force mean", "N", ("force_z", "mean"), 2),
-    ("largest force error", "N", ("force_z", "max_abs_error"), 2),
-    ("torque rms", "N m", ("torque_x", "rmse"), 3),
-    ("lean rms", "deg", ("lean_deg", "rms"), 1),
-    ("path error rms", "mm", ("path_rmse_mm",), 1),
+    Column("force error rms", "N", ("force_z", "rmse"), 2),
+    Column("mean pressing force", "N", ("force_z", "mean"), 2, sign=-1),  # z points out of the table
+    Column("largest force error", "N", ("force_z", "max_abs_error"), 2),
+    Column("torque rms", "N m", ("torque_x", "rmse"), 3),
+    Column("lean rms", "deg", ("lean_deg", "rms"), 1),
+    Column("path error rms", "mm", ("path_rmse_mm",), 1),
 )
 NAMES = {
     "seed": ("SEED", ""),
@@ -83,27 +94,24 @@ def value(score: Mapping[str, Any], path: Sequence[str]) -> float | None:
     return None if here is None else float(here)
 
 
-def _number(score: Mapping[str, Any], path: Sequence[str], digits: int) -> str:
-    number = value(score, path)
-    return "-" if number is None or number != number else f"{number:.{digits}f}"
+def _number(score: Mapping[str, Any], column: Column) -> str:
+    number = value(score, column.path)
+    return "-" if number is None or number != number else f"{column.sign * number:.{column.digits}f}"
 
 
 def _cards(score: Mapping[str, Any]) -> str:
     cards = [COLUMNS[i] for i in (0, 3, 4, 5)]
-    return "".join(
-        f'<div class="card"><b>{_number(score, path, digits)} {unit}</b><span>{name}</span></div>'
-        for name, unit, path, digits in cards
-    )
+    return "".join(f'<div class="card"><b>{_number(score, c)} {c.unit}</b><span>{c.name}</span></div>' for c in cards)
 
 
 def table(scores: Mapping[str, Mapping[str, Any]], own_words: str) -> str:
     """The scores as an HTML table, the first row being the run's own."""
-    head = "".join(f"<th>{name} [{unit}]</th>" for name, unit, _, _ in COLUMNS)
+    head = "".join(f"<th>{c.name} [{c.unit}]</th>" for c in COLUMNS)
     rows = []
     for i, (key, score) in enumerate(scores.items()):
         name, words = NAMES.get(key, (key, ""))
         words = words or own_words
-        cells = "".join(f"<td>{_number(score, path, digits)}</td>" for _, _, path, digits in COLUMNS)
+        cells = "".join(f"<td>{_number(score, c)}</td>" for c in COLUMNS)
         own = ' class="own"' if i == 0 else ""
         rows.append(f"<tr{own}><td>{escape(name)}<small>{escape(words)}</small></td>{cells}</tr>")
     return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
@@ -111,9 +119,9 @@ def table(scores: Mapping[str, Mapping[str, Any]], own_words: str) -> str:
 
 def text_table(scores: Mapping[str, Mapping[str, Any]]) -> str:
     """The scores as lines for a terminal."""
-    lines = [f"{'':<11}" + "".join(f"{f'{name} [{unit}]':>26}" for name, unit, _, _ in COLUMNS if name in SHORT)]
+    lines = [f"{'':<11}" + "".join(f"{f'{c.name} [{c.unit}]':>26}" for c in COLUMNS if c.name in SHORT)]
     for key, score in scores.items():
-        cells = [f"{_number(score, path, digits):>26}" for name, _, path, digits in COLUMNS if name in SHORT]
+        cells = [f"{_number(score, c):>26}" for c in COLUMNS if c.name in SHORT]
         lines.append(f"{NAMES.get(key, (key, ''))[0]:<11}" + "".join(cells))
     return "\n".join(lines)
 
