@@ -152,7 +152,7 @@ class Session:
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 
-    def cancel(self, patience: float = 20.0) -> None:
+    def cancel(self, patience: float = 60.0) -> None:
         """End the task, if one is played: the tool is lifted."""
         if self._goal is not None:
             self._goal.cancel_goal_async()
