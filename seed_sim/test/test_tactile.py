@@ -14,8 +14,10 @@ from seed_core.config import ConfigError, checked
 from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, pose_from_rpy
 from seed_sim.tactile import TactileParameters, TactileRenderer, ToolShape
+from seed_sim.tactile.cameras import camera_model, coarse_rays
 from seed_sim.tactile.geometry import tool_depth
-from seed_sim.tactile.membrane import _at, followed
+from seed_sim.tactile.membrane import Membrane, _at, followed
+from seed_sim.tactile.texture import Light
 
 CLEAN = TactileParameters(noise=0.0, pattern=0.0, dropouts=0.0)
 BOX = ToolShape(kind="box", width=0.03, length=0.04)
@@ -180,6 +182,22 @@ def test_contact_brightens_and_swings(clean):
     swing = TactileRenderer(replace(CLEAN, brightness_change=0.3), Hand(), 11)
     dim, bright = (swing.render(np.eye(4), t)["left"].ir[middle].mean() for t in (0.0, 3.5))
     assert_allclose(bright / dim, 1.3, atol=0.02)
+
+
+@pytest.mark.parametrize("camera", ["picoflexx", "d405"])
+@pytest.mark.parametrize("degrees", [0.03, 30.0, 60.0])
+def test_a_slope_is_darker_by_half_of_lamberts_cosine(camera, degrees):
+    """Plane z = 90 mm + x tan(a), seen along the optical axis, against the same plane with a = 0."""
+    p = replace(CLEAN, camera=camera)
+    rays = coarse_rays(camera_model(camera), Hand(), "left")
+    rest = Membrane(rays, p).rest
+    light = Light(rays, rest, camera_model(camera).shape, p, np.random.default_rng(0))
+    slope = np.float32(np.tan(np.deg2rad(degrees)))
+    planes = (np.float32(0.09) / (1.0 - a * rays.directions[0]) for a in (0.0 * slope, slope))
+    flat, tilted = (light.counts(rest._replace(depth=plane), 0.0) for plane in planes)
+    middle = np.unravel_index(np.argmin(np.square(rays.directions[[0, 2]]).sum(axis=0)), flat.shape)
+    expected = 0.5 + 0.5 * np.cos(np.deg2rad(degrees))
+    assert_allclose(tilted[middle] / flat[middle], expected, rtol=0.03)  # the middle pixel is half a pixel off the axis
 
 
 def test_same_seed_same_images_other_seed_other_images():

@@ -73,6 +73,8 @@ class Light:
         self._p, self._rays = p, rays
         self._length = np.linalg.norm(rays.directions, axis=0).astype(np.float32)
         h, w = rest.depth.shape
+        middle = rays.directions[:, h // 2, w // 2 : w // 2 + 2]
+        self._pitch = np.float32(np.linalg.norm(middle[:, 1] - middle[:, 0]))  # from pixel to pixel at depth 1
         self._beam = _beam(h, w, rng) / self._falloff(rest.depth)
         bright = float(np.percentile(self._beam * self._falloff(rest.depth), 99.0))
         self._beam *= np.float32(1330.0 / bright)
@@ -93,8 +95,7 @@ class Light:
         """Inverse square of distance and, by half, Lambert's cosine: what the beam's measured share leaves (h, w)."""
         dx = cv2.Sobel(depth, -1, 1, 0, ksize=3, scale=1.0 / 8.0)
         dy = cv2.Sobel(depth, -1, 0, 1, ksize=3, scale=1.0 / 8.0)
-        size = np.float32(self._rays.directions[0, 1, 0] - self._rays.directions[0, 0, 0])
-        per = 1.0 / (np.abs(size) * depth)
+        per = 1.0 / (self._pitch * depth)
         cosine = 1.0 / np.sqrt(1.0 + (dx * per) ** 2 + (dy * per) ** 2)
         distance = depth * self._length
         return np.asarray((0.5 + 0.5 * cosine) * np.float32(0.09**2) / (distance * distance), np.float32)
