@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seed_core.spatial import Array, make_pose, so3_exp
+from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
 from seed_estimation.normal_equations import solved
@@ -33,8 +33,10 @@ LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
 FALL, FALL_SHARE = 2e-4, 0.03  # [m], [1] by which dots must spring back, at least, and of their displacement
 FALL_SURE, JITTER = 6.0, 3e-5  # deviations of noise, and what it is taken for at first [m]
 PEELED, PEELED_SHARE = 0.02, 0.5  # [1] a patch that slides is peeled so much, and by so much of what it was before
+ASIDE = 1.0  # [1] of the fall along their displacement, by which dots that spring back may leave it at most
 LEAST, MOST = 0.7, 1.5  # [least falls] of which a frame is evidence, and as how much at most
 SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
+MOSTLY = 0.95  # [1] of a direction that depth must see
 BACK = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 1.0)  # shares of the displacement by which dots are searched for; 1: set free
 DOUBT, DOUBT_SURE = 0.03, 3.0  # [1], spreads; less explained than usual: the patch does not move as one
 USUAL, QUIET = 0.1, 0.02  # [1] weights of a frame in what is usual, and in what is noise
@@ -76,9 +78,9 @@ class Seen(NamedTuple):
 class Dots:
     """One finger's, in one grasp."""
 
-    def __init__(self, model: FingerModel, lever: Array) -> None:
-        """lever (3,): from turn about y [rad] and way along x and z [m] to displacement [m]."""
-        self._model, self._lever = _without_depth(model), lever
+    def __init__(self, model: FingerModel, lever: Array, centre: Array) -> None:
+        """lever (3,): from turn about y [rad] and way along x and z [m] to displacement [m]; centre: of `sideways`."""
+        self._model, self._lever, self._centre = _without_depth(model), lever, centre
         self._creep = creep_weights(model)
         self.seen: deque[Seen] = deque()
         self.X_CT = np.eye(4)
@@ -101,7 +103,7 @@ class Dots:
                 return None
             near, sight, explained = found.X_CT, found.sights[0], _explained(found)
         self.X_CT, motion = near, motion_vector(near)
-        way = self._lever * (motion[SIDEWAYS] - _step(sight))
+        way = self._lever * (sideways(near, self._centre) - _step(sight))
         torn = peel(sight, motion, self._creep, HOLD)
         self.seen.append(Seen(look.stamp, way, math.hypot(*way), look.depth, torn, self._doubts(explained)))
         self._learn(explained)
@@ -137,18 +139,33 @@ class Dots:
         falls = {back: self._lost_way(back) for back in range(1, min(FALL_FRAMES, len(self.seen) - 3) + 1)}
         back = max(falls, key=lambda b: falls[b], default=0)
         share = falls[back] / self._least_fall(self.seen[-1 - back].size) if back else 0.0
-        if share < LEAST or not self._torn(back) or self._depth_fell_too(back, falls[back]):
+        if share < LEAST or not (self._straight_back(back) and self._torn(back)):
             return 0.0
-        return min(share, MOST)
+        return 0.0 if self._depth_fell_too(back, falls[back]) else min(share, MOST)
 
     def _lost_way(self, back: int) -> float:
         """By how much less [m] the dots are displaced than so many frames ago, and than their speed then foretold."""
-        before, top, now = self.seen[-3 - back], self.seen[-1 - back], self.seen[-1]
+        top, now = self.seen[-1 - back], self.seen[-1]
         if top.size < LOADED:
             return 0.0
+        return min(top.size, math.hypot(*self._foretold(back))) - now.size
+
+    def _foretold(self, back: int) -> Array:
+        """The dots' way (3,) [m] now, had they kept the speed of so many frames ago."""
+        before, top, now = self.seen[-3 - back], self.seen[-1 - back], self.seen[-1]
         speed = (top.way - before.way) / (top.stamp - before.stamp)
-        foretold = math.hypot(*(top.way + speed * (now.stamp - top.stamp)))
-        return min(top.size, foretold) - now.size
+        return np.asarray(top.way + speed * (now.stamp - top.stamp))
+
+    def _straight_back(self, back: int) -> bool:
+        """Whether the dots fell along their displacement: a sheet that loses its load springs back against it.
+
+        A sudden pull elsewhere makes a displacement smaller, too.
+        """
+        foretold, now = self._foretold(back), self.seen[-1]
+        size = math.hypot(*foretold)
+        along = float(now.way @ foretold) / size
+        aside = math.sqrt(max(now.size**2 - along**2, 0.0))
+        return aside <= ASIDE * (size - along)
 
     def _torn(self, back: int) -> bool:
         """Whether the patch is still what a load had made of it so many frames ago."""
@@ -166,12 +183,18 @@ class Dots:
             self._jitter = math.sqrt(self._jitter**2 + QUIET * (change**2 - self._jitter**2))
 
     def _depth_fell_too(self, back: int, fall: float) -> bool:
-        """Whether depth sees the direction of the fall, and that the tool fell with the dots."""
+        """Whether depth sees the direction of the fall, by and large, and that the tool fell with the dots."""
         a, b = self.seen[-1 - back], self.seen[-1]
         direction = (b.way - a.way) / max(math.hypot(*(b.way - a.way)), 1e-9)
-        deviation = float(np.linalg.norm(direction * np.maximum(a.depth.deviation, b.depth.deviation)))
+        direction[np.maximum(a.depth.deviation, b.depth.deviation) >= SEEN] = 0.0
         stayed = -float(direction @ ((b.depth.way - b.way) - (a.depth.way - a.way)))
-        return deviation < SEEN and stayed < 0.3 * fall
+        return math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
+
+
+def sideways(X_CT: Array, centre: Array) -> Array:
+    """Turn about y [rad] and way along x and z [m] (3,) of the tool's point `centre` (3,), on the y axis."""
+    way = X_CT[:3, :3] @ centre + X_CT[:3, 3] - centre
+    return np.array((so3_log(X_CT[:3, :3])[1], way[0], way[2]))
 
 
 def _step(sight: Sight) -> Array:

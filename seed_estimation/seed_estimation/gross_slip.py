@@ -16,14 +16,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from seed_core.spatial import Array, make_pose, so3_exp
+from seed_core.spatial import Array
 from seed_estimation.dots import FREE, LOADED, PEELED, SEEN, SIDEWAYS, THREE, UNSEEN, Depth, Dots, Look, Seen
 from seed_estimation.finger_model import FingerModel
 from seed_estimation.frame import Frame
 from seed_estimation.rigid_fit import Fit, motion_vector
 
 APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the way: all three together
-EVIDENCE = 2.5  # [least falls] of both fingers' dots, over frames in a row, that raise the alarm
+EVIDENCE = 1.25  # [least falls] of each finger's dots, over frames in a row, that raise the alarm
 BROKEN = 0.035  # [s] after which dots that cannot be found as one body are taken for a slip
 
 
@@ -34,7 +34,9 @@ class GrossSlip:
         p = np.concatenate([m.p for m in models], axis=1)
         reach = float(np.sqrt(np.square(p[[0, 2]] - p[[0, 2]].mean(axis=1, keepdims=True)).sum(axis=0).mean()))
         self._lever = np.array((reach, 1.0, 1.0))
-        self._dots = {m.finger: Dots(m, self._lever) for m in models}
+        # one bubble by itself mistakes yaw for x and roll for z, but not how far the dots of its patch have moved
+        self._centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
+        self._dots = {m.finger: Dots(m, self._lever, self._centre) for m in models}
         self._evidence = 0.0  # [least falls]
 
     @property
@@ -44,26 +46,17 @@ class GrossSlip:
 
     def slides(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float, locked: bool) -> bool:
         """Whether a frame shows that the tool slides."""
-        depth = self._depth(result) if locked else UNSEEN
+        depth = self._depth(result) if locked and len(self._dots) > 1 else UNSEEN
         falls = []
         for sight in result.sights:
             dots, frame = self._dots[sight.model.finger], frames[sight.model.finger]
             dots.forget(stamp)
-            near = self._near(result.X_CT) if locked else dots.X_CT
-            known = sight if locked and len(self._dots) > 1 else None
+            near, known = (result.X_CT, sight) if locked else (dots.X_CT, None)
             falls.append(dots.fallen(Look(frame, near, known, slip, stamp, depth)))
         known_falls = [fall for fall in falls if fall is not None]
         if known_falls:  # dots that cannot be found say nothing either way
             self._evidence = self._evidence + sum(known_falls) if any(known_falls) else 0.0
-        return self._evidence >= EVIDENCE or self._apart() or (not locked and self._broken(stamp))
-
-    def _near(self, X_CT: Array) -> Array:
-        """Where dots are looked for: one bubble by itself mistakes yaw for x and roll for z, and has neither."""
-        if len(self._dots) > 1:
-            return X_CT
-        motion = motion_vector(X_CT)
-        motion[[0, 2]] = 0.0
-        return make_pose(so3_exp(motion[:3]), motion[3:])
+        return self._evidence >= EVIDENCE * len(self._dots) or self._apart() or (not locked and self._broken(stamp))
 
     def _depth(self, result: Fit) -> Depth:
         """Where depth would like to go, the other axes held: H^-1 g."""

@@ -115,9 +115,15 @@ def let_go_by_a_part(t: float) -> Array:
     return make_pose(p=(0.0, 0.0, 0.08 * t if t < 0.1 else 0.005))
 
 
+def jerked_back(t: float) -> Array:
+    """A way across the tool, which depth sees, and some along it, which depth does not; the former is taken back."""
+    share, after = min(t / 0.5, 1.0), max(t - 0.5, 0.0)
+    return make_pose(p=(-0.0055 * share + 0.067 * after, 0.0, 0.004 * share))
+
+
 @pytest.mark.parametrize(
     ("motion", "duration"),
-    [(ordinary, 3.0), (stopped, 0.5), (set_free, 0.5), (let_go_by_a_part, 0.5)],
+    [(ordinary, 3.0), (stopped, 0.5), (set_free, 0.5), (let_go_by_a_part, 0.5), (jerked_back, 0.56)],
     ids=lambda v: getattr(v, "__name__", ""),
 )
 def test_a_tool_that_sticks_raises_none(motion: Motion, duration: float) -> None:

@@ -15,7 +15,8 @@ from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import pose_from_rpy, so3_exp
 from seed_sim import validate
-from seed_sim.validation import run
+from seed_sim.tactile import TactileParameters
+from seed_sim.validation import run, slip
 from seed_sim.validation.scores import AXES, NAMED, Series, components, errors, scores
 from seed_sim.validation.trajectory import TrajectorySection, poses
 
@@ -193,3 +194,12 @@ def test_slip_command_prints_alarms_and_delays(capsys):
     assert 0.0 < out["alarm_delay_ms"]["max"] <= 100.0
     assert out["false_alarms"] == 0
     assert out["valid_fraction"] == 1.0
+
+
+@pytest.mark.parametrize("fingers", ["both", "right"])
+def test_a_pull_aside_is_no_slip_yet(fingers):
+    """Seed 7100003 turns the tool and then jerks it along z, back through the middle: displacement falls at once."""
+    scenario = replace(run.load("long_cylinder"), tactile=TactileParameters(fingers=fingers))
+    delay, early = slip.alarm_delay(scenario, 7100003)
+    assert not early
+    assert delay <= slip.IN_TIME
