@@ -23,7 +23,7 @@ from seed_driver.pace import Pace
 from seed_driver.probe import LinkError
 from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
 from seed_driver.robot import Robot, load
-from seed_driver.session import Session
+from seed_driver.session import WAITING, Session
 from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
 from seed_driver.timing import Periods
 
@@ -57,7 +57,7 @@ class ServoProcess:
         robot = self._search()
         self.session.robot = robot
         self._version = "{}.{}.{}.{}".format(*robot.look.version)
-        self.session.reason = "waiting for the robot program"
+        self.session.reason = WAITING
         self.motion.follower.dt = 1.0 / robot.rate
         self._stream(robot)
 

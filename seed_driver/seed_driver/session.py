@@ -16,6 +16,7 @@ from seed_driver.shared import Sample
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 AHEAD = 2  # steps of motion beyond the newest state of the robot
+WAITING = "waiting for the robot program"
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 
 
@@ -32,6 +33,7 @@ class Session:
         self.sample: Sample | None = None
         self.sample_time = 0.0
         self.clock = 0.0  # [s] of the robot, in the newest state
+        self._unable = False  # the robot, in that state
         self._next_try = 0.0
         self._moved_until = 0.0  # [s] by the robot's clock, of the steps that were made
 
@@ -61,11 +63,12 @@ class Session:
 
     def _judge(self, s: Sample) -> None:
         why = link.unable(s.modes.robot_mode, s.modes.safety_bits)
+        was_unable, self._unable = self._unable, bool(why)
         if why:
             self.want_start = False
         if not self.running:
-            if why:
-                self.reason = why
+            if why or was_unable:
+                self.reason = why or WAITING
             return
         if not why and s.modes.runtime_state != link.PLAYING:
             why = "robot program stopped (pendant, watchdog or a program error)"

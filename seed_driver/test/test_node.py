@@ -211,6 +211,7 @@ def test_protective_stop_is_reported_unlocked_and_left_by_service_calls(peer, ro
     assert refused.message == "protective stop"
     peer.spin(0.4)
     assert peer.call("unlock_protective_stop").success
+    peer.wait(lambda: peer.latest["hold_reason"].data == "waiting for the robot program", 1.0, "end of the stop")
     assert peer.call("resend_robot_program").success
     peer.wait(lambda: running(peer) and peer.latest["safety_mode"].data == 1, 1.0, "program running")
 
