@@ -23,8 +23,7 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_driver.faults import AT_REST, FAULTS, JUMP, REST_WITHIN, Fault
-from seed_driver.rig import Rig
-from seed_driver.supervisor import leftover_processes
+from seed_driver.rig import Rig, leftover_processes
 
 LIMIT = 60.0  # [s] a sequence may take
 

@@ -6,6 +6,7 @@ Needs seed_sim. Used by the tests, `bench` and `fault_sequences`; nothing in the
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
@@ -141,3 +142,17 @@ class Rig:
         """Seconds from `since` until the driver said that it does not follow; inf if it never did."""
         times = [e.time for e in self.events if e.time > since and not e.armed]
         return times[0] - since if times else math.inf
+
+
+def leftover_processes(parent: int) -> list[int]:
+    """Servo processes whose parent is `parent`."""
+    found = []
+    for process in filter(str.isdigit, os.listdir("/proc")):
+        with (
+            contextlib.suppress(OSError),
+            open(f"/proc/{process}/stat") as stat,
+            open(f"/proc/{process}/cmdline") as line,
+        ):
+            if int(stat.read().rpartition(")")[2].split()[1]) == parent and "seed_driver.servo" in line.read():
+                found.append(int(process))
+    return found

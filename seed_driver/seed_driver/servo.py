@@ -242,6 +242,7 @@ def main() -> int:
     memory, wire = SharedMemory(int(sys.argv[1])), socket.socket(fileno=int(sys.argv[2]))
     setup = json.loads(wire.recv(LARGEST))
     config = from_json(setup["config"])
+    os.environ.setdefault("RES_OPTIONS", "timeout:1 attempts:1")  # a name server may be silent for longer than we are
     no_collector()
     stay_in_memory()
     realtime(config)

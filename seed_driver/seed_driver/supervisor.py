@@ -7,7 +7,6 @@ Nothing here blocks or sleeps: `step` is called often (100 Hz or more) with the 
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -203,22 +202,3 @@ def _obituary(code: int) -> str:
     if code < 0:
         return f"servo process died of {signal.Signals(-code).name}"
     return f"servo process ended with code {code}"
-
-
-def leftover_processes(parent: int) -> list[int]:
-    """Servo processes whose parent is `parent` (for tests of clean shut-down)."""
-    found = []
-    for entry in os.listdir("/proc"):
-        if not entry.isdigit():
-            continue
-        try:
-            with open(f"/proc/{entry}/stat") as stat, open(f"/proc/{entry}/cmdline") as line:
-                is_ours, ppid = (
-                    "seed_driver.servo" in line.read(),
-                    int(stat.read().rsplit(")", 1)[1].split()[1]),
-                )
-        except OSError:
-            continue
-        if is_ours and ppid == parent:
-            found.append(int(entry))
-    return found

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from seed_driver.faults import FAULTS, JUMP, Fault, suffer
-from seed_driver.rig import Rig
+from seed_driver.rig import Rig, leftover_processes
 from seed_driver.shared import Stage
-from seed_driver.supervisor import leftover_processes
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures

@@ -23,8 +23,8 @@ from lifecycle_msgs.srv import ChangeState
 from std_srvs.srv import Trigger
 
 from seed_driver.peer_node import Peer, SetBool
+from seed_driver.rig import leftover_processes
 from seed_driver.rotation import rotate, turned
-from seed_driver.supervisor import leftover_processes
 from seed_sim.ur.client import StandIn
 
 pytestmark = pytest.mark.ros

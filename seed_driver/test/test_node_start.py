@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
-from seed_driver.supervisor import leftover_processes
+from seed_driver.rig import leftover_processes
 from seed_sim.ur.client import StandIn, private_host
 
 pytestmark = pytest.mark.ros

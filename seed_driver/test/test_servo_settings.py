@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from seed_core.ur_kinematics import URKinematics
 from seed_driver.config import DriverConfig
-from seed_driver.rig import STEP, Rig
+from seed_driver.rig import STEP, Rig, leftover_processes
 from seed_driver.rotation import turned
 from seed_driver.shared import Stage
-from seed_driver.supervisor import Supervisor, leftover_processes
+from seed_driver.supervisor import Supervisor
 from seed_sim.ur.controller import HOME
 from seed_sim.ur.plant_link import PlantLink
 
