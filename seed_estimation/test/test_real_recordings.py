@@ -2,13 +2,17 @@
 """Recorded data that no renderer made: a press on a D405 bubble and infrared images of a PicoFlexx bubble."""
 
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from seed_core.config import load_file
 from seed_estimation import press, real_ir
+from seed_estimation.images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.real_ir import Motion
 
@@ -49,6 +53,47 @@ def test_a_real_image_is_followed(index: int, bright: bool, end: Motion) -> None
     images, K = real_ir.load(INFRARED)
     image = real_ir.WarpedImage(images[index], K, brightness=0.3 * bright, spot=bright, seed=index)
     assert real_ir.relative_error(end, real_ir.follow(image, real_ir.path_to(end))[-1]) < 0.015
+
+
+def broad_spot(ir: np.ndarray) -> np.ndarray:
+    v, u = np.mgrid[: ir.shape[0], : ir.shape[1]]
+    return ir + 2000.0 * np.exp(-((u - 86) ** 2 + (v - 95) ** 2) / (2.0 * 6.0**2))
+
+
+def uneven_light(ir: np.ndarray) -> np.ndarray:
+    return ir * np.linspace(0.5, 1.5, ir.shape[1])
+
+
+def blurred(ir: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(ir, (0, 0), 1.0)
+
+
+def eight_bits(ir: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(ir / 16.0), 0.0, 255.0)
+
+
+class Changed(real_ir.WarpedImage):
+    """An image that is changed as soon as it moves."""
+
+    change = staticmethod(blurred)
+
+    def render(self, motion: Motion, stamp: float, contact: bool = True) -> TactileImages:
+        images = super().render(motion, stamp, contact)
+        return images if motion == Motion() else replace(images, ir=self.change(images.ir).astype(np.float32))
+
+
+@needs_infrared
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize("change", [broad_spot, uneven_light, blurred, eight_bits], ids=lambda v: v.__name__)
+@pytest.mark.parametrize("end", [Motion(15.0, 10.0, 0.0), Motion(-30.0, -8.0, 8.0)])
+def test_a_real_image_that_changes_is_followed(index: int, change: Callable[..., np.ndarray], end: Motion) -> None:
+    """Turn and shift at once within 1.5 % each, though the image looks otherwise as soon as it moves."""
+    images, K = real_ir.load(INFRARED)
+    image = Changed(images[index], K, seed=20 + index)
+    image.change = change
+    found = real_ir.follow(image, real_ir.path_to(end))[-1]
+    assert abs(found.turn - end.turn) < 0.015 * abs(end.turn)
+    assert np.hypot(found.right - end.right, found.down - end.down) < 0.015 * np.hypot(end.right, end.down)
 
 
 @needs_infrared
