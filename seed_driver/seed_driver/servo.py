@@ -13,6 +13,7 @@ import socket
 import struct
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 from seed_core.errors import SeedError
@@ -188,7 +189,8 @@ class ServoProcess:
 
     def _quit(self) -> str:
         """Decelerate, end the program, end the process."""
-        self.session.stop()
+        with suppress(LinkError, RuntimeError):  # a robot that does not leave freedrive: our program ends all the same
+            self.session.stop()
         self.session.reason, self._quitting = "the driver is shutting down", True
         if self.session.robot is None:
             os._exit(0)

@@ -150,9 +150,11 @@ class Session:
     def stop(self) -> str:
         """Decelerate and hold, in freedrive too."""
         self.want_start = False
-        if self.freedrive:
-            self.set_freedrive(False)
-        self.hold("stopped on request")
+        try:
+            if self.freedrive:
+                self.set_freedrive(False)
+        finally:
+            self.hold("stopped on request")
         return "holding"
 
     def refuse(self, reason: str) -> str:
