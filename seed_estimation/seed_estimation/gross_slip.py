@@ -48,7 +48,8 @@ class GrossSlip:
         """Whether a frame shows that the tool slides."""
         depth = self._depth(result) if locked and len(self._dots) > 1 else UNSEEN
         falls = []
-        for sight in result.sights:
+        held = [s for s in result.sights if np.isfinite(result.depth_rms[s.model.finger])]
+        for sight in held or result.sights:  # a membrane that the tool leaves springs back, and has not let it go
             dots, frame = self._dots[sight.model.finger], frames[sight.model.finger]
             dots.forget(stamp)
             near, known = (result.X_CT, sight) if locked else (dots.X_CT, None)
@@ -56,7 +57,7 @@ class GrossSlip:
         known_falls = [fall for fall in falls if fall is not None]
         if known_falls:  # dots that cannot be found say nothing either way
             self._evidence = self._evidence + sum(known_falls) if any(known_falls) else 0.0
-        return self._evidence >= EVIDENCE * len(self._dots) or self._apart() or (not locked and self._broken(stamp))
+        return self._evidence >= EVIDENCE * len(falls) or self._apart() or (not locked and self._broken(stamp))
 
     def _depth(self, result: Fit) -> Depth:
         """Where depth would like to go, the other axes held: H^-1 g."""

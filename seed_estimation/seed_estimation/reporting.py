@@ -19,7 +19,7 @@ from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit import Fit
 from seed_estimation.tracking import Tracker
 
-NO_POSE = 0.0873, 0.003  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
+NO_POSE = 0.0524, 0.002  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
 

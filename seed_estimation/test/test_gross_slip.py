@@ -134,6 +134,21 @@ def test_a_tool_that_sticks_raises_none(motion: Motion, duration: float) -> None
     assert seen[-1][1].valid
 
 
+def off_one_finger(t: float) -> Array:
+    share = min(t / 0.6, 1.0)
+    turn = np.deg2rad((-5.0 * share, 10.0 * share, -3.0 * share))
+    return pose_from_rpy(turn, np.array((-0.0055 * share, -0.0035 * share - 0.012 * max(t - 0.6, 0.0), -0.005 * share)))
+
+
+def test_a_membrane_that_the_tool_leaves_may_spring_back() -> None:
+    held = Held(0.012, seed=79)
+    seen = held.follow(off_one_finger, 1.2)
+    assert held.onset == np.inf
+    assert first_alarm(seen) == np.inf
+    assert seen[-1][1].valid
+    assert "touches nothing" in seen[-1][1].reason
+
+
 def test_micro_slip_is_none() -> None:
     seen = Held(0.009, slip=0.2).follow(ordinary, 2.5)
     assert first_alarm(seen) == np.inf
