@@ -37,7 +37,7 @@ os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-_images = Path(__file__).parent / "seed_bringup/config/large_images.xml"  # tests send such images too
+_images = Path(__file__).parent / "seed_bringup/config/large_images.xml"  # for such images, and quick discovery
 os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_images))
 
 # pytest names a test module by its path, seed_core/test/test_x.py by seed_core.test.test_x; the real package must
@@ -95,3 +95,10 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         fcntl.flock(gate, fcntl.LOCK_UN)
         return (yield)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Why a test had to be run again."""
+    for report in terminalreporter.stats.get("rerun", []):
+        crash = getattr(report.longrepr, "reprcrash", None)
+        terminalreporter.write_line(f"RERUN {report.nodeid}: {crash.message if crash else report.longreprtext}"[:1000])

@@ -45,7 +45,11 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-l", "--loop", action="store_true", help="again and again")
     parser.add_argument("--clock", action="store_true", help="publish /clock from the bag's times")
     parser.add_argument(
-        "--delay", type=number(0.0, "s"), metavar="S", default=1.0, help="seconds before the first message"
+        "--delay",
+        type=number(0.0, "s"),
+        metavar="S",
+        default=1.0,
+        help="seconds before the first message; up to 3 more while nobody listens",
     )
     parser.add_argument("--topics", nargs="+", default=[], help="only these")
     parser.add_argument("-m", "--remap", nargs="+", default=[], metavar="FROM:=TO", help="publish under another name")

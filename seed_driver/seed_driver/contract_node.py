@@ -15,6 +15,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -27,8 +28,7 @@ from seed_driver.rotation import Vector, difference, turned
 
 STEP = 0.01  # [m] the largest motion asked for is twice this
 SETTLE = 1.5  # [s]
-
-
+STARTING = 5.0  # [s] that an arm may take to be ready
 LOOK_BACK = 0.05  # [s] before what is done to a motion: an arm may obey before its next pose
 OWN_PAUSE = 0.05  # [s] a pause of this program longer than this makes a broken clause doubtful
 ATTEMPTS = 4  # at a doubtful clause
@@ -263,7 +263,17 @@ def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "b
     """Join the graph and check the arm whose node is called `arm`, in all clauses when none is named."""
     with Peer(driver=arm, base=base) as peer:
         peer.wait(lambda: bool(peer.poses), 20.0, "a first current_pose")
+        _wait_until_ready(peer, limits)
         return check(peer, limits, clauses)
+
+
+def _wait_until_ready(peer: Peer, limits: Limits) -> None:
+    """An arm that has just been started may not have found its inputs yet; whether it ever does, the clauses say."""
+    deadline = time.monotonic() + STARTING
+    while time.monotonic() < deadline:
+        with suppress(SeedError):
+            enable(peer, limits)
+            return
 
 
 @command("seed_driver.contract_node")

@@ -24,6 +24,7 @@ from seed_bringup.bags.types import BagError, InstalledTypes
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 CLOCK_TOPIC = "/clock"
+PATIENCE = 3.0  # [s] a process that is there already may take so long to be found
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Options:
     rate: float = 1.0  # bag seconds per second
     clock: bool = False
     loop: bool = False
-    delay: float = 1.0  # [s] before the first message, for subscribers to be found
+    delay: float = 1.0  # [s] before the first message, for subscribers to be found; more while there is none
     topics: Sequence[str] = ()  # all when empty
     remap: Mapping[str, str] = field(default_factory=dict)
 
@@ -63,6 +64,14 @@ class Player(Node):
         topic = self.options.remap.get(connection.topic, connection.topic)
         profile = qos.to_play(connection.ext.offered_qos_profiles, connection.msgcount)
         return self.create_publisher(message_class(connection.msgtype), topic, profile)
+
+    def wait_for_subscriber(self) -> None:
+        """Until somebody listens, but no longer than PATIENCE."""
+        deadline = time.monotonic() + PATIENCE
+        while rclpy.ok() and time.monotonic() < deadline:
+            if any(output.get_subscription_count() for output in self.outputs.values()):
+                return
+            time.sleep(0.01)
 
     def play_once(self) -> None:
         """From the first message to the last."""
@@ -128,6 +137,7 @@ def play(path: Path, options: Options) -> int:
         try:
             player = Player(reader, options)
             time.sleep(options.delay)
+            player.wait_for_subscriber()
             player.play_once()
             while options.loop and rclpy.ok():
                 player.play_once()
