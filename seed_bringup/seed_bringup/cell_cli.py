@@ -16,7 +16,8 @@ from seed_core.errors import FailedError, SeedError
 if TYPE_CHECKING:
     from seed_bringup.showing.session_node import Session
 
-DISCOVERY = 5.0  # [s] until every service of a running graph is known
+DISCOVERY = 5.0  # [s] until every service of a running graph is known, as a rule
+PATIENCE = 15.0  # [s] until one that is asked for is known, where packets are lost
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 
 
@@ -46,7 +47,7 @@ def _services(session: Session) -> dict[str, str]:
 
 
 def _call(session: Session, name: str, value: str | None) -> str:
-    session.until(lambda: name in _services(session), DISCOVERY, "")
+    session.until(lambda: name in _services(session), PATIENCE, "")
     kind = _services(session).get(name)
     if kind is None:
         raise FailedError(f"no service {name}: is the cell running? ./seed call lists what there is")

@@ -14,7 +14,7 @@ import pytest
 from seed_bringup.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.realtime]  # a cell that runs by the clock
 
 CELL = {"method": "truth", "use_sim_time": "true", "sim_rate": "125", "links": "false"}
 
