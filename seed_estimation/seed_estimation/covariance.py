@@ -18,7 +18,7 @@ from seed_estimation.rigid_fit import Fit
 from seed_estimation.sight import Sight
 from seed_estimation.slip import MicroSlip
 
-# Chosen on rendered bubbles, seeds 901 and 951 to 953 of ten scenarios; docs/estimation.md has the outcome on others
+# Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation.md has scenarios, and the outcome on other seeds
 SCATTER = 0.65  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
 OWN = 0.25  # [1] deviations of the fit's own information
 LEARNT = 0.02  # [1] deviation from which a micro-slip counts as known
