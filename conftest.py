@@ -37,8 +37,8 @@ os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-_images = Path(__file__).parent / "seed_bringup/config/large_images.xml"  # for such images, and quick discovery
-os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_images))
+_profile = Path(__file__).parent / "seed_bringup/config/large_images.xml"  # room for images, and quick discovery
+os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_profile))
 
 # pytest names a test module by its path, seed_core/test/test_x.py by seed_core.test.test_x; the real package must
 # be there first, or pytest takes the folder around it for the package.

@@ -15,7 +15,6 @@ import numpy as np
 
 from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit import Fit
-from seed_estimation.sight import Sight
 from seed_estimation.slip import MicroSlip
 
 # Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation.md has scenarios, and the outcome on other seeds
@@ -26,7 +25,7 @@ ROUGH = 0.2  # [1] share of what is not known of it that works in any direction
 UNEVEN = 0.045  # [1] share of what is corrected that does: no patch slips by the same share all over
 HIDDEN = 0.4  # [1] an image of which less is explained shows something else, or nothing
 ALONE = 2.0  # [1] deviations so much larger as soon as one of two images is hidden: what it balanced shows up
-LEFT = 0.3  # [1] a single finger that touches less of the tool than so much of what it grasped errs by as much more
+REMAINING = 0.3  # [1] share of the patch of the grasp; a single finger that touches less of it errs as one left alone
 MEMORY = 0.05  # weight of one frame in the average
 
 
@@ -50,8 +49,7 @@ class Covariance:
     def of(self, result: Fit, slip: MicroSlip) -> Array:
         """(6, 6) of [rotation vector in C, translation in C], of the fit that `update` took last."""
         own = OWN**2 * np.eye(6) + (0.0 if self._excess is None else SCATTER**2 * self._excess)
-        alone = min(result.locked.values()) < HIDDEN if len(result.sights) > 1 else _touched(result.sights[0]) < LEFT
-        C = (ALONE**2 if alone else 1.0) * self._root.T @ own @ self._root
+        C = (ALONE**2 if _alone(result) else 1.0) * self._root.T @ own @ self._root
         C += slip.deviation**2 * np.outer(result.slip_effect, result.slip_effect)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = result.X_CT[:3, :3]
@@ -63,6 +61,9 @@ class Covariance:
         return np.asarray(0.5 * (C + C.T))
 
 
-def _touched(sight: Sight) -> float:
-    """Share of the patch of the grasp that still touches the tool."""
-    return sight.depth.r.size / sight.model.n_p.size
+def _alone(result: Fit) -> bool:
+    """Whether one finger bears the pose with nothing to balance what it gets wrong."""
+    if len(result.sights) > 1:
+        return min(result.locked.values()) < HIDDEN
+    sight = result.sights[0]
+    return sight.depth.r.size < REMAINING * sight.model.n_p.size

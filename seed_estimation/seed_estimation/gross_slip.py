@@ -47,11 +47,12 @@ class GrossSlip:
     def slides(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float, locked: bool) -> bool:
         """Whether a frame shows that the tool slides."""
         depth = self._depth(result) if locked and len(self._dots) > 1 else UNSEEN
+        for dots in self._dots.values():
+            dots.forget(stamp)
         falls = []
         held = [s for s in result.sights if np.isfinite(result.depth_rms[s.model.finger])]
         for sight in held or result.sights:  # a membrane that the tool leaves springs back, and has not let it go
             dots, frame = self._dots[sight.model.finger], frames[sight.model.finger]
-            dots.forget(stamp)
             near, known = (result.X_CT, sight) if locked else (dots.X_CT, None)
             falls.append(dots.fallen(Look(frame, near, known, slip, stamp, depth)))
         known_falls = [fall for fall in falls if fall is not None]
