@@ -11,10 +11,9 @@ from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_control.tipping import check_tipping
 from seed_core.bushing import BushingError
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, rpy_from_rotation
-
-Observed = tuple[bool, ...]
 
 
 class Acceptance:
@@ -27,17 +26,21 @@ class Acceptance:
         self._X_tipE = inverse_pose(self._X_Ttip) @ inverse_pose(hand.X_EC)  # of an undeflected grasp
 
     def hybrid(
-        self, s: HybridSetpoint | WrenchSetpoint, followed: HybridSetpoint | None, m: Measurement, observed: Observed
+        self,
+        s: HybridSetpoint | WrenchSetpoint,
+        followed: HybridSetpoint | None,
+        m: Measurement,
+        estimate: RelativePoseEstimate,
     ) -> tuple[HybridSetpoint, bool]:
         """The set-point for the law, and whether it only moves the one that is followed.
 
         Args:
-            m: the newest measurement. observed: which axes its estimate observes.
+            m: the newest measurement, and the estimate that it was made of.
         """
         hybrid = self._as_hybrid(s, m) if isinstance(s, WrenchSetpoint) else s
         moved = _is_moved(followed, hybrid)
         if not moved:
-            self._check_load(hybrid, m, observed)
+            self._check_load(hybrid, m, estimate)
         X_WE = hybrid.X_W_tip @ self._X_tipE
         admission.check_workspace(X_WE[:3, 3], self._parameters)
         return hybrid, moved
@@ -46,7 +49,7 @@ class Acceptance:
         """Whether the grasp endures the displacement asked for."""
         admission.check_deflection(s.X_TC[:3, 3], rpy_from_rotation(s.X_TC[:3, :3]), self._parameters)
 
-    def _check_load(self, s: HybridSetpoint, m: Measurement, observed: Observed) -> None:
+    def _check_load(self, s: HybridSetpoint, m: Measurement, estimate: RelativePoseEstimate) -> None:
         """Whether grasp, contact and estimator bear the force and torque asked for."""
         p, gauge = self._parameters, self._gauge
         admission.check_load(s.wrench, p)
@@ -63,7 +66,7 @@ class Acceptance:
         check_tipping(wanted.force, gauge.p_Ttip, s.torque_axes, stiffness, p.tipping_margin)
         P = R_W_task @ s.force_projector @ R_W_task.T
         directions = np.array([v for v in P if v @ v > 0.1])
-        admission.check_observed(directions, s.torque_axes, observed, m.X_WC[:3, :3])
+        admission.check_observed(directions, s.torque_axes, estimate, m.X_WC[:3, :3])
 
     def _as_hybrid(self, s: WrenchSetpoint, m: Measurement) -> HybridSetpoint:
         """Algorithm 2 alone: every direction carries force; angles are torque where a contact resists them."""

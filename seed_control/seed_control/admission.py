@@ -7,6 +7,7 @@ import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint, SetpointError
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench
 
 _TORQUE_TOLERANCE = 1e-6  # [N m]
@@ -62,20 +63,20 @@ def check_deflection(displacement: Array, angles: Array, parameters: ControllerP
 
 
 def check_observed(
-    directions: Array, torque_axes: tuple[bool, bool, bool], observed: tuple[bool, ...], R_WC: Array
+    directions: Array, torque_axes: tuple[bool, bool, bool], estimate: RelativePoseEstimate, R_WC: Array
 ) -> None:
     """SP15: force or torque on an axis that the estimator does not observe (Sec. VIII-B). directions: (m, 3) in W."""
     for n in directions:
         n_C = R_WC.T @ n
         for i in range(3):
-            if not observed[i] and abs(n_C[i]) > _OBSERVED_SHARE:
+            if not estimate.observed_translation[i] and abs(n_C[i]) > _OBSERVED_SHARE:
                 raise SetpointError(
                     "SP15",
                     f"force along C's {'xyz'[i]}, which the estimator does not observe: align the force with an "
                     "observed axis of the hand, or use an estimator that sees it",
                 )
     for i, on in enumerate(torque_axes):
-        if on and not observed[3 + i]:
+        if on and not estimate.observed_rotation[i]:
             name = ("roll", "pitch", "yaw")[i]
             raise SetpointError("SP15", f"torque about T's {'xyz'[i]}: the estimator does not observe {name}")
 

@@ -209,7 +209,7 @@ class Controller:
         m, estimate = self._measured, self._inputs.estimate
         assert m is not None  # it is enabled with an estimate only
         assert estimate is not None
-        hybrid, moved = self._acceptance.hybrid(setpoint, self.law.setpoint, m, estimate.observed)
+        hybrid, moved = self._acceptance.hybrid(setpoint, self.law.setpoint, m, estimate)
         self._setpoint = setpoint
         if moved:
             self.law.setpoint = hybrid

@@ -49,9 +49,8 @@ def observed_part(estimate: RelativePoseEstimate) -> Array:
     """
     if all(estimate.observed):
         return estimate.X_CT
-    seen = np.array(estimate.observed, dtype=float)
-    R, p = estimate.X_CT[:3, :3], estimate.X_CT[:3, 3]
-    return make_pose(so3_exp(seen[:3] * so3_log(R)), seen[3:] * p)
+    turn = np.where(estimate.observed_rotation, so3_log(estimate.X_CT[:3, :3]), 0.0)
+    return make_pose(so3_exp(turn), np.where(estimate.observed_translation, estimate.X_CT[:3, 3], 0.0))
 
 
 class Gauge:
@@ -117,6 +116,6 @@ class Gauge:
         return stated**0.5 if stated > 0.0 else ROTATION_DEVIATION
 
     def _variance(self, estimate: RelativePoseEstimate) -> float:
-        seen = [3 + i for i in range(3) if estimate.observed[i]] or [3, 4, 5]  # force is controlled along these only
-        stated = float(np.mean(np.diag(estimate.covariance)[seen]))
+        stated_each, seen = np.diag(estimate.covariance)[3:], np.array(estimate.observed_translation)
+        stated = float(np.mean(stated_each[seen] if seen.any() else stated_each))  # force is controlled along these
         return max(stated, 1e-10) if stated > 0.0 else self._default**2

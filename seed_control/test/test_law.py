@@ -334,6 +334,16 @@ def test_mispaired_torque_and_unobserved_force_are_refused() -> None:
         blind.press(5.0)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 3, 4, 5])
+def test_an_axis_that_is_not_observed_and_not_asked_for_does_not_change_the_force(axis: int) -> None:
+    bench = Bench()
+    bench.observed = tuple(i != axis for i in range(6))  # type: ignore[assignment]
+    bench.enabled().press(10.0)
+    bench.run(3.0)
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+    assert max(bench.forces) < 12.0
+
+
 def test_no_growth_of_memory_over_steps() -> None:
     import tracemalloc
 

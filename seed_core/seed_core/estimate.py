@@ -24,7 +24,8 @@ class RelativePoseEstimate:
         stamp: when the images were taken [s].
         X_CT: (4, 4).
         covariance: (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
-        observed: whether the estimator sees each of AXES (x, y, z, roll, pitch, yaw).
+        observed: whether the estimator sees each of AXES (x, y, z, roll, pitch, yaw): translation first, unlike the
+            covariance. Read it by `observed_translation` and `observed_rotation`.
         valid: False means: do not use the pose; `reason` says why.
         slip: share of the tool's motion that the membrane does not follow, 0 (sticks) to 1.
         gross_slip: the tool has slid in the grasp since the last grasp; the pose is no longer relative to it.
@@ -39,3 +40,13 @@ class RelativePoseEstimate:
     slip: float = 0.0
     gross_slip: bool = False
     method: str = ""
+
+    @property
+    def observed_translation(self) -> tuple[bool, bool, bool]:
+        """Whether x, y, z of C are seen."""
+        return self.observed[0], self.observed[1], self.observed[2]
+
+    @property
+    def observed_rotation(self) -> tuple[bool, bool, bool]:
+        """Whether roll, pitch, yaw are seen."""
+        return self.observed[3], self.observed[4], self.observed[5]

@@ -27,7 +27,8 @@ from seed_estimation.camera import Array
 from seed_estimation.contact_patch import ContactPatch, Mask
 from seed_estimation.images import Image
 
-OBSERVED = (False, True, False, True, True, False)  # y, roll and pitch (Sec. VIII-B works with these)
+# x, y, z, roll, pitch, yaw. Sec. VIII-B works with roll as well, but that of a long handle has the wrong sign
+OBSERVED = (False, True, False, False, True, False)
 # What the method misses by, as deviations: roll, pitch, yaw [rad], x, y, z [m]; measured on rendered bubbles
 DEVIATION = (0.15, 0.08, 0.16, 2.0e-3, 6.0e-4, 3.0e-3)
 
