@@ -45,8 +45,9 @@ class Acceptance:
         admission.check_workspace(X_WE[:3, 3], self._parameters)
         return hybrid, moved
 
-    def displacement(self, s: RelativePoseSetpoint) -> None:
-        """Whether the grasp endures the displacement asked for."""
+    def displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate) -> None:
+        """Whether the grasp endures the displacement asked for, and the estimate observes it."""
+        admission.check_observed(admission.unobserved_displacement(s.X_TC, estimate))
         admission.check_deflection(s.X_TC[:3, 3], rpy_from_rotation(s.X_TC[:3, :3]), self._parameters)
 
     def _check_load(self, s: HybridSetpoint, m: Measurement, estimate: RelativePoseEstimate) -> None:
@@ -66,7 +67,9 @@ class Acceptance:
         check_tipping(wanted.force, gauge.p_Ttip, s.torque_axes, stiffness, p.tipping_margin)
         P = R_W_task @ s.force_projector @ R_W_task.T
         directions = np.array([v for v in P if v @ v > 0.1])
-        admission.check_observed(directions, s.torque_axes, estimate, m.X_WC[:3, :3])
+        admission.check_observed(
+            admission.unobserved_load(directions, s.torque_axes, estimate, m.X_WC[:3, :3])
+        )
 
     def _as_hybrid(self, s: WrenchSetpoint, m: Measurement) -> HybridSetpoint:
         """Algorithm 2 alone: every direction carries force; angles are torque where a contact resists them."""

@@ -7,10 +7,11 @@ import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoints import HybridSetpoint, SetpointError
-from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Array, Wrench
+from seed_core.estimate import AXES, RelativePoseEstimate
+from seed_core.spatial import Array, Wrench, inverse_pose, so3_log
 
 _TORQUE_TOLERANCE = 1e-6  # [N m]
+_NO_DISPLACEMENT = 1e-6  # [m], [rad]
 _OBSERVED_SHARE = 0.2  # how much of a force direction may lie along an unobserved axis
 
 
@@ -62,23 +63,44 @@ def check_deflection(displacement: Array, angles: Array, parameters: ControllerP
         )
 
 
-def check_observed(
+def check_observed(blind: str) -> None:
+    """SP15: why an estimator cannot serve a set-point, from `unobserved_load` or `unobserved_displacement`."""
+    if blind:
+        raise SetpointError("SP15", blind)
+
+
+def unobserved_load(
     directions: Array, torque_axes: tuple[bool, bool, bool], estimate: RelativePoseEstimate, R_WC: Array
-) -> None:
-    """SP15: force or torque on an axis that the estimator does not observe (Sec. VIII-B). directions: (m, 3) in W."""
+) -> str:
+    """Which force or torque lies on an axis that the estimate does not observe (Sec. VIII-B); '' for none.
+
+    Args:
+        directions: (m, 3) of force, in W. torque_axes: of T, that carry torque. R_WC: (3, 3) of the gripper.
+    """
     for n in directions:
-        n_C = R_WC.T @ n
-        for i in range(3):
-            if not estimate.observed_translation[i] and abs(n_C[i]) > _OBSERVED_SHARE:
-                raise SetpointError(
-                    "SP15",
+        for i, share in enumerate(R_WC.T @ n):
+            if not estimate.observed_translation[i] and abs(share) > _OBSERVED_SHARE:
+                return (
                     f"force along C's {'xyz'[i]}, which the estimator does not observe: align the force with an "
-                    "observed axis of the hand, or use an estimator that sees it",
+                    "observed axis of the hand, or use an estimator that sees it"
                 )
     for i, on in enumerate(torque_axes):
         if on and not estimate.observed_rotation[i]:
-            name = ("roll", "pitch", "yaw")[i]
-            raise SetpointError("SP15", f"torque about T's {'xyz'[i]}: the estimator does not observe {name}")
+            return f"torque about T's {'xyz'[i]}: the estimator does not observe {AXES[3 + i]}"
+    return ""
+
+
+def unobserved_displacement(X_TC: Array, estimate: RelativePoseEstimate) -> str:
+    """Which part of a wanted displacement X_TC (4, 4) the estimate does not observe; '' for none.
+
+    Along such an axis the tool counts as undeflected, so the gripper would go on and on.
+    """
+    X_CT = inverse_pose(X_TC)
+    parts = *X_CT[:3, 3].tolist(), *so3_log(X_CT[:3, :3]).tolist()
+    for name, part, seen, unit in zip(AXES, parts, estimate.observed, ("m",) * 3 + ("rad",) * 3, strict=True):
+        if not seen and abs(part) > _NO_DISPLACEMENT:
+            return f"a displacement of {part:.3g} {unit} in {name}, which the estimator does not observe"
+    return ""
 
 
 def check_workspace(position: Array, parameters: ControllerParameters) -> None:

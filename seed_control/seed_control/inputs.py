@@ -19,7 +19,7 @@ class Inputs:
     """Takes in kinematics and estimates, each with its stamp, and matches the two.
 
     Attributes:
-        estimate: the newest good one. bad_in_a_row: how many since were invalid.
+        estimate: the newest good one. bad_in_a_row: how many since were invalid, and why_bad: why the last was.
         arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
     """
 
@@ -28,7 +28,7 @@ class Inputs:
         self.history = PoseHistory()
         self.estimate: RelativePoseEstimate | None = None
         self.pending: RelativePoseEstimate | None = None  # not matched yet
-        self.bad_in_a_row = 0
+        self.bad_in_a_row, self.why_bad = 0, ""
         self.arrived = self.image_stamp = -inf
 
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
@@ -41,8 +41,11 @@ class Inputs:
             self._journal.count("kinematics_refused")
         return good
 
-    def add_estimate(self, estimate: RelativePoseEstimate) -> bool:
-        """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose."""
+    def add_estimate(self, estimate: RelativePoseEstimate, blind: str) -> bool:
+        """A new relative pose. False (counted) when it is invalid, older than the last one, no pose, or `blind`.
+
+        blind: what is controlled that it does not observe; '' for nothing.
+        """
         if not isfinite(estimate.stamp):
             return self._bad("estimate's stamp is not finite")
         if self.estimate is not None and estimate.stamp <= self.estimate.stamp:
@@ -55,6 +58,8 @@ class Inputs:
             check_pose(estimate.X_CT, "X_CT")
         except SeedError as error:
             return self._bad(str(error))
+        if blind:
+            return self._bad(blind)
         self.estimate = self.pending = estimate
         self.bad_in_a_row = 0
         return True
@@ -62,6 +67,7 @@ class Inputs:
     def _bad(self, why: str) -> bool:
         self._journal.count("estimates_invalid", why)
         self.bad_in_a_row += 1
+        self.why_bad = why
         return False
 
     def match(self, t: float) -> tuple[RelativePoseEstimate, Array] | None:
@@ -83,12 +89,13 @@ class Inputs:
     def staleness(self, t: float) -> str:
         """Why the inputs must not be used any more; empty while they may."""
         p, newest = self._parameters, self.history.newest_stamp
+        last = f"; the last one was not used: {self.why_bad}" if self.bad_in_a_row else ""
         if t - newest > p.kinematics_timeout:
             return f"current_pose is stale: {t - newest:.3f} s old, at most {p.kinematics_timeout:g} s"
         if self.arrived == -inf:
             return "no estimate of the relative pose has come yet"
         if t - self.arrived > p.estimate_timeout:
-            return f"relative_pose is stale: none for {t - self.arrived:.3f} s, at most {p.estimate_timeout:g} s"
+            return f"relative_pose is stale: none for {t - self.arrived:.3f} s, at most {p.estimate_timeout:g} s{last}"
         if t - self.image_stamp > p.max_estimate_age:
-            return f"relative_pose is stale: {t - self.image_stamp:.3f} s old, at most {p.max_estimate_age:g} s"
+            return f"relative_pose is stale: {t - self.image_stamp:.3f} s old, at most {p.max_estimate_age:g} s{last}"
         return ""

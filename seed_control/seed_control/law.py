@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import inf
 
 from seed_control.acceptance import Acceptance
-from seed_control.admission import check_stamp
+from seed_control.admission import check_stamp, unobserved_displacement, unobserved_load
 from seed_control.command import Command
 from seed_control.features import LAWS
 from seed_control.guard import Guard
@@ -66,8 +66,11 @@ class Controller:
         return self._inputs.add_kinematics(stamp, X_WE)
 
     def add_estimate(self, estimate: RelativePoseEstimate) -> bool:
-        """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose."""
-        good = self._inputs.add_estimate(estimate)
+        """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose.
+
+        While force, torque or a displacement is controlled on an axis that it does not observe, it counts as invalid.
+        """
+        good = self._inputs.add_estimate(estimate, self._blind(estimate))
         if self._inputs.bad_in_a_row >= MOST_BAD:
             self._hold(self.journal.note)
         return good
@@ -182,6 +185,17 @@ class Controller:
         if why:
             self._hold(why)
 
+    def _blind(self, estimate: RelativePoseEstimate) -> str:
+        """What the set-point controls that the estimate does not observe: it would count as undeflected."""
+        if all(estimate.observed) or self._setpoint is None or self._held:
+            return ""
+        if isinstance(self._setpoint, RelativePoseSetpoint):
+            return unobserved_displacement(self._setpoint.X_TC, estimate)
+        law, m = self.law, self._measured
+        assert m is not None  # it is enabled with an estimate only
+        assert law.setpoint is not None
+        return unobserved_load(law.normals, law.setpoint.torque_axes, estimate, m.X_WC[:3, :3])
+
     def _hold(self, why: str) -> None:
         self.journal.note = why
         if self._enabled and not self._held:
@@ -201,14 +215,14 @@ class Controller:
                 "SP17", f"the controller is {'holding: ' + self._held if self._held else 'disabled'}; enable it first"
             )
         check_stamp(setpoint.stamp, t, self.parameters.setpoint_max_age)
-        if isinstance(setpoint, RelativePoseSetpoint):
-            self._acceptance.displacement(setpoint)
-            self._setpoint = setpoint
-            self.law.release()
-            return
         m, estimate = self._measured, self._inputs.estimate
         assert m is not None  # it is enabled with an estimate only
         assert estimate is not None
+        if isinstance(setpoint, RelativePoseSetpoint):
+            self._acceptance.displacement(setpoint, estimate)
+            self._setpoint = setpoint
+            self.law.release()
+            return
         hybrid, moved = self._acceptance.hybrid(setpoint, self.law.setpoint, m, estimate)
         self._setpoint = setpoint
         if moved:

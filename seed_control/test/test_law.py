@@ -344,6 +344,82 @@ def test_an_axis_that_is_not_observed_and_not_asked_for_does_not_change_the_forc
     assert max(bench.forces) < 12.0
 
 
+def lose(bench: Bench, *axes: int) -> None:
+    """From now on the estimate does not observe these of x, y, z, roll, pitch, yaw."""
+    bench.observed = tuple(i not in axes for i in range(6))  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("image_rate", [45.0, 12.0])
+@pytest.mark.parametrize("task_frame", ["world", "tool"])
+def test_a_force_direction_that_is_lost_while_pressing_makes_it_hold(image_rate: float, task_frame: str) -> None:
+    parameters = ControllerParameters(estimate_timeout=0.5 if image_rate > 40.0 else 0.15)
+    bench = Bench(image_rate=image_rate, parameters=parameters).enabled()
+    sign = -1.0 if task_frame == "world" else 1.0
+    wrench = Wrench(np.zeros(3), np.array((0.0, 0.0, sign * 10.0)))
+    bench.controller.set_setpoint(HybridSetpoint(DOWN, wrench, PRESS_Z, task_frame=task_frame), bench.t)  # type: ignore[arg-type]
+    bench.run(3.0)
+    lose(bench, 2)
+    state = bench.run(3.0)
+    assert state.mode == "holding"
+    assert "force along C's z, which the estimator does not observe" in state.reason
+    assert max(bench.forces[-700:]) < 10.5
+    lose(bench)
+    assert bench.run(0.3).mode == "holding"  # latched
+    bench.controller.enable(bench.t)
+    bench.press(10.0)
+    bench.run(3.0)
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
+def test_one_image_that_does_not_observe_a_force_direction_is_bridged() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    lose(bench, 2)
+    bench.run(0.024)
+    lose(bench)
+    state = bench.run(1.0)
+    assert state.mode == "contact"
+    assert state.counters.estimates_invalid in (1, 2)
+    assert np.abs(np.array(bench.forces[-250:]) - 10.0).max() < 0.1
+
+
+@pytest.mark.parametrize(("axis", "name"), [(3, "roll"), (4, "pitch"), (5, "yaw")])
+def test_a_torque_axis_that_is_lost_makes_it_hold(axis: int, name: str) -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(WrenchSetpoint(force_down(8.0), contact_resists=(True, True, True)), bench.t)
+    assert bench.run(1.0).mode == "contact"
+    lose(bench, axis)
+    state = bench.run(0.3)
+    assert state.mode == "holding"
+    assert f"the estimator does not observe {name}" in state.reason
+
+
+def test_a_displacement_that_is_not_observed_is_refused_or_held_since_it_would_be_followed_for_ever() -> None:
+    bench = Bench(table=-0.5).enabled()
+    setpoint = RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008)))
+    bench.controller.set_setpoint(setpoint, bench.t)
+    assert bench.run(0.5).mode == "position"
+    lose(bench, 0, 3)  # where nothing is asked for
+    assert bench.run(0.5).mode == "position"
+    lose(bench, 2)
+    state = bench.run(0.5)
+    assert state.mode == "holding"
+    assert "in z, which the estimator does not observe" in state.reason
+    bench.controller.enable(bench.t)
+    bench.step()
+    refused(bench, "SP15", setpoint)
+
+
+def test_axes_that_carry_nothing_may_be_lost() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    lose(bench, 0, 1, 3, 4, 5)
+    assert bench.run(2.0).mode == "contact"
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
 def test_no_growth_of_memory_over_steps() -> None:
     import tracemalloc
 
