@@ -1,37 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installation of seed_driver; files under config/, launch/ and the like need no line here."""
+"""Installs seed_driver: what it is stands in setup.cfg; every file below config and launch goes along."""
 
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-NAME = "seed_driver"
-SHARED = ("config", "launch", "rviz", "layouts", "urdf")
-
-
-def shared_files() -> list[tuple[str, list[str]]]:
-    """Every file below the shared folders, installed at the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for file in (f for folder in SHARED for f in sorted(Path(folder).glob("**/*")) if f.is_file()):
-        found.setdefault(f"share/{NAME}/{file.parent}", []).append(str(file))
-    return list(found.items())
-
-
+SHARE = "share/seed_driver"
+folders = {f.parent for top in ("config", "launch") for f in Path(top).rglob("*.*")}
 setup(
-    name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        *shared_files(),
-    ],
-    package_data={NAME: ["py.typed", "data/*", "templates/*"]},
-    zip_safe=False,
-    maintainer="SEED developers",
-    maintainer_email="seed@example.org",
-    description="Driver for Universal Robots arms: servoing at 500 Hz with limits and link supervision.",
-    license="Apache-2.0",
-    extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["driver = seed_driver.node:main", "target_guard = seed_driver.guard_node:main"]},
+        ("share/ament_index/resource_index/packages", ["resource/seed_driver"]),
+        (SHARE, ["package.xml"]),
+        *((f"{SHARE}/{d}", [str(f) for f in sorted(d.iterdir()) if f.is_file()]) for d in sorted(folders)),
+    ]
 )

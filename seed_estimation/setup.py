@@ -1,37 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installation of seed_estimation; files under config/, launch/ and the like need no line here."""
+"""Installs seed_estimation: what it is stands in setup.cfg; every file below config goes along."""
 
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-NAME = "seed_estimation"
-SHARED = ("config", "launch", "rviz", "layouts", "urdf")
-
-
-def shared_files() -> list[tuple[str, list[str]]]:
-    """Every file below the shared folders, installed at the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for file in (f for folder in SHARED for f in sorted(Path(folder).glob("**/*")) if f.is_file()):
-        found.setdefault(f"share/{NAME}/{file.parent}", []).append(str(file))
-    return list(found.items())
-
-
+SHARE = "share/seed_estimation"
+folders = {f.parent for top in ("config",) for f in Path(top).rglob("*.*")}
 setup(
-    name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        *shared_files(),
-    ],
-    package_data={NAME: ["py.typed", "data/*", "templates/*"]},
-    zip_safe=False,
-    maintainer="SEED developers",
-    maintainer_email="seed@example.org",
-    description="Pose of the grasped tool and contact patches from two tactile cameras.",
-    license="Apache-2.0",
-    extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["estimator = seed_estimation.node:main"]},
+        ("share/ament_index/resource_index/packages", ["resource/seed_estimation"]),
+        (SHARE, ["package.xml"]),
+        *((f"{SHARE}/{d}", [str(f) for f in sorted(d.iterdir()) if f.is_file()]) for d in sorted(folders)),
+    ]
 )

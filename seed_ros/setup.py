@@ -1,37 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installation of seed_ros; files under config/, launch/ and the like need no line here."""
+"""Installs seed_ros: what it is stands in setup.cfg."""
 
-from pathlib import Path
+from setuptools import setup
 
-from setuptools import find_packages, setup
-
-NAME = "seed_ros"
-SHARED = ("config", "launch", "rviz", "layouts", "urdf")
-
-
-def shared_files() -> list[tuple[str, list[str]]]:
-    """Every file below the shared folders, installed at the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for file in (f for folder in SHARED for f in sorted(Path(folder).glob("**/*")) if f.is_file()):
-        found.setdefault(f"share/{NAME}/{file.parent}", []).append(str(file))
-    return list(found.items())
-
-
-setup(
-    name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        *shared_files(),
-    ],
-    package_data={NAME: ["py.typed", "data/*", "templates/*"]},
-    zip_safe=False,
-    maintainer="SEED developers",
-    maintainer_email="seed@example.org",
-    description="Helpers at the ROS edge: conversions, parameters, TF, images, diagnostics.",
-    license="Apache-2.0",
-    extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": []},
-)
+INDEX = "share/ament_index/resource_index/packages"
+setup(data_files=[(INDEX, ["resource/seed_ros"]), ("share/seed_ros", ["package.xml"])])

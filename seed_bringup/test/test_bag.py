@@ -78,7 +78,7 @@ def publish_everything(node: Node, path: Path, topics: list[str]) -> Path:
 
 
 def played(arguments: list[str]) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", *arguments]
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.bag", "play", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
@@ -114,7 +114,7 @@ def test_played_bag_arrives_in_order_latched_topics_also_late_and_with_its_clock
     node.create_subscription(Clock, "/clock", received["clock"].append, 100)
     arguments = [str(bag), "--clock", "--rate", "2.0", "--delay", "3.0", "--remap", "/cell/wrench:=/played/wrench"]
     arguments += ["/cell/mode:=/played/mode"]
-    player = subprocess.Popen([sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", *arguments])
+    player = subprocess.Popen([sys.executable, "-P", "-m", "seed_bringup.commands.bag", "play", *arguments])
     assert wait_until(lambda: len(received["wrench"]) == COUNT, node, 20.0)
     assert player.wait(timeout=10.0) == 0
     assert [m.wrench.force.z for m in received["wrench"]] == [float(i) for i in range(COUNT)]

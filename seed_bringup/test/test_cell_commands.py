@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from seed_bringup.launcher import Launch
+from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 
 pytestmark = [pytest.mark.ros, pytest.mark.realtime]  # a cell that runs by the clock
@@ -27,12 +27,12 @@ def cell() -> Iterator[Launch]:
 
 
 def seed(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-P", "-m", "seed_bringup.cli", *words]
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.dispatch", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=90.0)
 
 
 def playing(*words: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-P", "-u", "-m", "seed_bringup.cli", "play", *words]
+    command = [sys.executable, "-P", "-u", "-m", "seed_bringup.commands.dispatch", "play", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

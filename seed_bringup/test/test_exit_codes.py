@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from seed_bringup.cli import main
+from seed_bringup.commands.dispatch import main
 
 WRONG = [
     "dmeo",

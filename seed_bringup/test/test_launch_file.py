@@ -14,7 +14,7 @@ from seed_bringup.launching.substitution import SubstitutionError, evaluate, sub
 from seed_control.parameters import ControllerParameters
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig
-from seed_driver.motion import COMMANDED
+from seed_driver.motion.servo_motion import COMMANDED
 from seed_sim.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -203,7 +203,7 @@ def test_every_launch_file_of_the_suite_resolves(file: Path) -> None:
 
 def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
     pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
-    from seed_bringup.showing.plan import robot_arguments
+    from seed_bringup.demo.plan import robot_arguments
 
     def programs(words: list[str]) -> set[str]:
         arguments = {**robot_arguments(words), "method": "truth"}
@@ -231,7 +231,7 @@ def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
 
 def test_a_cell_that_is_told_nothing_believes_what_the_simulated_one_is() -> None:
     """Cameras a centimetre beside where they are believed to be see two tools."""
-    from seed_bringup.showing.live import beliefs
+    from seed_bringup.demo.live import beliefs
 
     told = yaml.safe_load((ROOT / "seed_bringup/config/hand.yaml").read_text())["/**"]["ros__parameters"]
     assert told == beliefs(load_scenario("nominal"))["/**"]["ros__parameters"]

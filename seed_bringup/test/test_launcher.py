@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from seed_bringup.launcher import Launch
+from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.process import without_interrupts
 
 pytestmark = [pytest.mark.realtime, pytest.mark.neighbourly]
@@ -74,7 +74,7 @@ def eventually_none_left(folder: Path, patience: float) -> bool:
 
 def start_cli(file: Path) -> subprocess.Popen[str]:
     """The command line in a process of its own, up and running."""
-    code = "import sys; from seed_bringup.launch_cli import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from seed_bringup.commands.launch import main; sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
         [sys.executable, "-c", code, "--own", str(file)],
         stdout=subprocess.PIPE,

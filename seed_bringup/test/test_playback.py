@@ -24,13 +24,14 @@ from seed_bringup.bags.writing import BagWriter
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy, rotation_error
-from seed_estimation.node import EstimatorNode
-from seed_ros.cameras import Intrinsics, camera_info
+from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import estimate_to_message, pose_to_matrix, seconds
-from seed_ros.images import image_message
+from seed_ros.images.arrays import image_message
+from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
-from seed_sim import tactile, validate
+from seed_sim import tactile
+from seed_testing import validate
 
 pytestmark = pytest.mark.ros
 
@@ -78,7 +79,7 @@ def write_bag(path: Path, renderer: Any, start: float, poses: list[np.ndarray | 
 
 
 def play(bag: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "seed_bringup.bag_cli", "play", str(bag), *arguments]
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.bag", "play", str(bag), *arguments]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL)
 
 

@@ -20,9 +20,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
-from seed_ros.cameras import Intrinsics, camera_info
 from seed_ros.conversions import stamp_from_seconds
-from seed_ros.images import image_message
+from seed_ros.images.arrays import image_message
+from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_sim import tactile
@@ -37,7 +37,7 @@ PERIOD = 0.1  # [s]: two images of 640 x 480 each, on a busy machine
 @pytest.fixture
 def launched() -> Iterator[subprocess.Popen[bytes]]:
     prefixes = [f"{finger}_bubble:={prefix}" for finger, prefix in BUBBLES.items()]
-    command = [sys.executable, "-P", "-m", "seed_bringup.cli", "launch", "perception", *prefixes]
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.dispatch", "launch", "perception", *prefixes]
     process = subprocess.Popen([*command, "brightness:=color", f"camera_file:={CAMERA}"])
     try:
         yield process

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seed_bringup.showing.baseline import running_baselines
-from seed_bringup.showing.figures import Phase, force_and_torque, relative_pose
-from seed_bringup.showing.report import Picture, Report, text_table
-from seed_bringup.showing.series import Series
+from seed_bringup.demo.baseline import running_baselines
+from seed_bringup.demo.figures import Phase, force_and_torque, relative_pose
+from seed_bringup.demo.report import Picture, Report, text_table
+from seed_bringup.demo.series import Series
 from seed_core.spatial import pose_from_rpy
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(20)

@@ -15,24 +15,27 @@ from pathlib import Path
 
 import pytest
 
-from seed_bringup.checks import cores, is_edge
-from seed_bringup.commands import COMMANDS, available
+from seed_bringup.command_table import COMMANDS, available
+from seed_bringup.commands.developer import cores, is_edge
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
 
 SUITE = {p.parent.name for p in ROOT.glob("seed_*/package.xml")}
 # What the cores of a package may import beside the standard library and itself.
-NUMERIC = {"numpy", "scipy", "yaml", "ament_index_python"}  # the last one finds installed files, nothing more
+NUMERIC = {"numpy", "scipy", "yaml"}
 MAY_IMPORT = {
     "seed_core": NUMERIC,
+    "seed_ur": NUMERIC | {"seed_core"},
     "seed_control": NUMERIC | {"seed_core", "HersheyFonts"},
     "seed_estimation": NUMERIC | {"seed_core", "cv2"},
-    "seed_driver": NUMERIC | {"seed_core", "seed_sim", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client"},
-    "seed_sysid": NUMERIC | {"seed_core", "seed_estimation", "seed_sim", "matplotlib"},
+    "seed_driver": NUMERIC | {"seed_core", "seed_ur", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client"},
+    "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
     "seed_sim": NUMERIC
-    | {"seed_core", "seed_control", "seed_estimation", "cv2", "pydrake", "matplotlib", "tqdm", "joblib"},
+    | {"seed_core", "seed_ur", "seed_control", "seed_estimation", "seed_sysid"}
+    | {"cv2", "pydrake", "tqdm", "joblib"},
     "seed_bringup": None,  # puts everything together
+    "seed_testing": None,  # proves everything
 }
 
 
@@ -68,6 +71,41 @@ def test_packages_declare_what_they_import(package: str) -> None:
     for file in sorted((ROOT / package / package).glob("**/*.py")):
         used = {n for n in imported(file) if n in SUITE or (of_ros(n) and is_edge(file))} - {package}
         assert used <= declared, f"{file.relative_to(ROOT)}: package.xml lacks {sorted(used - declared)}"
+
+
+@pytest.mark.parametrize("package", sorted(SUITE - {"seed_msgs", "seed_sim", "seed_bringup", "seed_testing"}))
+def test_products_import_neither_the_simulator_nor_the_instruments(package: str) -> None:
+    for file in sorted((ROOT / package / package).glob("**/*.py")):
+        assert not {"seed_sim", "seed_bringup", "seed_testing"} & set(imported(file)), file.relative_to(ROOT)
+    assert "seed_testing" not in {n for f in (ROOT / "seed_bringup").glob("seed_bringup/**/*.py") for n in imported(f)}
+
+
+def imported_modules(file: Path, known: dict[str, Path]) -> Iterator[str]:
+    """Modules of the suite that a file imports anywhere, but for what only a type checker reads."""
+    tree = ast.parse(file.read_text())
+    for block in (n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"):
+        block.body = [ast.Pass()]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (a.name for a in node.names if a.name in known)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                yield name if name in known else node.module
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    files = [f for f in sorted(ROOT.glob("seed_*/seed_*/**/*.py")) if f.name != "__init__.py"]
+    known = {".".join(f.relative_to(ROOT).with_suffix("").parts[1:]): f for f in files}
+    ways = {name: set(imported_modules(f, known)) & set(known) - {name} for name, f in known.items()}
+    while ends := {name for name, uses in ways.items() if not uses & set(ways)}:
+        ways = {name: uses for name, uses in ways.items() if name not in ends}
+    assert not ways, f"in circles, or above one: {sorted(ways)}"
+
+
+def test_folders_stay_small() -> None:
+    for folder in {f.parent for f in ROOT.glob("seed_*/seed_*/**/*.py")}:
+        assert len(list(folder.glob("*.py"))) <= 12, f"{folder.relative_to(ROOT)} has more than 12 modules"
 
 
 def tracked(*patterns: str) -> list[Path]:

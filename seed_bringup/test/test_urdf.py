@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
-from seed_core.ur_kinematics import URKinematics
+from seed_ur.kinematics import URKinematics
 
 FOLDER = Path(__file__).parents[1] / "urdf"
 ARMS = ("ur5e", "ur10e")
@@ -98,7 +98,7 @@ def test_link_frames_form_one_tree_with_those_of_arm_and_hand(name: str) -> None
     """The last link's frame is the flange of the kinematics, and no frame gets a second parent."""
     pytest.importorskip("rclpy", reason="needs ROS 2")
     pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
-    from seed_bringup.links_node import OTHERS, joints_of
+    from seed_bringup.ros.link_frames import OTHERS, joints_of
 
     joints = joints_of(FOLDER / f"{name}.urdf")
     arm = URKinematics.for_model(name)
@@ -118,7 +118,7 @@ def test_link_frames_form_one_tree_with_those_of_arm_and_hand(name: str) -> None
 def test_a_file_that_is_no_urdf_is_refused_by_name(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS 2")
     pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
-    from seed_bringup.links_node import joints_of
+    from seed_bringup.ros.link_frames import joints_of
 
     file = tmp_path / "arm.urdf"
     for text in ("", "<robot><joint name='a' type='prismatic'><child link='b'/></joint></robot>"):

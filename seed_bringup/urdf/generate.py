@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes ur5e.urdf and ur10e.urdf, arms with our gripper and tool, from the DH table and the default hand.
 
-Run it after a change of seed_core.ur_models or seed_core.hand:  ./seed shell python seed_bringup/urdf/generate.py
+Run it after a change of seed_ur.models or seed_core.hand:  ./seed shell python seed_bringup/urdf/generate.py
 Link i's frame stands on the axis of joint i (z); its offset B_i = Tz(d) Tx(a) Rx(alpha) leads to the next joint.
 Masses and centres of mass are UR's; inertias are those of uniform cylinders along the link; shapes are sketches.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.hand import Hand, Tool
-from seed_core.ur_models import ALPHA, JOINT_NAMES, LINK_NAMES, MODELS, URModel
+from seed_ur.models import ALPHA, JOINT_NAMES, LINK_NAMES, MODELS, URModel
 
 Array = NDArray[np.float64]
 THICKNESS = {

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from seed_control.law import Controller, ControllerParameters
-from seed_control.setpoints import HybridSetpoint
+from seed_control.controller import Controller, ControllerParameters
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate

@@ -20,7 +20,7 @@ from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool, Trigger
 
-from seed_control.node import ControllerNode
+from seed_control.ros.node import ControllerNode
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.acceptance import Acceptance
-from seed_control.features import LAWS
-from seed_control.guard import Guard
-from seed_control.hybrid_law import HybridLaw
-from seed_control.measurement import Gauge, Measurement
+from seed_control.command.guard import Guard
+from seed_control.law.features import LAWS
+from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoints import HybridSetpoint, SetpointError
+from seed_control.setpoint.acceptance import Acceptance
+from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
+from seed_control.wrench.estimate import Gauge, Measurement
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Hand, Tool

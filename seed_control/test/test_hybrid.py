@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.hybrid import PartialInverseError, hybrid_translation, partial_angles
+from seed_control.law.partial_inverse import PartialInverseError, hybrid_translation, partial_angles
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import rotation_from_rpy
 

@@ -6,8 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DOWN, DT, PRESS_Z, Bench
 
-from seed_control.law import ControllerParameters, ControlRefusedError
-from seed_control.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_control.controller import ControllerParameters, ControlRefusedError
+from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS

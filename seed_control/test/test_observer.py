@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.observer import MAX_SHARE, ObserverTuning, SurfaceObserver
-from seed_control.vectors import triple
+from seed_control.law.surface_observer import MAX_SHARE, ObserverTuning, SurfaceObserver
+from seed_core.vector3 import triple
 
 TUNING = ObserverTuning(2e-4, 2e-3, 2e-3, 0.03, 0.1)
 UP = np.array((0.0, 0.0, 1.0))

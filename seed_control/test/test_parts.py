@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.bench import growth
-from seed_control.gravity import GRAVITY, weight_about_T
-from seed_control.history import PoseHistory
-from seed_control.lag import LagEstimate
-from seed_control.limits import PoseLimiter, VectorLimiter
-from seed_control.measurement import observed_part
-from seed_control.series_elastic import loop_gain, motor_position
-from seed_control.turns import quaternion
-from seed_control.weighing import Weighing, WeighingError
+from seed_control.algorithm1 import loop_gain, motor_position
+from seed_control.command.lag import LagEstimate
+from seed_control.command.limiter import PoseLimiter, VectorLimiter
+from seed_control.payload.identify import Weighing, WeighingError
+from seed_control.wrench.estimate import observed_part
+from seed_control.wrench.history import PoseHistory
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.gravity import GRAVITY, weight_about_T
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.quaternion import quaternion
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_log
+from seed_testing.bench.control import growth
 
 RNG = np.random.default_rng(9)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_core.spatial import Wrench, make_pose
 
 Z = np.diag([0.0, 0.0, 1.0])

@@ -6,16 +6,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from seed_control.command import BANDWIDTH
-from seed_control.observer import MAX_SHARE, ObserverTuning, SurfaceObserver
-from seed_control.parameters import ControllerParameters
-from seed_control.stability import (
+from seed_control.command.flange_command import BANDWIDTH
+from seed_control.law.stability import (
     environment_share,
     lean_crossover,
     lean_delay_limit,
     lean_phase_margin,
     surface_small_gain,
 )
+from seed_control.law.surface_observer import MAX_SHARE, ObserverTuning, SurfaceObserver
+from seed_control.parameters import ControllerParameters
 
 STIFFNESS = {"nominal": 800.0, "stiff_grip": 3200.0}  # [N/m] along z
 ENVIRONMENT = {"rigid": 4e4, "soft": 500.0}  # [N/m]

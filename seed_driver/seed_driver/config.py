@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from seed_core.config import ConfigError, checked, field, from_mapping, to_mapping
-from seed_core.ur_models import MODELS
+from seed_ur.models import MODELS
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]

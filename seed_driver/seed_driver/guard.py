@@ -8,9 +8,9 @@ from math import hypot, isfinite
 
 from seed_core.config import ConfigError, field
 from seed_driver.config import DriverConfig
-from seed_driver.gate import UNIT_TOLERANCE, Target, refusal
-from seed_driver.limits import ZERO, Bounds, Follower, Reference
-from seed_driver.rotation import Quaternion, Vector
+from seed_driver.motion.limiter import ZERO, Bounds, Follower, Reference
+from seed_driver.motion.rotation import Quaternion, Vector
+from seed_driver.target_checks import UNIT_TOLERANCE, Target, refusal
 
 Pose = tuple[Vector, Quaternion]
 CORNER: tuple[float, float, float] = (1.4, 1.4, 1.6)

@@ -18,15 +18,15 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json
-from seed_driver.kinematics import arm_kinematics
-from seed_driver.motion import Motion
-from seed_driver.pace import Pace
-from seed_driver.probe import LinkError
-from seed_driver.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
-from seed_driver.robot import Robot, load
+from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.servo_motion import Motion
+from seed_driver.process.deadlines import Pace
+from seed_driver.process.period_histogram import Periods
+from seed_driver.process.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
+from seed_driver.process.shared_memory import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
+from seed_driver.robot.connection import Robot, load
+from seed_driver.robot.probe import LinkError
 from seed_driver.session import WAITING, Session
-from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
-from seed_driver.timing import Periods
 
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes
 RETRY = 0.5  # [s] between looks at an address where nobody is

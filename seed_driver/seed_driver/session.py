@@ -6,13 +6,13 @@ from __future__ import annotations
 import time
 from math import dist
 
-from seed_driver import link
 from seed_driver.config import TOOL, DriverConfig
-from seed_driver.motion import Motion
-from seed_driver.probe import LinkError
-from seed_driver.realtime import threads_above
-from seed_driver.robot import Robot, demand
-from seed_driver.shared import Sample
+from seed_driver.motion.servo_motion import Motion
+from seed_driver.process.realtime import threads_above
+from seed_driver.process.shared_memory import Sample
+from seed_driver.robot import link
+from seed_driver.robot.connection import Robot, demand
+from seed_driver.robot.probe import LinkError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 AHEAD = 2  # steps of motion beyond the newest state of the robot

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from seed_driver.config import DriverConfig
-from seed_driver.rig import Rig
-from seed_driver.supervisor import Supervisor
-from seed_sim.ur.client import StandIn, private_host
+from seed_driver.process.supervisor import Supervisor
+from seed_testing.fault_bench.bench import Rig
+from seed_ur.standin_client import StandIn, private_host
 
 NAMED_WITHIN = 3.0  # [s]
 pytestmark = pytest.mark.realtime
@@ -128,7 +128,7 @@ def test_protective_stop_at_start_is_named_and_needs_a_request_afterwards() -> N
         refused = rig.ask("start")
         assert not refused.ok
         assert "protective stop" in refused.text
-        from seed_driver.probe import dashboard
+        from seed_driver.robot.probe import dashboard
 
         assert "releasing" in dashboard(rig.robot.host, "unlock protective stop")
         rig.run(0.5)

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
-from seed_core.ur_kinematics import URKinematics
-from seed_driver.calibration import KEYS, LINKS, load_calibration
 from seed_driver.config import DriverConfig, from_json, to_json
-from seed_driver.kinematics import arm_kinematics
+from seed_driver.motion.calibration import KEYS, LINKS, load_calibration
+from seed_driver.motion.kinematics import arm_kinematics
+from seed_ur.kinematics import URKinematics
 
 NOMINAL = URKinematics.for_model("ur5e")
 

@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from seed_driver.faults import FAULTS, JUMP, Fault, suffer
-from seed_driver.rig import Rig, leftover_processes
-from seed_driver.shared import Stage
+from seed_driver.process.shared_memory import Stage
+from seed_testing.fault_bench.bench import Rig, leftover_processes
+from seed_testing.fault_bench.faults import FAULTS, JUMP, Fault, suffer
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures

@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from seed_core.ur_kinematics import URKinematics
 from seed_driver.config import DriverConfig
-from seed_driver.gate import Target, refusal
 from seed_driver.guard import Guard, GuardConfig
-from seed_driver.rotation import from_rotation_vector
+from seed_driver.motion.rotation import from_rotation_vector
+from seed_driver.target_checks import Target, refusal
+from seed_ur.kinematics import URKinematics
 
 ARM = URKinematics.for_model("ur5e")
 JOINTS = [0.0, -1.7, 2.1, -1.97, -math.pi / 2, 0.0]

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from seed_driver.limits import ZERO, Bounds, Follower, Reference
-from seed_driver.rotation import difference, from_rotation_vector
+from seed_driver.motion.limiter import ZERO, Bounds, Follower, Reference
+from seed_driver.motion.rotation import difference, from_rotation_vector
 
 DT = 0.002
 HERE = (0.4, -0.1, 0.3)

@@ -3,7 +3,7 @@
 
 import pytest
 
-from seed_driver.link import LinkWatch, safety_stop, unable
+from seed_driver.robot.link import LinkWatch, safety_stop, unable
 
 
 def test_an_advancing_clock_is_alive_and_a_standing_one_is_lost_within_a_tenth() -> None:

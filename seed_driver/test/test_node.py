@@ -22,17 +22,17 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from std_srvs.srv import Trigger
 
-from seed_driver.peer_node import Peer, SetBool
-from seed_driver.rig import leftover_processes
-from seed_driver.rotation import rotate, turned
-from seed_sim.ur.client import StandIn
+from seed_driver.motion.rotation import rotate, turned
+from seed_testing.fault_bench.bench import leftover_processes
+from seed_testing.peer import Peer, SetBool
+from seed_ur.standin_client import StandIn
 
 pytestmark = pytest.mark.ros
 
 
 def start_node(*parameters: str) -> subprocess.Popen:
     arguments = [part for p in parameters for part in ("-p", p)]
-    return subprocess.Popen([sys.executable, "-m", "seed_driver.node", "--ros-args", *arguments])
+    return subprocess.Popen([sys.executable, "-m", "seed_driver.ros.node", "--ros-args", *arguments])
 
 
 def stop_node(process: subprocess.Popen) -> int:

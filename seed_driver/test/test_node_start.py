@@ -12,8 +12,8 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
-from seed_driver.rig import leftover_processes
-from seed_sim.ur.client import StandIn, private_host
+from seed_testing.fault_bench.bench import leftover_processes
+from seed_ur.standin_client import StandIn, private_host
 
 pytestmark = pytest.mark.ros
 
@@ -25,7 +25,7 @@ class Node:
         self.file = tmp_path / "said"
         arguments = [part for p in parameters for part in ("-p", p)]
         with self.file.open("w") as out:
-            command = [sys.executable, "-m", "seed_driver.node", "--ros-args", *arguments]
+            command = [sys.executable, "-m", "seed_driver.ros.node", "--ros-args", *arguments]
             self.process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
 
     def says(self, text: str, within: float = 60.0) -> bool:

@@ -11,14 +11,14 @@ from collections import deque
 import numpy as np
 import pytest
 
-from seed_core.ur_kinematics import URKinematics
-from seed_core.ur_pose import pose_from_matrix
 from seed_driver.config import DriverConfig
-from seed_driver.pace import CLOSEST, Pace
-from seed_driver.rotation import from_rotation_vector, pose_matrix, turned
+from seed_driver.motion.rotation import from_rotation_vector, pose_matrix, turned
+from seed_driver.process.deadlines import CLOSEST, Pace
+from seed_driver.process.shared_memory import NO_SAMPLE, Modes, SharedMemory, TargetSlot
 from seed_driver.servo import ServoProcess
-from seed_driver.shared import NO_SAMPLE, Modes, SharedMemory, TargetSlot
-from seed_sim.ur.arm import Arm, Servo
+from seed_ur.kinematics import URKinematics
+from seed_ur.pose import pose_from_matrix
+from seed_ur.standin.arm import Arm, Servo
 
 PERIOD = 0.002  # [s]
 PATH_TIME = 1e-4  # [s] from one computer to the other

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.ur_pose import pose_from_matrix
-from seed_driver.rig import Rig
-from seed_driver.rotation import pose_matrix, turned
+from seed_driver.motion.rotation import pose_matrix, turned
+from seed_testing.fault_bench.bench import Rig
+from seed_ur.pose import pose_from_matrix
 
 pytestmark = pytest.mark.realtime
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.ur_kinematics import URKinematics
 from seed_driver.config import DriverConfig
-from seed_driver.rig import STEP, Rig, leftover_processes
-from seed_driver.rotation import turned
-from seed_driver.shared import Stage
-from seed_driver.supervisor import Supervisor
-from seed_sim.ur.controller import HOME
-from seed_sim.ur.plant_link import PlantLink
+from seed_driver.motion.rotation import turned
+from seed_driver.process.shared_memory import Stage
+from seed_driver.process.supervisor import Supervisor
+from seed_testing.fault_bench.bench import STEP, Rig, leftover_processes
+from seed_ur.kinematics import URKinematics
+from seed_ur.plant_link import PlantLink
+from seed_ur.standin.controller import HOME
 
 pytestmark = pytest.mark.realtime
 

@@ -6,11 +6,11 @@ import os
 import pytest
 
 from seed_driver.config import DriverConfig
-from seed_driver.kinematics import arm_kinematics
-from seed_driver.motion import Motion
-from seed_driver.realtime import threads_above
+from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.servo_motion import Motion
+from seed_driver.process.realtime import threads_above
+from seed_driver.process.shared_memory import SharedMemory
 from seed_driver.session import AHEAD, Session
-from seed_driver.shared import SharedMemory
 
 DT = 0.002  # [s] the cycle
 

@@ -5,7 +5,7 @@ import os
 import signal
 import time
 
-from seed_driver.shared import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
+from seed_driver.process.shared_memory import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
 
 
 def test_targets_and_states_come_out_as_they_went_in() -> None:

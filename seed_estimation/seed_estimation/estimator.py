@@ -17,15 +17,18 @@ import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
-from seed_estimation import calibration_file, finger_model, identity, reporting
-from seed_estimation.camera import Camera
-from seed_estimation.contact_patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
-from seed_estimation.frame import prepare
-from seed_estimation.images import Image, TactileImages
-from seed_estimation.intake import EstimatorError, Intake
+from seed_estimation import report as reporting
+from seed_estimation.calibration import file as calibration_file
+from seed_estimation.contact.patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
+from seed_estimation.images import identity
+from seed_estimation.images.camera import Camera
+from seed_estimation.images.checks import EstimatorError, Intake
+from seed_estimation.images.frame import prepare
+from seed_estimation.images.pair import Image, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import FlowSettings, PublishedMethod
-from seed_estimation.tracking import Tracker
+from seed_estimation.rigid_fit import reference as finger_model
+from seed_estimation.tracker import Tracker
 
 __all__ = ["Estimator", "EstimatorError", "EstimatorParameters"]
 

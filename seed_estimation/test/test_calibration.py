@@ -9,12 +9,12 @@ import pytest
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
-from seed_estimation import calibration as cal
-from seed_estimation.contact_patch import mean_depth
+from seed_estimation.calibration import calibrate as cal
+from seed_estimation.contact.patch import mean_depth
 from seed_sim.tactile.captures import captures
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
-from seed_sim.validation.calibrate import known_shape
+from seed_testing.validation.calibrate import known_shape
 
 
 @pytest.fixture(scope="module")

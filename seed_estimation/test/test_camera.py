@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from seed_estimation.camera import Camera, CameraError
-from seed_estimation.frame import project32
+from seed_estimation.images.camera import Camera, CameraError
+from seed_estimation.images.frame import project32
 
 PICOFLEXX = Camera.from_info(
     224, 171, [214.06, 0, 116.25, 0, 214.06, 87.57, 0, 0, 1], [0.368, -4.494, 0, 0, 7.971], "plumb_bob"

@@ -21,12 +21,12 @@ from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy, rotation_error
-from seed_estimation import identity
-from seed_estimation.images import TactileImages
-from seed_estimation.node import EstimatorNode
-from seed_ros.cameras import Intrinsics, camera_info
+from seed_estimation.images import identity
+from seed_estimation.images.pair import TactileImages
+from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
-from seed_ros.images import image_message
+from seed_ros.images.arrays import image_message
+from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 

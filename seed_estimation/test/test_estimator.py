@@ -13,7 +13,7 @@ from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error, so3_exp
 from seed_estimation.estimator import Estimator, EstimatorError, EstimatorParameters
-from seed_estimation.images import TactileImages
+from seed_estimation.images.pair import TactileImages
 from seed_estimation.published import fitted_gain
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer

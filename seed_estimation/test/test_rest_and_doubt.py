@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from seed_core.spatial import Array
-from seed_estimation.dots import UNSEEN, Depth, Seen
-from seed_estimation.gross_slip import _gone_on, _with_depth
-from seed_estimation.slip import START_DEVIATION, MicroSlip
-from seed_estimation.surface import at_rest
+from seed_estimation.contact.surface import at_rest
+from seed_estimation.rigid_fit.micro_slip import START_DEVIATION, MicroSlip
+from seed_estimation.slip.gross import _gone_on, _with_depth
+from seed_estimation.slip.markers import UNSEEN, Depth, Seen
 
 SHAPE = (90, 120)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)

@@ -17,7 +17,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose
 from seed_ros import conversions as c
-from seed_ros.images import depth_from_message, gray_from_message, image_message
+from seed_ros.images.arrays import depth_from_message, gray_from_message, image_message
 
 RNG = np.random.default_rng(5)
 

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seed_ros.pairing import Pairing
+from seed_ros.images.pairing import Pairing
 
 PERIOD = 1.0 / 45.0
 

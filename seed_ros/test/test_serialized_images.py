@@ -17,8 +17,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image
 
 from seed_core.errors import SeedError
-from seed_ros.images import depth_from_message, image_message
-from seed_ros.serialized_images import ImageWriter, read_image
+from seed_ros.images.arrays import depth_from_message, image_message
+from seed_ros.images.serialized import ImageWriter, read_image
 
 pytestmark = pytest.mark.ros
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
+from seed_core.files import shared_path
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_sim.tactile.parameters import TactileParameters
-from seed_sim.validation.trajectory import TrajectorySection
+from seed_sim.tactile.trajectory import TrajectorySection
 
-FOLDER = Path(__file__).parent.parent / "config" / "scenarios"
 Range = tuple[float, float]
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
 
@@ -103,12 +103,8 @@ def shipped_scenarios() -> list[str]:
 
 
 def folder() -> Path:
-    """Where the shipped scenarios lie: beside the sources, or in the installed share folder."""
-    if FOLDER.is_dir():
-        return FOLDER
-    from ament_index_python.packages import get_package_share_directory
-
-    return Path(get_package_share_directory("seed_sim")) / "config" / "scenarios"
+    """Where the shipped scenarios lie."""
+    return shared_path("seed_sim", "config/scenarios")
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.spatial import make_pose, pose_from_rpy, so3_log
-from seed_sim.arm import Arm, Repeatability
+from seed_sim.plant.arm import Arm, Repeatability
 from seed_sim.scenario import ServoSection
 
 START = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.3))

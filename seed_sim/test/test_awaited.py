@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from seed_sim.awaited import LONGEST, Awaited
+from seed_sim.ros.late_stream import LONGEST, Awaited
 
 
 def test_a_stream_that_never_came_is_not_waited_for() -> None:

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import CLOCK, SENSOR
 from seed_ros.testing import Bench
-from seed_sim.bubbles_node import BubblesNode
+from seed_sim.ros.tactile_cameras import BubblesNode
 
 pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from joblib import parallel_config
 
-from seed_sim.sweep import sweep
+from seed_sim.closed_loop.sweep import sweep
 
 pytest.importorskip("distributed", reason="needs Dask: pip install dask distributed")
 

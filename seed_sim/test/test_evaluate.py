@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_sim import evaluate
-from seed_sim.evaluate import main, run
-from seed_sim.sweep import column_summary, summary
+from seed_sim.closed_loop import evaluate
+from seed_sim.closed_loop.evaluate import main, run
+from seed_sim.closed_loop.sweep import column_summary, summary
 
 SHORT = """
 name: squeegee

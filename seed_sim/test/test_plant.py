@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from seed_core.bushing import Bushing
 from seed_core.hand import Frame, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_exp, so3_log
-from seed_sim.plant import DT, Plant, PlantError
+from seed_sim.plant.plant import DT, Plant, PlantError
 from seed_sim.scenario import GraspSection, Scenario, ServoSection, TableSection
 
 FLAT = TableSection(tilt_x=(0.0, 0.0), tilt_y=(0.0, 0.0), height=(0.0, 0.0))
@@ -202,8 +202,8 @@ def test_reset_and_grasp_bring_the_tool_back_to_where_it_was_taken():
 
 
 def test_screw_gives_way_in_proportion_to_the_torque_on_it():
+    from seed_sim.plant.tools import SCREW_STIFFNESS
     from seed_sim.scenario import load_scenario
-    from seed_sim.tools import SCREW_STIFFNESS
 
     driver = replace(load_scenario("torque_driver"), table=FLAT, servo=EXACT)
     plant = settled(driver, -0.006)

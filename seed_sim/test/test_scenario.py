@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError
-from seed_sim.plant import draw_surface
+from seed_sim.plant.plant import draw_surface
 from seed_sim.scenario import COLUMNS, Scenario, load_scenario, shipped_scenarios
 
 

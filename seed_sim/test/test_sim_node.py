@@ -20,8 +20,8 @@ from std_srvs.srv import Trigger
 from seed_ros.conversions import pose_stamped, pose_to_matrix
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
-from seed_sim.latch import Latch
-from seed_sim.node import SimNode
+from seed_sim.ros.hold_latch import Latch
+from seed_sim.ros.node import SimNode
 
 pytestmark = pytest.mark.ros
 

@@ -16,8 +16,8 @@ from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy
 from seed_sim.tactile import TactileParameters, TactileRenderer
 from seed_sim.tactile.friction import Friction
 from seed_sim.tactile.membrane import _shares
-from seed_sim.validation.slip import Pull, moments, random_pull
-from seed_sim.validation.trajectory import TrajectorySection
+from seed_sim.tactile.trajectory import TrajectorySection
+from seed_testing.validation.slip import Pull, moments, random_pull
 
 DT = 0.002  # [s]
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.law import Controller, ControllerParameters
+from seed_control.controller import Controller, ControllerParameters
+from seed_control.payload.identify import Weight
+from seed_control.payload.motion import WeighingRun
 from seed_control.tasks import load_task
-from seed_control.weighing import Weight
-from seed_control.weighing_run import WeighingRun
-from seed_sim.closed_loop import start_pose
-from seed_sim.plant import Plant
+from seed_sim.closed_loop.run import start_pose
+from seed_sim.closed_loop.sources import source_for
+from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
-from seed_sim.sources import source_for
 
 
 def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy", seed: int = 3) -> Weight:

@@ -9,13 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seed_bringup import identify
 from seed_core.spatial import inverse_pose
-from seed_sysid import identify
-from seed_sysid.analysis import analyse
-from seed_sysid.bag import TOPIC, TYPE
-from seed_sysid.dataset import Dataset, DatasetError, Sample, Writer, flat_pose, header_line, parse, read, sample_line
-from seed_sysid.scenario import load
-from seed_sysid.session import at_rest, simulate
+from seed_sim.identification.scenario import load
+from seed_sim.identification.session import at_rest, simulate
+from seed_sysid.fit.analysis import analyse
+from seed_sysid.run.bag import TOPIC, TYPE
+from seed_sysid.run.dataset import (
+    Dataset,
+    DatasetError,
+    Sample,
+    Writer,
+    flat_pose,
+    header_line,
+    parse,
+    read,
+    sample_line,
+)
 
 
 @pytest.fixture(scope="module")

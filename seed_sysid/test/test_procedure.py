@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seed_bringup import identify
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import pose_from_rpy, so3_log
-from seed_sysid import identify
+from seed_sim.identification.cell import SimulatedCell
+from seed_sim.identification.scenario import load
+from seed_sim.identification.session import simulate
+from seed_sysid.design.procedure import Command, Reading, Run
+from seed_sysid.fit.weight import fit_weight, simulate_weight
 from seed_sysid.parameters import Procedure
-from seed_sysid.procedure import Command, Reading, Run
-from seed_sysid.scenario import load
-from seed_sysid.session import simulate
-from seed_sysid.simulation import SimulatedCell
-from seed_sysid.weight import fit_weight, simulate_weight
 
 K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
 
@@ -58,7 +58,7 @@ def test_a_creeping_grasp_is_waited_for() -> None:
 
 
 def _stiffness(data):
-    from seed_sysid.analysis import analyse
+    from seed_sysid.fit.analysis import analyse
 
     return analyse(data, "kinematic").solution.stiffness
 

@@ -12,16 +12,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" / "seed_bringup")]
 
-import commands  # noqa: E402
+import command_table  # noqa: E402
 
 from progress import SetupError, UsageError, say  # noqa: E402
 
 
 def main(arguments: list[str]) -> int:
     """Answer help and mistakes at once; set up and run everything else."""
-    known = commands.available(ROOT)
+    known = command_table.available(ROOT)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
-        print(commands.usage(known))
+        print(command_table.usage(known))
         return 0
     if arguments[0] not in known:
         print(f"seed: no command {arguments[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
@@ -49,7 +49,7 @@ def start(arguments: list[str]) -> None:
     environment = ready_environment(ROOT, pins)
     variables = ready_workspace(ROOT, environment, force=_builds(arguments), extra=arguments[1:])
     python = str(environment.python)
-    os.execve(python, [python, "-P", "-m", "seed_bringup.cli", *arguments], variables)
+    os.execve(python, [python, "-P", "-m", "seed_bringup.commands.dispatch", *arguments], variables)
 
 
 def _builds(arguments: list[str]) -> bool:

@@ -33,7 +33,7 @@ class Recording:
 
     def start(self) -> Recording:
         """Start the recorder; topics that appear later are recorded from their first match on."""
-        command = [sys.executable, "-P", "-m", "seed_bringup.bag_cli", "record", "-o", str(self.path), *self._what]
+        command = [sys.executable, "-P", "-m", "seed_bringup.commands.bag", "record", "-o", str(self.path), *self._what]
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (read again after the process has ended)
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
 from seed_core.config import load_file
+from seed_core.files import shared_path
 
 
 def shipped_tasks() -> dict[str, Path]:
     """The tasks that come with the package, by name."""
-    return {f.stem: f for f in sorted(_shipped_folder().glob("*.yaml"))}
+    return {f.stem: f for f in sorted(shared_path("seed_control", "config/tasks").glob("*.yaml"))}
 
 
 def load_task(source: str | Path, force: float | None = None, text: str | None = None) -> Task:
@@ -57,12 +58,3 @@ def _with_text(task: Task, text: str) -> Task:
     if not text.strip() or len(text) > 80:
         raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
     return replace(task, draw=replace(task.draw, text=text))
-
-
-def _shipped_folder() -> Path:
-    """config/tasks of the source tree, or of the installed share folder."""
-    for parent in Path(__file__).resolve().parents:
-        for folder in (parent / "config" / "tasks", parent / "share" / "seed_control" / "config" / "tasks"):
-            if folder.is_dir():
-                return folder
-    raise TaskError("the shipped tasks (seed_control/config/tasks) are not installed: build the workspace again")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_control.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
 from seed_control.tasks.script import Step, steps_of

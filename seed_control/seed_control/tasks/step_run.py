@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from seed_control.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
 from seed_control.tasks.script import Step

@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array
-from seed_estimation.camera import Camera
+from seed_estimation.images.camera import Camera
 from seed_sim.tactile.geometry import Rays
 
 FINGERS = ("left", "right")

@@ -8,8 +8,8 @@ import numpy as np
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose
-from seed_estimation.camera import Camera
-from seed_estimation.images import TactileImages
+from seed_estimation.images.camera import Camera
+from seed_estimation.images.pair import TactileImages
 from seed_sim.tactile.cameras import FINGERS, camera_model, coarse_factor, coarse_rays
 from seed_sim.tactile.geometry import Image
 from seed_sim.tactile.membrane import Membrane, Shape, followed

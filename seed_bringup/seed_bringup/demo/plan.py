@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a demo was asked to do, checked before anything starts."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from seed_control.tasks import Task, load_task
+from seed_core.command_line import results_folder
+from seed_core.errors import SeedError
+from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
+from seed_sim.scenario import Scenario, load_scenario
+
+STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The options and what they name; robot: the launch arguments `robot` and `robot_ip`; folder: of the results."""
+
+    options: argparse.Namespace
+    robot: dict[str, str]
+    task: Task
+    scenario_name: str
+    scenario: Scenario
+    folder: Path
+
+    @property
+    def command(self) -> str:
+        """What to type to get this again."""
+        o = self.options
+        return (
+            f"./seed demo --task {o.task} --seed {o.seed} --estimator {o.estimator}"
+            + (f" --force {o.force:g}" if o.force is not None else "")
+            + (f" --scenario {o.scenario}" if o.scenario is not None else "")
+            + (f" --law {o.law}" if o.law != "seed" else "")
+            + (f" --camera-rate {o.camera_rate:g}" if o.camera_rate else "")
+            + (f" robot:=ur robot_ip:={self.robot['robot_ip']}" if self.robot["robot"] == "ur" else "")
+        )
+
+
+def plan(options: argparse.Namespace) -> Plan:
+    """Load what the options name and make the folder. Raises SeedError: something of it is not there or will not do."""
+    robot = robot_arguments(options.robot)
+    task = load_task(options.task, options.force)
+    scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(task.name, task.name))
+    scenario = load_scenario(scenario_name)
+    stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    folder: Path = (options.out or results_folder() / f"{task.name}-{stamp}").resolve()
+    if folder.is_dir() and any(folder.iterdir()):
+        raise SeedError(f"{folder} is not empty; results are never overwritten: name another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    return Plan(options, robot, task, scenario_name, scenario, folder)
+
+
+def robot_arguments(words: list[str]) -> dict[str, str]:
+    """robot and robot_ip as launch arguments. Raises SeedError for others, and for an address that is not loopback."""
+    given = dict(w.partition(":=")[::2] for w in words)
+    unknown = sorted(set(given) - {"robot", "robot_ip"})
+    robot = given.get("robot", "ur")
+    if unknown or robot not in ("sim", "ur"):
+        raise SeedError(f"{' '.join(words)}: the demo takes robot:=sim or robot:=ur, and robot_ip:=127.x.y.z")
+    address = given.get("robot_ip", STANDIN if robot == "ur" else "")
+    if robot == "ur" and not address.startswith("127."):
+        raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
+    return {"robot": robot, "robot_ip": address}

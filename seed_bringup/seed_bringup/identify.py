@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed identify: the stiffness of a grasp, from a simulated run or from recorded data."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from seed_core.command_line import Help, command, results_folder, seed_number
+from seed_core.errors import SeedError
+from seed_sim.identification.scenario import load
+from seed_sim.identification.session import simulate
+from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.fit.model import AXES, UNITS
+from seed_sysid.parameters import FitParameters
+from seed_sysid.report.output import stiffness_file, summary, write_stiffness
+from seed_sysid.run.dataset import Dataset, read
+
+
+@command("seed identify")
+def main(argv: list[str]) -> int:
+    """Run the command; 0 when a stiffness was found."""
+    return _run(parser().parse_args(argv))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(prog="seed identify", description=__doc__, formatter_class=Help)
+    out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sysid/config/identify")
+    out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
+    out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
+    out.add_argument(
+        "--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor"
+    )
+    out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit; default: the scenario's")
+    out.add_argument(
+        "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
+    )
+    out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
+    out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
+    out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
+    out.add_argument(
+        "--out", type=Path, help="folder for data, stiffness.yaml and report.html; default: results/identify-TIME"
+    )
+    out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
+    return out
+
+
+def _run(args: argparse.Namespace) -> int:
+    now = datetime.now(UTC)
+    _refuse_what_would_be_ignored(args)
+    if args.procedure == "weight":
+        from seed_sysid.fit.weight import run_weight
+
+        return run_weight(args)
+    folder = args.out
+    if args.live:
+        return _live(args, folder or results_folder() / "identification")
+    if folder is None and not args.json:
+        folder = results_folder() / f"identify-{now:%Y%m%d-%H%M%S}"
+    analysis, figures = _from_file(args) if args.source else _simulated(args, folder, now.isoformat(timespec="seconds"))
+    if folder is not None:
+        _write(folder, analysis, figures, now.isoformat(timespec="seconds"))
+    print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
+    return 0
+
+
+def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
+    weight, live, recorded = args.procedure == "weight", args.live, args.source is not None
+    for wrong, text in (
+        (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
+        (live and recorded, "--live and --from exclude each other"),
+        (live and weight, "--procedure weight does not run --live: record the poses and weights"),
+        (args.in_the_loop and (live or recorded or weight), "--in-the-loop needs a simulated run: only it has a truth"),
+    ):
+        if wrong:
+            raise SeedError(text)
+
+
+def _live(args: argparse.Namespace, folder: Path) -> int:
+    client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
+    figures = client.identify(folder, args.poses, args.zero_sensor)
+    print(json.dumps(figures) if args.json else client.table(figures))
+    return 0
+
+
+def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> tuple[Analysis, dict[str, Any]]:
+    scenario = load(args.scenario)
+    fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
+    eyes = None
+    if args.poses == "estimator":
+        from seed_sim.identification.tactile_poses import TactileEyes
+
+        eyes = TactileEyes(scenario.estimator, scenario.hand, args.seed)
+    file = folder / "samples.jsonl" if folder else None
+    data, cell = simulate(scenario, args.seed, file, eyes, created)
+    analysis = analyse(data, args.poses, fit)
+    figures = summary(analysis, cell.truth) | {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "simulated_minutes": cell.stamp / 60.0,
+        "outliers_made": cell.outliers,
+    }
+    if args.in_the_loop:
+        from seed_sim.identification.in_the_loop import compare, read_back
+
+        g = analysis.nominal
+        found = read_back(stiffness_file(analysis, created), analysis.widths[g])
+        figures["in_the_loop"] = compare(found, cell.truth.stiffness[analysis.grips[g]], args.seed)
+    return analysis, figures
+
+
+def _from_file(args: argparse.Namespace) -> tuple[Analysis, dict[str, Any]]:
+    data = read_any(args.source)
+    analysis = analyse(data, args.poses, FitParameters(model=args.model or "midpoint"))
+    minutes = (data.samples[-1].stamp - data.samples[0].stamp) / 60.0
+    return analysis, summary(analysis) | {"from": str(args.source), "minutes": minutes}
+
+
+def read_any(path: Path) -> Dataset:
+    """Samples from a file, or from a bag that recorded the node's topic."""
+    if path.is_dir() or path.suffix in (".mcap", ".db3"):
+        from seed_sysid.run.bag import read_bag
+
+        return read_bag(path)
+    return read(path)
+
+
+def _write(folder: Path, analysis: Analysis, figures: dict[str, Any], date: str) -> None:
+    from seed_sysid.report.report import write_report
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_stiffness(folder / "stiffness.yaml", stiffness_file(analysis, date))
+    (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    write_report(folder / "report.html", analysis, figures)
+
+
+def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
+    k, half, g = a.solution.stiffness, a.solution.stiffness_half_width, a.nominal
+    true = figures.get("truth")
+    truth = [*true["rotation"], *true["translation"]] if true else None
+    lines = [f"stiffness at {1e3 * a.widths[g]:.1f} mm ({figures['confidence']:.0%} intervals, {a.source} poses):"]
+    for j, axis in enumerate(AXES):
+        note = f"   true {truth[j]:9.3f}  error {abs(k[g, j] / truth[j] - 1):6.2%}" if truth else ""
+        lines.append(f"  {axis:<6}{k[g, j]:9.3f} +- {half[g, j]:7.3f} {UNITS[j]:<8}{note}")
+    if "in_the_loop" in figures:
+        loop = figures["in_the_loop"]
+        errors = [f"{name} {score['rmse']:.4f} N" for name, score in loop["force_z"].items()]
+        lines.append(f"squeegee, rms force error: {', '.join(errors)} (allowed {loop['allowed_rmse']:.4f} N)")
+    lines += [f"warning: {w}" for w in a.warnings]
+    if folder is not None:
+        lines.append(f"left in {folder}: stiffness.yaml, report.html, summary.json")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`link_frames`: the frames of the arm's links on /tf and its URDF on robot_description, from joint_states.
+
+What robot_state_publisher does, for machines that do not have it, without the frames that arm, estimator and controller
+publish themselves: `tool0` stays a child of `base`, and what hangs on it stays where they put it.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from ament_index_python.packages import get_package_share_directory
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from seed_core.config import field
+from seed_core.errors import SeedError
+from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp
+from seed_ros.conversions import seconds, transform_stamped
+from seed_ros.loop import FixedRateLoop
+from seed_ros.main import run
+from seed_ros.parameters import declare, refuse_unknown
+from seed_ros.qos import COMMAND, LATCHED
+from seed_ros.tf import TransformBroadcaster
+from seed_ur.models import MODELS
+
+OTHERS = ("tool0", "compliance", "tool", "tip")  # frames that arm, estimator and controller publish
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """Parameters of the node."""
+
+    model: str = field("ur5e", choices=tuple(MODELS), doc="arm")
+    urdf: str = field("", doc="file in place of the suite's own for that arm")
+    rate: float = field(20.0, unit="Hz", low=1.0, high=200.0, doc="of the links' frames")
+
+
+class Joint(NamedTuple):
+    """A joint of a URDF: child in parent is X exp(axis q)."""
+
+    name: str
+    moves: bool
+    parent: str
+    child: str
+    X: Array
+    axis: Array
+
+    def pose(self, q: float) -> Array:
+        """(4, 4) of the child in the parent at joint angle q [rad]."""
+        return self.X @ make_pose(so3_exp(self.axis * q), np.zeros(3))
+
+
+def joints_of(file: Path) -> list[Joint]:
+    """Joints whose child no one else publishes. Raises SeedError: no URDF, or joints neither fixed nor turning."""
+    try:
+        found = ET.parse(file).getroot().findall("joint")
+        return [_joint(j) for j in found if _link(j, "child") not in OTHERS]
+    except (OSError, ET.ParseError, ValueError, AttributeError) as error:
+        raise SeedError(f"{file} cannot be read as a URDF: {error}") from error
+
+
+def _link(joint: ET.Element, which: str) -> str:
+    return str(joint.find(which).get("link"))  # type: ignore[union-attr]
+
+
+def _joint(joint: ET.Element) -> Joint:
+    kind, origin, axis = joint.get("type"), joint.find("origin"), joint.find("axis")
+    if kind not in ("fixed", "revolute", "continuous"):
+        raise ValueError(f"joint {joint.get('name')} is of type {kind}; fixed, revolute and continuous are known")
+    at = {} if origin is None else origin.attrib
+    X = pose_from_rpy(_three(at.get("rpy", "0 0 0")), _three(at.get("xyz", "0 0 0")))
+    along = _three("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+    return Joint(str(joint.get("name")), kind != "fixed", _link(joint, "parent"), _link(joint, "child"), X, along)
+
+
+def _three(text: str) -> Array:
+    x, y, z = (float(v) for v in text.split())
+    return np.array((x, y, z))
+
+
+class LinksNode(Node):
+    """See docs/interfaces.md."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("link_frames", **arguments)
+        s = declare(self, LinkSettings())
+        refuse_unknown(self)
+        file = Path(s.urdf or Path(get_package_share_directory("seed_bringup")) / "urdf" / f"{s.model}.urdf")
+        self.joints = joints_of(file)
+        self._broadcaster = TransformBroadcaster(self)
+        self.loop = FixedRateLoop(self, s.rate, lambda: None)
+        self.loop.poll(JointState, "joint_states", self._on_joints, COMMAND)
+        description = self.create_publisher(String, "robot_description", LATCHED)
+        description.publish(String(data=file.read_text(encoding="utf-8")))
+        now = self.get_clock().now().nanoseconds * 1e-9
+        fixed = [j for j in self.joints if not j.moves]
+        self._broadcaster.send_static(*(transform_stamped(j.X, now, j.parent, j.child) for j in fixed))
+
+    def _on_joints(self, message: JointState) -> None:
+        t = seconds(message.header.stamp)
+        angles = dict(zip(message.name, message.position, strict=False))
+        here = [j for j in self.joints if j.moves and np.isfinite(angles.get(j.name, np.nan))]
+        self._broadcaster.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
+
+
+def main() -> None:
+    """Run the node until it is interrupted."""
+    sys.exit(run(LinksNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is sent to the arm: a flange pose that starts where the arm is and moves within the limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seed_control.command.lag import LagEstimate
+from seed_control.command.limiter import PoseLimiter, VectorLimiter
+from seed_control.command.workspace import Workspace
+from seed_control.parameters import ControllerParameters
+from seed_core.quaternion import NO_TURN, quaternion
+from seed_core.spatial import Array
+from seed_core.vector3 import Triple, placed, triple
+
+BANDWIDTH = 80.0  # [rad/s] of the smoothing
+TRAIL = 2.0 / BANDWIDTH  # [s] by which a smoothed command trails in steady motion
+_RESTS = 2e-3  # [m], [rad]; an arm this near to the command is where it was sent
+
+
+class Command:
+    """The commanded pose. Targets are given for the gripper's frame C, whose origin is what moves smoothly.
+
+    Limiting the flange's position and rotation apart would swing C.
+    """
+
+    def __init__(self, parameters: ControllerParameters, X_EC: Array) -> None:
+        p = parameters
+        self._R_CE, self._p_EC = X_EC[:3, :3].T.copy(), triple(X_EC[:3, 3])
+        self._limiter = PoseLimiter(
+            VectorLimiter(p.max_speed, p.max_acceleration, p.max_jerk, BANDWIDTH),
+            VectorLimiter(p.max_angular_speed, p.max_angular_acceleration, p.max_angular_jerk, BANDWIDTH),
+            self._p_EC,
+        )
+        self._workspace = Workspace(p, self._p_EC)
+        self._lag = LagEstimate(p.servo_lag)
+        self._q_WE = NO_TURN  # wanted
+        self.started = False
+
+    @property
+    def X_WE(self) -> Array:
+        """The commanded flange pose (4, 4), a copy."""
+        return self._limiter.pose
+
+    @property
+    def p_WC(self) -> Triple:
+        """Where the command has C [m]."""
+        return self._limiter.p
+
+    @property
+    def lead(self) -> float:
+        """By how long the arm trails what is asked for [s]: its own lag, and the smoothing."""
+        return self._lag.lag + TRAIL
+
+    def start_from(self, X_WE: Array) -> None:
+        """Start at the arm's pose (4, 4); a command that already rests there stays, so nothing moves."""
+        if not self.started or float(np.abs(self.X_WE - X_WE).max()) >= _RESTS:
+            self._limiter.reset(X_WE)
+        self.started = True
+
+    def turn_to(self, R_WC: Array) -> None:
+        """Wanted rotation (3, 3) of the gripper from now on."""
+        self._q_WE = quaternion(R_WC @ self._R_CE)
+
+    def stop(self, dt: float) -> None:
+        """One step of dt [s] of coming to rest."""
+        self._limiter.stop(dt)
+
+    def compare(self, X_WE: Array, dt: float) -> None:
+        """Learn from where the arm is (4, 4), a step of dt [s] later, how far it trails."""
+        self._lag.update(self._limiter.p, placed(X_WE.tolist(), self._p_EC), self._limiter.linear.v, dt)
+
+    def towards(self, p_WC: Triple, dt: float, speed: float) -> tuple[str, ...]:
+        """One step of dt [s] towards a place of C [m], at most at speed [m/s]; names the limits that it met."""
+        limiter = self._limiter
+        inside = self._workspace.within(p_WC, self._q_WE)
+        limiter.advance(inside, self._q_WE, dt, speed)
+        met: tuple[str, ...] = () if inside is p_WC else ("workspace",)
+        if limiter.linear.limited:
+            met += ("max_speed",)
+        if limiter.angular.limited:
+            met += ("max_angular_speed",)
+        return met

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mass and centre of mass of the tool, from how it hangs in the grasp in free space in a few orientations.
+
+At rest in free space the spring carries the weight, about T's origin and written in T:
+
+    force = -m g_T,    torque = -com x m g_T,    g_T = R_TW (0, 0, -9.81)
+
+Both are linear, in m and in m com. Only the product of stiffness and deflection is seen: a wrong stiffness gives a
+wrong mass in proportion. A known mass turns that around and checks the vertical stiffness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.bushing import Bushing
+from seed_core.errors import SeedError
+from seed_core.gravity import GRAVITY
+from seed_core.spatial import Array, inverse_pose, skew
+
+_LEAST_TURN = np.deg2rad(10.0)  # between orientations, for the whole centre of mass
+
+
+class WeighingError(SeedError):
+    """The tool cannot be weighed from these samples."""
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Result of a weighing.
+
+    Attributes:
+        mass, mass_std: [kg].
+        center_of_mass, center_of_mass_std: (3,) in T [m]; along directions that no orientation showed it is zero, with
+            an infinite deviation.
+        residual: root mean square of what the model leaves of the forces [N].
+        stiffness_ratio: force expected of the known mass over force measured; 1 if the stiffness is right. None
+            without a known mass.
+    """
+
+    mass: float
+    mass_std: float
+    center_of_mass: Array
+    center_of_mass_std: Array
+    residual: float
+    stiffness_ratio: float | None = None
+
+
+class Weighing:
+    """Collects samples (X_WT, X_CT) of a tool at rest in free space; `result` fits them."""
+
+    def __init__(self, bushing: Bushing) -> None:
+        self._bushing = bushing
+        self._g: list[Array] = []
+        self._force: list[Array] = []
+        self._torque: list[Array] = []
+
+    def __len__(self) -> int:
+        return len(self._g)
+
+    def add(self, X_WT: Array, X_CT: Array) -> None:
+        """One sample: the tool's pose in the world, and in the grasp, each (4, 4)."""
+        spring = self._bushing.wrench(inverse_pose(X_CT))
+        self._g.append(-GRAVITY * X_WT[2, :3])
+        self._force.append(spring.force)
+        self._torque.append(spring.torque)
+
+    def result(self, known_mass: float | None = None) -> Weight:
+        """Least squares over all samples; known_mass [kg] cross-checks the stiffness.
+
+        Raises:
+            WeighingError: fewer than 10 samples, or a tool too light for the noise.
+        """
+        if len(self) < 10:
+            raise WeighingError(f"{len(self)} samples are too few to weigh the tool; hold still for at least 10")
+        g, force = np.array(self._g), np.array(self._force)
+        mass = -float((g * force).sum() / (g * g).sum())
+        residuals = force + mass * g
+        sigma = float(np.sqrt((residuals**2).sum() / max(residuals.size - 1, 1)))
+        mass_std = sigma / float(np.sqrt((g * g).sum()))
+        if mass < 3.0 * mass_std or mass <= 0.0:
+            raise WeighingError(
+                f"the tool weighs {1e3 * mass:.1f} g, not distinguishable from nothing "
+                f"(deviation {1e3 * mass_std:.1f} g): is it grasped, and hanging free?"
+            )
+        com, com_std = self._center_of_mass(g, mass)
+        size = float(np.sqrt((residuals**2).mean()))
+        return Weight(mass, mass_std, com, com_std, size, known_mass / mass if known_mass is not None else None)
+
+    def _center_of_mass(self, g: Array, mass: float) -> tuple[Array, Array]:
+        """com of torque = m g x com ... = skew(m g) com; what no orientation shows stays zero."""
+        A = np.concatenate([skew(mass * gi) for gi in g])
+        b = np.concatenate(self._torque)
+        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+        seen = s > np.sin(_LEAST_TURN) * s[0] / 2.0
+        inverse = np.where(seen, 1.0 / np.where(seen, s, 1.0), 0.0)
+        com = Vt.T @ (inverse * (U.T @ b))
+        rest = b - A @ com
+        sigma = float(np.sqrt((rest @ rest) / max(len(b) - 3, 1)))
+        spread = np.where(seen, inverse, np.inf)
+        with np.errstate(invalid="ignore"):
+            terms = np.where(np.abs(Vt.T) > 1e-9, Vt.T * spread, 0.0)
+        return np.asarray(com), np.asarray(sigma * np.sqrt((terms**2).sum(axis=1)))

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The action ~/follow_setpoints: plays a task through the controller, one step at a time, blocking nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+from seed_msgs.action import FollowSetpoints
+
+from seed_control.controller import Controller
+from seed_control.ros.conversions import regulated_error
+from seed_control.state import ControllerState
+from seed_control.tasks import TaskPlayer, TaskStatus
+from seed_control.tasks.read import read_task
+from seed_core.errors import SeedError
+from seed_core.spatial import Wrench
+from seed_ros.conversions import fill_wrench
+
+FEEDBACK_PERIOD = 0.1  # [s]
+
+
+@dataclass
+class _Run:
+    """One goal being played."""
+
+    goal: ServerGoalHandle
+    player: TaskPlayer
+    started: float
+    future: Future
+    fed_back: float = 0.0
+    phase: str = ""
+    refusal: str = ""
+    regulating: bool = False
+    squares: np.ndarray | None = None  # sums of squared force and torque error
+    samples: int = 0
+
+
+class FollowServer:
+    """Call before_step and after_step around each control step."""
+
+    def __init__(self, node: Node, core: Controller, now: Callable[[], float], others: Callable[[], bool]) -> None:
+        self._core, self._now, self._others, self._logger = core, now, others, node.get_logger()
+        self._run: _Run | None = None
+        self._server = ActionServer(
+            node,
+            FollowSetpoints,
+            "~/follow_setpoints",
+            execute_callback=self._execute,
+            goal_callback=lambda _: GoalResponse.ACCEPT,  # a refusal needs words, which only a result has
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    @property
+    def busy(self) -> bool:
+        """Whether a task is being played."""
+        return self._run is not None
+
+    async def _execute(self, goal: ServerGoalHandle) -> FollowSetpoints.Result:
+        try:
+            self._start(goal)
+        except SeedError as error:
+            self._logger.error(f"follow_setpoints refused: {error}")
+            goal.abort()
+            return _result(False, str(error))
+        assert self._run is not None
+        run = self._run
+        status: TaskStatus = await run.future
+        return self._finish(run, status)
+
+    def _start(self, goal: ServerGoalHandle) -> None:
+        if self._run is not None:
+            raise SeedError(f"task '{self._run.player.task.name}' is being played: cancel it first")
+        if self._others():
+            raise SeedError("the tool is being weighed: wait for ~/weigh_tool to answer")
+        task = read_task(goal.request.task, goal.request.overrides)
+        state = self._core.state
+        if not state.enabled or state.mode == "holding":
+            raise SeedError(f"cannot play '{task.name}': {state.reason or 'not enabled'}; call ~/enable first")
+        self._run = _Run(goal, TaskPlayer(task), self._now(), Future())
+        self._logger.info(f"playing '{task.name}': {', '.join(self._run.player.phases)}")
+
+    def before_step(self, now: float) -> None:
+        """Give the controller the set-point of this moment."""
+        run = self._run
+        if run is None:
+            return
+        if run.goal.is_cancel_requested and not run.refusal:
+            run.player.cancel()
+        status = run.player.step(now, self._core.state)
+        if status.done:
+            self._run = None
+            run.future.set_result(status)
+            return
+        if status.setpoint is not None:
+            try:
+                self._core.set_setpoint(status.setpoint, now)
+            except SeedError as error:
+                self._refused(run, error)
+        if now - run.fed_back >= FEEDBACK_PERIOD or status.phase != run.phase:
+            run.fed_back, run.phase = now, status.phase
+            self._feed_back(run, status)
+
+    def _refused(self, run: _Run, error: SeedError) -> None:
+        """The controller does not take the task's set-point: end early, which lifts."""
+        if not run.refusal:
+            run.refusal = str(error)
+            run.player.cancel(str(error))
+            return
+        self._run = None  # not even the lift is possible
+        self._core.disable(self._now(), f"{run.refusal}; then {error}")
+        run.future.set_result(TaskStatus(None, run.player.phase, 0.0, True, True, False, run.refusal))
+
+    def after_step(self, state: ControllerState) -> None:
+        """Sum up the error while force is regulated, from the first time it has settled."""
+        run, setpoint = self._run, self._core.law.setpoint
+        if run is None or setpoint is None or state.filtered is None or state.desired is None:
+            return
+        wants = bool(np.abs(state.desired.force).max() > 0.0)
+        run.regulating = wants and (run.regulating or state.settled)
+        if run.regulating:
+            error = regulated_error(setpoint, state.desired, state.filtered, state)
+            squares = np.array((error.force @ error.force, error.torque @ error.torque))
+            run.squares = squares if run.squares is None else run.squares + squares
+            run.samples += 1
+
+    def _feed_back(self, run: _Run, status: TaskStatus) -> None:
+        message = FollowSetpoints.Feedback(phase=status.phase, progress=float(status.progress))
+        phases = run.player.phases
+        message.phase_count = len(phases)
+        message.phase_index = phases.index(status.phase) if status.phase in phases else len(phases)
+        state, setpoint = self._core.state, self._core.law.setpoint
+        if setpoint is not None and state.desired is not None and state.filtered is not None:
+            fill_wrench(message.error, regulated_error(setpoint, state.desired, state.filtered, state))
+        else:
+            fill_wrench(message.error, Wrench.zero())
+        run.goal.publish_feedback(message)
+
+    def _finish(self, run: _Run, status: TaskStatus) -> FollowSetpoints.Result:
+        text = run.refusal or status.message
+        success = not (status.failed or status.cancelled or run.refusal)
+        if success:
+            run.goal.succeed()
+        elif run.goal.is_cancel_requested:
+            run.goal.canceled()
+        else:
+            run.goal.abort()
+        result = _result(success, text)
+        result.duration = self._now() - run.started
+        if run.samples and run.squares is not None:
+            result.force_rmse, result.torque_rmse = (float(v) for v in np.sqrt(run.squares / run.samples))
+        if success:  # rclpy wants one severity per line of code
+            self._logger.info(f"'{run.player.task.name}': {text}")
+        else:
+            self._logger.warning(f"'{run.player.task.name}': {text}")
+        return result
+
+
+def _result(success: bool, message: str) -> Any:
+    result = FollowSetpoints.Result(success=success, message=message)
+    result.force_rmse = result.torque_rmse = float("nan")
+    return result

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the controller knows of arm and tool: kinematics by time, the newest estimate, and whether they are fresh."""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+
+from seed_control.parameters import ControllerParameters
+from seed_control.state import Journal
+from seed_control.wrench.history import PoseHistory
+from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array, check_pose
+
+MOST_BAD = 3  # invalid estimates in a row that make it hold: a single bad frame is bridged, as a lost one is
+
+
+class Inputs:
+    """Takes in kinematics and estimates, each with its stamp, and matches the two.
+
+    Attributes:
+        estimate: the newest good one. bad_in_a_row: how many since were invalid, and why_bad: why the last was.
+        arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
+    """
+
+    def __init__(self, parameters: ControllerParameters, synchronise: bool, journal: Journal) -> None:
+        self._parameters, self._synchronise, self._journal = parameters, synchronise, journal
+        self.history = PoseHistory()
+        self.estimate: RelativePoseEstimate | None = None
+        self.pending: RelativePoseEstimate | None = None  # not matched yet
+        self.bad_in_a_row, self.why_bad = 0, ""
+        self.arrived = self.image_stamp = -inf
+
+    def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
+        """Flange pose X_WE (4, 4) at stamp [s]. False (counted) when it is no pose or its stamp does not rise."""
+        try:
+            good = isfinite(stamp) and self.history.add(stamp, check_pose(X_WE, "X_WE"))
+        except SeedError as error:
+            self._journal.note, good = str(error), False
+        if not good:
+            self._journal.count("kinematics_refused")
+        return good
+
+    def add_estimate(self, estimate: RelativePoseEstimate, blind: str) -> bool:
+        """A new relative pose. False (counted) when it is invalid, older than the last one, no pose, or `blind`.
+
+        blind: what is controlled that it does not observe; '' for nothing.
+        """
+        if not isfinite(estimate.stamp):
+            return self._bad("estimate's stamp is not finite")
+        if self.estimate is not None and estimate.stamp <= self.estimate.stamp:
+            self._journal.count("estimates_out_of_order")
+            return False
+        if not estimate.valid or estimate.gross_slip:
+            why = "the tool has slid in the grasp" if estimate.gross_slip else estimate.reason or "no reason given"
+            return self._bad(f"estimate is invalid: {why}")
+        try:
+            check_pose(estimate.X_CT, "X_CT")
+        except SeedError as error:
+            return self._bad(str(error))
+        if blind:
+            return self._bad(blind)
+        self.estimate = self.pending = estimate
+        self.bad_in_a_row = 0
+        return True
+
+    def _bad(self, why: str) -> bool:
+        self._journal.count("estimates_invalid", why)
+        self.bad_in_a_row += 1
+        self.why_bad = why
+        return False
+
+    def match(self, t: float) -> tuple[RelativePoseEstimate, Array] | None:
+        """The newest estimate with X_WE (4, 4) of its moment, once; it waits while kinematics are still to come."""
+        estimate = self.pending
+        if estimate is None:
+            return None
+        stamp, history = estimate.stamp, self.history
+        X_WE = history.at(stamp) if self._synchronise else history.newest()
+        if X_WE is not None:
+            self.pending, self.arrived, self.image_stamp = None, t, stamp
+            return estimate, X_WE
+        if stamp < history.oldest_stamp or t - stamp > self._parameters.max_estimate_age:
+            self.pending = None
+            why = f"estimate of {t - stamp:.3f} s ago meets no kinematics of its moment"
+            self._journal.count("estimates_unmatched", why)
+        return None
+
+    def staleness(self, t: float) -> str:
+        """Why the inputs must not be used any more; empty while they may."""
+        p, newest = self._parameters, self.history.newest_stamp
+        last = f"; the last one was not used: {self.why_bad}" if self.bad_in_a_row else ""
+        if t - newest > p.kinematics_timeout:
+            return f"current_pose is stale: {t - newest:.3f} s old, at most {p.kinematics_timeout:g} s"
+        if self.arrived == -inf:
+            return "no estimate of the relative pose has come yet"
+        if t - self.arrived > p.estimate_timeout:
+            return f"relative_pose is stale: none for {t - self.arrived:.3f} s, at most {p.estimate_timeout:g} s{last}"
+        if t - self.image_stamp > p.max_estimate_age:
+            return f"relative_pose is stale: {t - self.image_stamp:.3f} s old, at most {p.max_estimate_age:g} s{last}"
+        return ""

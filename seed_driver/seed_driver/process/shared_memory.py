@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Memory shared by the node and the servo process: the newest target one way, the robot's state the other.
+
+An anonymous memory file (memfd) that vanishes with its last user: nothing can be left behind. Each half is a
+sequence lock: one writer, a counter that is odd while it writes; a reader takes a copy and tries again when the
+counter was odd or has changed. Nobody ever waits for anybody.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+from seed_driver.motion.rotation import Quaternion, Vector
+
+_TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
+_COUNTER = struct.Struct("<Q")
+_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQddddI64s256s")
+_HALF = 4096
+
+
+class Stage(IntEnum):
+    """What the servo process is doing."""
+
+    STARTING = 0
+    SEARCHING = 1  # nobody, or not the right one, at the address
+    MONITORING = 2  # states arrive, no program of ours runs
+    BUSY = 3  # in a call that may take long
+    SERVOING = 4  # our program runs and is fed at the servo rate
+
+
+class TargetSlot(NamedTuple):
+    """A target as the servo process gets it."""
+
+    number: int  # counts up; 0: none yet
+    received: float  # [s] monotonic
+    p: tuple[float, float, float]  # [m]
+    q: tuple[float, float, float, float]
+
+
+class Modes(NamedTuple):
+    """State words of the controller."""
+
+    robot_mode: int = -1
+    safety_mode: int = 0
+    runtime_state: int = 0
+    safety_bits: int = 0
+    status_bits: int = 0
+
+
+class Sample(NamedTuple):
+    """One state of the robot; everything in `base`."""
+
+    q: tuple[float, ...]  # [rad]
+    qd: tuple[float, ...]  # [rad/s]
+    current: tuple[float, ...]  # [A]
+    p: Vector  # of the flange [m]
+    orientation: Quaternion
+    twist: tuple[float, ...]  # of the flange's origin: linear, angular
+    wrench: tuple[float, ...]  # of the environment on the tool about the TCP: force, torque
+    modes: Modes
+    speed_scaling: float
+
+
+ZERO6 = (0.0,) * 6
+HERE: Quaternion = (0.0, 0.0, 0.0, 1.0)
+NO_SAMPLE = Sample(ZERO6, ZERO6, ZERO6, (0.0, 0.0, 0.0), HERE, ZERO6, ZERO6, Modes(), 1.0)
+
+
+class State(NamedTuple):
+    """What the servo process knows; times are the host's monotonic clock [s]."""
+
+    heartbeat: float = 0.0
+    sample_time: float = 0.0  # when the newest sample came from the robot
+    ticks: int = 0
+    stage: Stage = Stage.STARTING
+    armed: bool = False  # targets are followed
+    linked: bool = False
+    sample: Sample = NO_SAMPLE
+    command: tuple[float, ...] = (0.0, 0.0, 0.0, *HERE)  # pose of the flange: position [m], quaternion
+    timestamp: float = 0.0  # [s] the controller's clock
+    target_number: int = 0  # of the newest target used
+    sent: int = 0  # servo commands
+    latency: float = 0.0  # [s] from receipt of the newest target to its first command
+    period_p50: float = 0.0
+    period_p99: float = 0.0
+    period_max: float = 0.0
+    wants_start: bool = False  # the program will be started without being asked for
+    version: str = ""
+    reason: str = ""  # why it holds, or what it waits for
+
+
+class SharedMemory:
+    """Both halves; made by the node (`create`), opened by the servo process from the file descriptor."""
+
+    def __init__(self, fd: int) -> None:
+        self.fd = fd
+        self._map = mmap.mmap(fd, 2 * _HALF)
+
+    @classmethod
+    def create(cls) -> SharedMemory:
+        """New, empty, anonymous."""
+        fd = os.memfd_create("seed_driver")
+        os.ftruncate(fd, 2 * _HALF)
+        memory = cls(fd)
+        memory.write_state(State(reason="starting"))
+        return memory
+
+    def close(self) -> None:
+        """Unmap and close."""
+        self._map.close()
+        os.close(self.fd)
+
+    def write_target(self, target: TargetSlot) -> None:
+        """Node: publish a target."""
+        self._write(0, _TARGET.pack(target.number, target.received, *target.p, *target.q))
+
+    def read_target(self, after: int) -> TargetSlot | None:
+        """Servo process: the newest target if its number is above `after`, None while one is being written."""
+        if _COUNTER.unpack_from(self._map, 8)[0] <= after:
+            return None
+        data = self._read(0, _TARGET.size)
+        if data is None:
+            return None
+        number, received, x, y, z, *q = _TARGET.unpack(data)
+        return TargetSlot(number, received, (x, y, z), (q[0], q[1], q[2], q[3]))
+
+    def write_state(self, state: State) -> None:
+        """Servo process: publish the state; before it lives, the node does."""
+        sample = state.sample
+        data = _STATE.pack(
+            *state[:6],
+            *sample.modes,
+            *sample.q,
+            *sample.qd,
+            *sample.current,
+            *sample.p,
+            *sample.orientation,
+            *sample.twist,
+            *sample.wrench,
+            sample.speed_scaling,
+            *state.command,
+            *state[8:16],
+            state.version.encode()[:64],
+            state.reason.encode()[:256],
+        )
+        self._write(_HALF, data)
+
+    def read_state(self) -> State | None:
+        """Node: the newest state, None while one is being written."""
+        data = self._read(_HALF, _STATE.size)
+        if data is None:
+            return None
+        v = _STATE.unpack(data)
+        sample = Sample(
+            q=v[11:17],
+            qd=v[17:23],
+            current=v[23:29],
+            p=(v[29], v[30], v[31]),
+            orientation=(v[32], v[33], v[34], v[35]),
+            twist=v[36:42],
+            wrench=v[42:48],
+            modes=Modes(*v[6:11]),
+            speed_scaling=v[48],
+        )
+        version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[64:66])
+        head = (*v[:3], Stage(v[3]), bool(v[4]), bool(v[5]))
+        return State._make((*head, sample, v[49:56], *v[56:63], bool(v[63]), version, reason))
+
+    def _write(self, at: int, data: bytes) -> None:
+        (count,) = _COUNTER.unpack_from(self._map, at)
+        count += count & 1  # a writer that died in the middle left it odd
+        _COUNTER.pack_into(self._map, at, count + 1)
+        self._map[at + 8 : at + 8 + len(data)] = data
+        _COUNTER.pack_into(self._map, at, count + 2)
+
+    def _read(self, at: int, size: int) -> bytes | None:
+        for _ in range(20):
+            (before,) = _COUNTER.unpack_from(self._map, at)
+            data = self._map[at + 8 : at + 8 + size]
+            (after,) = _COUNTER.unpack_from(self._map, at)
+            if before == after and not before & 1:
+                return data
+        return None

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of a hand's cameras: how wrong their range is, and where they sit. docs/estimation.md walks through it.
+
+    ./seed calibrate CAPTURE.npz --out calibration.yaml [--membrane membrane.yaml] [--radius 0.012]
+
+CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,), `<finger>_no_contact` (n, H, W)
+depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
+(at least three, tilted by 10 to 20 degrees against each other).
+
+Range: the membrane's shape at rest is known, so known - measured depth is the correction; its smooth part is stored.
+Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from seed_core.command_line import command
+from seed_core.config import field, from_mapping, load_file
+from seed_core.errors import SeedError
+from seed_core.hand import Hand
+from seed_estimation.calibration.cylinder import extrinsics, seen_axis
+from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, load, save
+from seed_estimation.contact.patch import PatchFinder, mean_depth
+from seed_estimation.contact.surface import smooth_depth
+from seed_estimation.images.camera import Camera
+from seed_estimation.images.pair import Image
+from seed_estimation.parameters import EstimatorParameters
+
+__all__ = ["Calibration", "FingerCalibration", "MembraneShape", "calibrate", "frame_of", "load", "main", "save"]
+
+SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
+FILL = 40.0  # [px] blur of what stands in for pixels without depth
+
+
+@dataclass(frozen=True)
+class MembraneShape:
+    """The membrane at rest: half an ellipsoid over an elliptical rim, its apex on the optical axis."""
+
+    rim_x: float = field(0.057, unit="m", low=0.005, high=0.5, doc="semi-axis along the image's rows")
+    rim_y: float = field(0.040, unit="m", low=0.005, high=0.5, doc="semi-axis along the image's columns")
+    height: float = field(0.030, unit="m", low=0.001, high=0.5, doc="of the apex over the rim")
+    apex: float = field(0.0995, unit="m", low=0.01, high=1.0, doc="distance of the apex from the camera")
+
+    def depth(self, camera: Camera) -> Image:
+        """Depth (H, W) [m] that the camera would see; NaN beside the dome."""
+        d = camera.rays() / np.array((self.rim_x, self.rim_y, self.height))
+        rim = self.apex - self.height
+        o = np.array((0.0, 0.0, -rim / self.height))
+        a, b, c = (d * d).sum(-1), d @ o, float(o @ o) - 1.0
+        root = b * b - a * c
+        with np.errstate(invalid="ignore"):
+            z = (-b + np.sqrt(root)) / a
+            return np.where(z >= rim, z, np.nan).astype(np.float32)
+
+
+def range_error(measured: Image, known: Image) -> Image:
+    """known - measured depth (H, W) [m], smooth where there is none.
+
+    Raises:
+        SeedError: the two hardly overlap.
+    """
+    difference = known - measured
+    valid = np.isfinite(difference) & (np.abs(difference) < 0.04)
+    if valid.mean() < 0.2:
+        raise SeedError(
+            f"only {valid.mean():.0%} of the image show the known membrane (20 % needed): check its shape and distance"
+        )
+    fill = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, FILL)
+    rest = np.where(np.isfinite(fill), fill, np.median(difference[valid]))
+    return np.asarray(np.where(valid, difference, rest), np.float32)
+
+
+def range_offset(error: Image) -> list[list[float]]:
+    """Nodes of the smooth part of a range error (H, W) [m]."""
+    smooth = smooth_depth(error, np.ones(error.shape, bool), SMOOTH)
+    return [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
+
+
+def calibrate(
+    cameras: Mapping[str, Camera],
+    no_contact: Mapping[str, Sequence[Image]],
+    grasped: Mapping[str, Sequence[Image]],
+    shape: MembraneShape | Mapping[str, Image],
+    radius: float,
+    hand: Hand,
+    parameters: EstimatorParameters | None = None,
+) -> Calibration:
+    """Range offset and camera poses of each finger; shape: of the membrane, or its known depth image by finger.
+
+    Raises:
+        SeedError: the captures do not show what they should.
+    """
+    p = replace(parameters or EstimatorParameters(), near=0.03, far=0.15)
+    X, lines, nodes = {"left": hand.X_CL, "right": hand.X_CR}, {}, {}
+    for finger, camera in cameras.items():
+        known = shape.depth(camera) if isinstance(shape, MembraneShape) else shape[finger]
+        measured, _ = mean_depth(no_contact[finger], p.near, p.far)
+        offset = range_error(measured, known)  # of every pixel: its fixed pattern would tilt the cylinder's axis
+        nodes[finger] = range_offset(offset)
+        finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
+        lines[finger] = [seen_axis(finder, frame + offset, radius) for frame in grasped.get(finger, ())]
+    if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
+        X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
+    return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
+
+
+def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]]:
+    cameras, still, held = {}, {}, {}
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            for finger in ("left", "right"):
+                if f"{finger}_no_contact" in data:
+                    still[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
+                    held[finger] = (
+                        list(np.asarray(data[f"{finger}_grasped"], np.float32)) if f"{finger}_grasped" in data else []
+                    )
+                    h, w = still[finger][0].shape
+                    cameras[finger] = Camera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
+    except (OSError, EOFError, KeyError, ValueError, IndexError) as error:
+        raise SeedError(f"{path}: not a capture for calibration: {error}") from error
+    if not cameras:
+        raise SeedError(f"{path}: neither left_no_contact nor right_no_contact in it")
+    return cameras, still, held
+
+
+def read_hand(path: Path) -> Hand:
+    """The hand in the parameters of all nodes, as launch files take them, or a file of nothing else."""
+    try:
+        parameters = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]["hand"]
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return load_file(path, Hand)
+    return from_mapping(parameters, Hand, str(path))
+
+
+@command("seed calibrate")
+def main(argv: list[str]) -> int:
+    """Measure a capture and write the calibration."""
+    parser = argparse.ArgumentParser(
+        prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras."
+    )
+    parser.add_argument("capture", type=Path, help="npz with depth images; see docs/estimation.md")
+    parser.add_argument(
+        "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"
+    )
+    parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
+    parser.add_argument("--hand", type=Path, help="the launch's hand_file, or YAML of the hand alone")
+    parser.add_argument("--radius", type=float, default=0.012, help="[m] of the grasped cylinder; default: %(default)s")
+    options = parser.parse_args(argv)
+    shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
+    hand = read_hand(options.hand) if options.hand else Hand()
+    cameras, still, held = _read(options.capture)
+    calibration = calibrate(cameras, still, held, shape, options.radius, hand)
+    save(calibration, options.out)
+    for finger, one in calibration.fingers.items():
+        median = float(np.median(one.offset_map())) * 1e3
+        print(
+            f"{finger}: range offset median {median:.1f} mm; camera at {np.round(one.pose.position, 4)} m, "
+            f"rpy {np.round(one.pose.rpy_deg, 2)} deg"
+        )
+    print(f"written to {options.out}; set the estimator's parameter `calibration` to it")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

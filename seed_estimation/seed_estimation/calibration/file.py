@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration of a hand's cameras says, and its file: written by `./seed calibrate`, loaded by the estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.hand import Frame, Hand
+from seed_core.spatial import Array, rpy_from_rotation
+from seed_estimation.images.pair import Image
+
+STEP = 4  # [px] between the nodes of the stored range offset
+
+
+@dataclass(frozen=True)
+class FingerCalibration:
+    """One camera: its pose in C, and its range offset on a grid of every STEP-th pixel."""
+
+    pose: Frame = field(doc="optical frame in C")
+    width: int = field(low=8, high=4096, unit="px")
+    height: int = field(low=8, high=4096, unit="px")
+    range_offset: list[list[float]] = field(
+        [], unit="m", low=-0.05, high=0.05, doc="true minus measured; rows by columns"
+    )
+
+    def __post_init__(self) -> None:
+        wanted = (-(-self.height // STEP), -(-self.width // STEP))
+        shape = (len(self.range_offset), len(self.range_offset[0]) if self.range_offset else 0)
+        if self.range_offset and (shape != wanted or any(len(r) != wanted[1] for r in self.range_offset)):
+            raise ConfigError(
+                f"range_offset has {shape} nodes; an image of {self.width} x {self.height} needs {wanted}"
+            )
+
+    def offset_map(self) -> Image:
+        """(H, W) [m]; zero where none was calibrated."""
+        if not self.range_offset:
+            return np.zeros((self.height, self.width), np.float32)
+        v, u = np.mgrid[: self.height, : self.width].astype(np.float32) / np.float32(STEP)
+        grid = np.asarray(self.range_offset, np.float32)
+        return np.asarray(cv2.remap(grid, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What `./seed calibrate` writes and the estimator loads."""
+
+    fingers: dict[str, FingerCalibration] = field({}, doc="left, right")
+
+    def hand(self, hand: Hand) -> Hand:
+        """The hand with the calibrated camera poses."""
+        for finger in ("left", "right"):
+            if finger in self.fingers:
+                pose = self.fingers[finger].pose
+                hand = replace(hand, C_L=pose) if finger == "left" else replace(hand, C_R=pose)
+        return hand
+
+    def range_offsets(self) -> dict[str, Image]:
+        """Offset map (H, W) [m] of each finger that has one."""
+        return {name: one.offset_map() for name, one in self.fingers.items() if one.range_offset}
+
+
+def load(path: str | Path) -> Calibration:
+    """Raises ConfigError with file and line."""
+    return load_file(path, Calibration)
+
+
+def save(calibration: Calibration, path: Path) -> None:
+    """As YAML."""
+    path.write_text(yaml.safe_dump(to_mapping(calibration), sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def frame_of(X: Array) -> Frame:
+    """A pose (4, 4) as position and angles."""
+    rpy = np.rad2deg(rpy_from_rotation(X[:3, :3]))
+    p = X[:3, 3]
+    return Frame((float(p[0]), float(p[1]), float(p[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces seen as depth images: smoothing, normals, and where a membrane lies on what pushes it.
+
+Beside a tool an imprint decays by e within a length `decay` (8.5 mm on a recorded press, on every side). So the
+membrane lies on the tool only where the tool's surface falls away from the membrane at rest less steeply than that:
+|grad imprint| < imprint / decay. Beyond, it hangs free as a skirt, which does not move with the tool.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_estimation.images.camera import Camera
+from seed_estimation.images.pair import NOTHING, Image
+
+Vec = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+REST_BLUR = 5.0  # [px] a membrane at rest has no smaller features
+
+
+def smooth_depth(depth: Image, valid: Bools, sigma: float) -> Image:
+    """Depth blurred over its valid pixels only (normalised convolution)."""
+    weight = cv2.GaussianBlur(valid.astype(np.float32), (0, 0), sigma)
+    blurred = cv2.GaussianBlur(np.where(valid, depth, np.float32(0.0)), (0, 0), sigma)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(weight > 0.2, blurred / weight, np.nan).astype(np.float32)
+
+
+def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
+    """Depth (H, W) of the parabola that fits best around each pixel, weighed by a Gaussian [px]; NaN beside `valid`.
+
+    Local regression of second order: unlike a blur it neither flattens a dome nor lifts its rim, so it may be wide,
+    and what a camera gets wrong over a centimetre is told from a membrane's shape as well as what it gets wrong pixel
+    by pixel.
+    """
+    weight = valid.astype(np.float32)
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float32) / np.float32(sigma)
+    v, u = v - v.mean(), u - u.mean()
+    filled = np.where(valid, depth, np.float32(0.0))
+    powers = [(i, j) for i in range(3) for j in range(3 - i)]
+
+    def blurred(image: Image, i: int, j: int) -> NDArray[np.float64]:
+        return np.asarray(cv2.GaussianBlur((image * u**i * v**j).astype(np.float64), (0, 0), sigma), np.float64)
+
+    moments = {(i, j): blurred(weight, i, j) for i in range(5) for j in range(5 - i)}
+    known = valid & (moments[0, 0] > 0.05)
+    A = np.array([[moments[a + c, b + d][known] for c, d in powers] for a, b in powers]).transpose(2, 0, 1)
+    y = np.array([blurred(filled, i, j)[known] for i, j in powers]).T
+    here = np.array([(u**i * v**j)[known] for i, j in powers]).T
+    out = np.full(depth.shape, np.nan, np.float32)
+    out[known] = (np.linalg.solve(A + 1e-9 * np.eye(6), y[..., None])[..., 0] * here).sum(axis=1)
+    return out
+
+
+def surface(camera: Camera, depth: Image, valid: Bools, blur: float) -> tuple[Vec, Vec]:
+    """Points and unit normals towards the camera, (H, W, 3), of depth blurred by so many pixels; NaN where invalid."""
+    points = camera.rays32 * smooth_depth(depth, valid, blur)[..., None]
+    normal = np.cross(cv2.Sobel(points, cv2.CV_32F, 0, 1), cv2.Sobel(points, cv2.CV_32F, 1, 0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    return points, np.where(normal[..., 2:] > 0.0, -normal, normal).astype(np.float32)
+
+
+def rest_surface(camera: Camera, depth: Image) -> Image:
+    """(H, W, 3) depth of the membrane at rest [m] and its slopes to the right and downwards [1]; NOTHING beside it."""
+    points, normals = surface(camera, depth, np.isfinite(depth), REST_BLUR)
+    with np.errstate(invalid="ignore"):
+        out = np.dstack((points[..., 2], -normals[..., 0] / normals[..., 2], -normals[..., 1] / normals[..., 2]))
+    out[~np.isfinite(out).all(axis=2)] = NOTHING
+    return np.ascontiguousarray(out, np.float32)
+
+
+def touches(rest: Vec, z: Vec, n: Vec, decay: float) -> Bools:
+    """Whether the membrane lies on a surface with depths z (N,) [m] and normals n (3, N); rest (N, 3) as above."""
+    imprint = rest[:, 0] - z
+    slope = n[:2] / n[2]
+    slope += rest[:, 1:].T
+    limit = imprint * np.float32(1.0 / decay)
+    return np.asarray((imprint > 0.0) & (slope[0] * slope[0] + slope[1] * slope[1] < limit * limit))

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where might a lost tool be? Its patches are looked for in the whole of both images, at several turns.
+
+The image of the grasp, turned in its plane, is correlated with the new one at half the resolution. Where each bubble's
+patch is found, depth gives a point; two points and the turn make a pose of all six axes, good enough to start a fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_estimation.images.frame import Frame, project32
+from seed_estimation.images.pair import Image
+from seed_estimation.rigid_fit.reference import FingerModel
+
+HALF = 2  # [px] step of the search
+TURNS = np.deg2rad((0, -7, 7, -14, 14, -21, 21, -28, 28, -35, 35, -42, 42))  # a blurred patch is found 4 degrees off
+PER_FRAME = 5  # turns looked at per pair of images: one camera period is not enough for all
+STARTS = 2  # of them that are worth a fit
+WINDOW = 4  # [px] around a place in which depth is averaged
+NEAREST, FARTHEST = 0.02, 0.2  # [m] of a membrane
+TILT = np.cos(0.7)  # [1] no tool leans further
+
+
+class Place(NamedTuple):
+    """Where a patch may be: score, and its middle (3,) in C [m]."""
+
+    score: float
+    p: Array
+
+
+class _Patch:
+    """One finger's patch at the grasp, turned."""
+
+    def __init__(self, model: FingerModel, axis: Array) -> None:
+        """axis (3,): in C, about which the tool is turned."""
+        self.model = model
+        middle = model.p.mean(axis=1, keepdims=True)
+        self.p = model.p[:, int(np.argmin(np.square(model.p - middle).sum(axis=0)))].astype(float)
+        X = model.X_XC
+        u, v = project32(model.camera, (X[:3, :3] @ self.p + X[:3, 3])[:, None].astype(np.float32))[:, 0] / HALF
+        small = _halved(model.picture)
+        reach = _reach(small, u, v)
+        sign = float(X[2, :3] @ axis)  # the two cameras look at each other
+        self.templates = [_turned(small, (u, v), reach, float(np.rad2deg(turn * sign))) for turn in TURNS]
+        self.reach = reach
+
+    def found(self, small: Image, frame: Frame, turn: int) -> Place | None:
+        """The likeliest place in a halved image that is framed by `reach` pixels of nothing."""
+        scores = cv2.matchTemplate(small, self.templates[turn], cv2.TM_CCORR)
+        _, score, _, (u, v) = cv2.minMaxLoc(scores)
+        row, column = HALF * v, HALF * u
+        window = frame.depth[max(0, row - WINDOW) : row + WINDOW + 1, max(0, column - WINDOW) : column + WINDOW + 1]
+        seen = window[(window > NEAREST) & (window < FARTHEST)]
+        if not seen.size:
+            return None
+        ray = self.model.camera.pixel_rays((column + frame.origin[0], row + frame.origin[1]))
+        X_CX = inverse_pose(self.model.X_XC)
+        return Place(float(score), X_CX[:3, :3] @ (ray * float(np.median(seen))) + X_CX[:3, 3])
+
+
+class Search:
+    """Looks for a lost tool, some turns per frame, the smallest first, over and over."""
+
+    def __init__(self, models: Sequence[FingerModel]) -> None:
+        axis = models[0].X_XC[2, :3]
+        self._axis = axis / np.linalg.norm(axis)
+        self._patches = [_Patch(m, self._axis) for m in models]
+        self._turns: Iterator[int] = cycle(range(len(TURNS)))
+
+    def starts(self, frames: Mapping[str, Frame]) -> list[Array]:
+        """Likely poses X_CT (4, 4), best first; frames of whole images."""
+        small = [
+            cv2.copyMakeBorder(_halved(frames[p.model.finger].coarse), *[p.reach] * 4, cv2.BORDER_CONSTANT)
+            for p in self._patches
+        ]
+        out = []
+        for turn in (next(self._turns) for _ in range(PER_FRAME)):
+            places = [p.found(s, frames[p.model.finger], turn) for p, s in zip(self._patches, small, strict=True)]
+            known = [(p.p, place) for p, place in zip(self._patches, places, strict=True) if place is not None]
+            X = _pose([a for a, _ in known], [b.p for _, b in known], so3_exp(TURNS[turn] * self._axis))
+            if X is not None:
+                out.append((sum(b.score for _, b in known), X))
+        return [X for _, X in sorted(out, key=lambda item: -item[0])[:STARTS]]
+
+
+def _pose(before: Sequence[Array], after: Sequence[Array], R: Array) -> Array | None:
+    """X (4, 4) that turns by R and takes points (3,) from before to after; two tell how far R leans as well."""
+    if not before:
+        return None
+    if len(before) == 2:
+        a, b = R @ (before[1] - before[0]), after[1] - after[0]
+        lean = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b) + 1e-12)
+        if lean < TILT:
+            return None
+        axis = np.cross(a, b)
+        size = float(np.linalg.norm(axis))
+        R = so3_exp(axis / size * np.arccos(min(lean, 1.0))) @ R if size > 1e-12 else R
+    return make_pose(R, np.mean(after, axis=0) - R @ np.mean(before, axis=0))
+
+
+def _halved(image: Image) -> Image:
+    return np.asarray(cv2.resize(image, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _reach(small: Image, u: float, v: float) -> int:
+    """From (u, v) to the furthest pixel of the patch [halved px]."""
+    rows, columns = np.nonzero(small)
+    return int(np.sqrt((np.square(rows - v) + np.square(columns - u)).max())) + 1
+
+
+def _turned(small: Image, centre: tuple[float, float], reach: int, degrees: float) -> Image:
+    """The patch (2 reach + 1)^2 around its centre, turned from the image's right to downwards."""
+    M = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), -degrees, 1.0)
+    M[:, 2] += reach - np.asarray(centre, float)
+    side = 2 * reach + 1
+    return np.asarray(cv2.warpAffine(small, M, (side, side), flags=cv2.INTER_LINEAR), np.float32)

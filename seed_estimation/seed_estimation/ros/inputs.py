@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The image streams of the fingers: subscriptions, pairing by stamp, calibration, conversion."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sensor_msgs.msg import CameraInfo, Image
+
+from seed_core.config import field
+from seed_core.errors import SeedError
+from seed_estimation.images import identity
+from seed_estimation.images.camera import Camera
+from seed_estimation.images.pair import TactileImages
+from seed_ros.conversions import MessageError
+from seed_ros.counters import Complaints
+from seed_ros.images.arrays import depth_from_message, gray_from_message
+from seed_ros.images.camera_info import intrinsics
+from seed_ros.images.pairing import Pairing
+from seed_ros.images.serialized import SerializedImage, read_image
+from seed_ros.loop import FixedRateLoop
+from seed_ros.qos import SENSOR
+
+Ready = Callable[[float, dict[str, TactileImages]], None]
+Problem = Callable[[float, str], None]
+TOPICS = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}
+KINDS = tuple(TOPICS)
+FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
+
+
+@dataclass(frozen=True)
+class InputSettings:
+    """How images are taken in."""
+
+    fingers: str = field("both", choices=tuple(FINGERS), doc="which bubbles have a camera")
+    rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
+    pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
+    finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
+    clock_offset: float = field(
+        0.0, unit="s", low=-1.0, high=1.0, doc="by which images' stamps are ahead of the robot's"
+    )
+    clock_compared: bool = field(
+        False, doc="the cameras' clock was compared with the robot's, or is the same; else ~/initialize_grasp reminds"
+    )
+    silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
+
+
+class ImageInputs:
+    """Calls `ready` with the images of one moment, or `problem` with the reason why there are none."""
+
+    def __init__(
+        self,
+        loop: FixedRateLoop,
+        settings: InputSettings,
+        complaints: Complaints,
+        now: Callable[[], float],
+        ready: Ready,
+        problem: Problem,
+    ) -> None:
+        self.settings = settings
+        self.fingers = FINGERS[settings.fingers]
+        self.cameras: dict[str, Camera] = {}
+        self.frame_ids: dict[str, str] = {}
+        self.bubbles = identity.Bubbles("", {})
+        self.camera_problem = ""
+        self.on_calibration: Callable[[], None] = lambda: None
+        self._complaints = complaints
+        self._now, self._ready, self._problem = now, ready, problem
+        self.arrived = 0.0  # [s] when the images that are being worked on were complete
+        self._images = {f: Pairing[SerializedImage](KINDS, settings.pair_tolerance) for f in self.fingers}
+        self._both = Pairing[dict[str, SerializedImage]](self.fingers, settings.finger_tolerance)
+        self._heard: dict[str, float] = {}
+        self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
+        self._unanswered = 0  # images since anything was said about one
+        self._answered = time.monotonic()
+        self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
+        for finger in self.fingers:
+            for kind, topic in TOPICS.items():
+                loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+            info = f"bubble_{finger}/depth/camera_info"
+            loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every finger's camera is known."""
+        return all(f in self.cameras for f in self.fingers)
+
+    def counts(self) -> dict[str, int]:
+        """Paired sets, and images that found no partner or came out of order."""
+        pairings: list[Pairing[Any]] = [self._both, *self._images.values()]
+        return {
+            "pairs": self._both.complete,
+            "images_unpaired": sum(p.unpaired for p in pairings),
+            "images_out_of_order": sum(p.backwards for p in pairings),
+        }
+
+    def _on_info(self, finger: str, message: CameraInfo) -> None:
+        size, numbers = (message.width, message.height), (bytes(message.k), bytes(message.p), bytes(message.d))
+        says = (*size, *numbers, message.distortion_model)
+        if self._said.get(finger) == says:
+            return
+        self._said[finger] = says
+        try:
+            camera = Camera.from_info(*intrinsics(message, self.settings.rectified))
+            _refuse(identity.other_lens(finger, camera.K, self.bubbles.known))
+        except SeedError as error:
+            self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
+            self._complaints.add("camera_info_refused", self.camera_problem)
+            return
+        known = self.cameras.get(finger)
+        if known is None or not known.matches(camera):
+            self.cameras[finger] = camera
+            self.camera_problem = ""
+            self.on_calibration()
+
+    def watch(self) -> None:
+        """Says why images come and none of them has its partners; to be called now and then."""
+        if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
+            self._unanswered = 0
+            reason = self._why_unpaired()
+            self._complaints.add("images_without_partner", reason)
+            self._problem(max(self._latest.values()), reason)
+
+    def _why_unpaired(self) -> str:
+        for finger in self.fingers:
+            stamps = [self._latest.get((finger, kind)) for kind in KINDS]
+            for kind, stamp in zip(KINDS, stamps, strict=True):
+                if stamp is None:
+                    return f"no images on bubble_{finger}/{TOPICS[kind]}: is the camera running?"
+            apart = abs((stamps[0] or 0.0) - (stamps[1] or 0.0))
+            if apart > self.settings.pair_tolerance:
+                most = self.settings.pair_tolerance
+                return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
+        return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
+
+    def _on_image(self, finger: str, kind: str, serialized: bytes, _: Any) -> None:
+        try:
+            message = read_image(serialized)
+        except SeedError as error:
+            self._complaints.add("images_refused", f"bubble_{finger}/{kind}: {error}")
+            return
+        stamp = message.stamp - self.settings.clock_offset
+        self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
+        done = self._images[finger].add(kind, stamp, message)
+        if done is None:
+            return
+        self._heard[finger] = done[0]
+        silent = [f for f in self.fingers if done[0] - self._heard.get(f, done[0]) > self.settings.silence]
+        if silent:
+            self._complaints.add("finger_silent", f"no images of bubble_{silent[0]} for {self.settings.silence:g} s")
+            self._convert(done[0], {finger: done[1]})
+            return
+        together = self._both.add(finger, done[0], done[1])
+        if together is not None:
+            self._convert(together[0], together[1])
+
+    def _convert(self, stamp: float, messages: dict[str, dict[str, SerializedImage]]) -> None:
+        self.arrived, self._answered, self._unanswered = self._now(), time.monotonic(), 0
+        try:
+            images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
+        except SeedError as error:
+            self._complaints.add("images_refused", str(error))
+            self._problem(stamp, str(error))
+            return
+        missing = [f for f in self.fingers if f not in self.cameras]
+        if missing:
+            where = f"bubble_{missing[0]}/depth/camera_info"
+            reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
+            self._complaints.add("images_without_camera_info", reason)
+            self._problem(stamp, reason)
+            return
+        self._ready(stamp, images)
+
+    def _pair(self, finger: str, pair: dict[str, SerializedImage], stamp: float) -> TactileImages:
+        for kind, message in pair.items():
+            self._check_size(finger, kind, message)
+        self.frame_ids[finger] = pair["depth"].frame_id
+        _refuse(identity.misnamed(finger, self.frame_ids[finger], self.bubbles.names))
+        depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
+        return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
+
+    def _check_size(self, finger: str, kind: str, message: SerializedImage) -> None:
+        camera = self.cameras.get(finger)
+        if camera is not None and (message.width, message.height) != (camera.width, camera.height):
+            raise MessageError(
+                f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
+                f"{camera.width} x {camera.height}"
+            )
+
+
+def _refuse(reason: str) -> None:
+    if reason:
+        raise MessageError(reason)

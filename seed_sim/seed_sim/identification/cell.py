@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated cell for identification: arm, grasp, fixed force/torque sensor and gripper, quasi-static.
+
+The stiffness, the sensor's faults and the arm's repeatability are drawn from the seed; the identification sees readings
+only. The grasp is the bushing of seed_core (checked against Drake in its tests) with a membrane that settles and
+creeps, and, where the scenario asks, elastic-then-sliding friction along single axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
+from seed_sim.identification.scenario import IdentificationScenario
+from seed_sysid.design.excitation import amplitudes
+from seed_sysid.design.procedure import Command, Reading
+from seed_sysid.fit.model import AXES, offset_pose, stiffness_map, wrench_transform
+
+_CREEP = 5.0  # creep is this many times slower than settling
+_DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
+
+Eyes = Callable[[Array, float, bool], Array | None]  # X_CT, stamp, measuring -> X_TC estimated, if a frame was taken
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the identification has to find: stiffness per grip (G, 6), frame offset, bias, outliers seen so far."""
+
+    stiffness: Array
+    pressures: Array
+    offset: Array
+    bias: Array
+    drift: Array
+
+
+def draw_truth(scenario: IdentificationScenario, rng: np.random.Generator) -> Truth:
+    """The hidden values of one seed."""
+    grasp, sensor = scenario.grasp, scenario.sensor
+    widths = np.array(scenario.procedure.widths)
+    middle = float(np.median(widths))
+    pressures = grasp.pressure + grasp.pressure_per_width * (widths - middle)
+    base = np.array([*grasp.stiffness.rotation, *grasp.stiffness.translation])
+    base = base * rng.uniform(1.0 - grasp.spread, 1.0 + grasp.spread, 6)
+    trend = 1.0 + np.outer(pressures - grasp.pressure, grasp.slope)
+    scatter = 1.0 + rng.uniform(-1.0, 1.0, (len(widths), 6)) * np.array(grasp.scatter)
+    offset = np.concatenate(
+        [np.deg2rad(sensor.offset_deg) * _direction(rng), 1e-3 * sensor.offset_mm * _direction(rng)]
+    )
+    uniform = rng.uniform(-1.0, 1.0, (2, 6))
+    bias = uniform[0] * np.repeat([sensor.torque_bias, sensor.force_bias], 3)
+    drift = uniform[1] * np.repeat([sensor.torque_drift, sensor.force_drift], 3)
+    return Truth(base * np.maximum(trend, 0.1) * scatter, pressures, offset, bias, drift)
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+class SimulatedCell:
+    """Answers commands with readings at a fixed rate."""
+
+    def __init__(self, scenario: IdentificationScenario, seed: int, eyes: Eyes | None = None) -> None:
+        """eyes renders and estimates poses; None leaves the estimator's poses out."""
+        self.scenario, self._eyes = scenario, eyes
+        self._rng = np.random.default_rng([seed, 0x5EED])
+        self.truth = draw_truth(scenario, self._rng)
+        self._bushings = [
+            Bushing(Stiffness(_three(k[:3]), _three(k[3:])), scenario.procedure.fit.model) for k in self.truth.stiffness
+        ]
+        X_TS = pose_from_rpy(np.deg2rad(scenario.sensor_rpy_deg), scenario.sensor_position)
+        nominal_to_true = offset_pose(self.truth.offset[:3], self.truth.offset[3:])
+        self._to_sensor = wrench_transform(inverse_pose(X_TS)) @ wrench_transform(nominal_to_true)
+        self._friction = np.array([scenario.grasp.hysteresis.get(a, 0.0) for a in AXES])
+        self._yield = scenario.grasp.yield_share * amplitudes(scenario.procedure.excitation)
+        self._z, self._xi = np.zeros(6), np.zeros(6)
+        self._error, self._goal = np.eye(4), np.eye(4)
+        self._lag = np.zeros((2, 6))
+        self._disturbance = np.zeros(6)
+        self._still, self.outliers = True, 0
+        self.stamp = 0.0
+
+    def step(self, command: Command) -> Reading:
+        """Advance one period under a command."""
+        s, dt = self.scenario, 1.0 / self.scenario.rate
+        self.stamp += dt
+        moving = bool(np.abs(command.X_TC - self._goal).max() > 1e-12)
+        if self._still and moving:
+            self._new_pose()
+        self._still, self._goal = not moving, command.X_TC
+        X_TC = command.X_TC @ self._error
+        static = self._spring(X_TC, command.grip)
+        decay = np.exp(-dt / (s.grasp.settle_time * np.array([1.0, _CREEP])))
+        shares = np.array([1.0 - s.grasp.creep, s.grasp.creep])
+        self._lag = decay[:, None] * self._lag + (1.0 - decay)[:, None] * shares[:, None] * static
+        pressures = self.truth.pressures[command.grip] + s.grasp.pressure_noise * self._rng.normal(size=2)
+        seen = self._eyes(inverse_pose(X_TC), self.stamp, command.measuring) if self._eyes else None
+        return Reading(
+            self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, _all(pressures), seen
+        )
+
+    def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:
+        """Readings of a pose that has come to rest, without simulating how; dwell [s] is the time that takes."""
+        self._new_pose()
+        X_TC, self._goal = command.X_TC @ self._error, command.X_TC
+        self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
+        self.stamp += dwell
+        pressures = _all(
+            self.truth.pressures[command.grip] + self.scenario.grasp.pressure_noise * self._rng.normal(size=2)
+        )
+        sensed = [self._sensed(self._lag[0]) for _ in range(count)]
+        return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]
+
+    def _new_pose(self) -> None:
+        """The arm sets off: another repeatability error, perhaps another disturbance."""
+        s, rng = self.scenario, self._rng
+        turn = np.deg2rad(s.repeatability_deg) * rng.normal(size=3)
+        self._error = make_pose(so3_exp(turn), s.repeatability * rng.normal(size=3))
+        hit = rng.uniform() < s.sensor.outliers
+        size = np.repeat([s.sensor.outlier_torque, s.sensor.outlier_force], 3)
+        self._disturbance = hit * size * np.concatenate([_direction(rng), _direction(rng)])
+        self.outliers += int(hit)
+
+    def _spring(self, X_TC: Array, grip: int) -> Array:
+        """Load on the tool at rest (6,) about T, in T, friction included."""
+        w = self._bushings[grip].wrench(X_TC).vector()
+        if not self._friction.any():
+            return w
+        m = stiffness_map(X_TC[None], self.scenario.procedure.fit.model)
+        self._z = np.clip(self._z + (m.xi[0] - self._xi) / self._yield, -1.0, 1.0)
+        self._xi = m.xi[0]
+        return np.asarray(w + m.B[0] @ (self._friction * self._z))
+
+    def _sensed(self, w_T: Array) -> Array:
+        """What the sensor reports (6,) about S, in S, for the load w_T about T, in T."""
+        sensor = self.scenario.sensor
+        noise = self._rng.normal(size=6) * np.repeat([sensor.torque_noise, sensor.force_noise], 3)
+        drift = self.truth.drift * self.stamp / _DRIFT_TIME
+        full = np.repeat([sensor.range_torque, sensor.range_force], 3)
+        sensed = self._to_sensor @ w_T + self.truth.bias + drift + self._disturbance + noise
+        return np.asarray(np.clip(sensed, -full, full))
+
+
+def _three(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _all(v: Array) -> tuple[float, ...]:
+    return tuple(float(x) for x in v)

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The poses that an identification visits: each axis both ways, loading and unloading, and chosen combinations.
+
+A pose is a displacement xi (6,) = [roll, pitch, yaw (rad), x, y, z (m)] of C in T. Every axis runs to both ends and
+back through half of each, so that loading and unloading can be told apart; the centre is visited again and again, so
+that drift shows; the rest are combinations, picked one by one so that they add most to the information
+about stiffness, sensor bias and frame offset together (D-optimal, greedy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_core.bushing import Model
+from seed_core.config import ConfigError
+from seed_core.spatial import Array, pose_from_rpy
+from seed_sysid.fit.model import AXES, skews, stiffness_map
+from seed_sysid.parameters import ExcitationParameters, LimitParameters
+
+_CANDIDATES = 160
+_RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back
+_LEVER = 0.05  # [m]; makes torques and forces, turns and translations comparable
+MINIMUM = 6 * len(_RAMP) + 2
+
+
+@dataclass(frozen=True)
+class Target:
+    """One pose to visit: its name, why it is there ('home', an axis or 'combination'), and xi (6,)."""
+
+    name: str
+    kind: str
+    xi: tuple[float, ...]
+
+    @property
+    def X_TC(self) -> Array:
+        """(4, 4)."""
+        return pose_from_rpy(self.xi[:3], self.xi[3:])
+
+    def scaled(self, factor: float) -> Target:
+        """The same direction, nearer to the centre."""
+        return Target(self.name, self.kind, tuple(factor * v for v in self.xi))
+
+
+def poses(xi: Array) -> Array:
+    """X_TC (n, 4, 4) of xi (n, 6)."""
+    return np.asarray([pose_from_rpy(v[:3], v[3:]) for v in xi]).reshape(-1, 4, 4)
+
+
+def design(parameters: ExcitationParameters, limits: LimitParameters, model: Model = "midpoint") -> list[Target]:
+    """The poses of one grip, in the order of visiting.
+
+    Raises:
+        ConfigError: too few poses to visit every axis.
+    """
+    combinations = parameters.poses - 6 * len(_RAMP) - parameters.homes
+    if combinations < 0:
+        raise ConfigError(
+            f"excitation.poses = {parameters.poses} is too few: {len(_RAMP)} on each of 6 axes and "
+            f"{parameters.homes} of the centre need {6 * len(_RAMP) + parameters.homes}"
+        )
+    single = [within_limits(s * _axis(parameters, j), parameters, limits) for j in range(6) for s in _RAMP]
+    kinds = [AXES[j] for j in range(6) for _ in _RAMP]
+    chosen = _combinations(np.array(single), combinations, parameters, limits, model)
+    kinds += ["combination"] * len(chosen)
+    return _with_homes([*single, *chosen], kinds, parameters.homes)
+
+
+def amplitudes(parameters: ExcitationParameters) -> Array:
+    """(6,) largest excursion of each axis [rad, m]."""
+    return np.concatenate([np.deg2rad(parameters.rotation_deg), parameters.translation])
+
+
+def _axis(parameters: ExcitationParameters, j: int) -> Array:
+    xi = np.zeros(6)
+    xi[j] = amplitudes(parameters)[j]
+    return xi
+
+
+def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitParameters) -> Array:
+    """xi (6,), drawn towards the centre until deflection and expected wrench stay within the planned limits."""
+    k = np.array([*parameters.guess.rotation, *parameters.guess.translation])
+    load, share = k * xi, limits.planned_share
+    uses = (
+        np.linalg.norm(load[3:]) / (share * limits.force),
+        np.linalg.norm(load[:3]) / (share * limits.torque),
+        np.linalg.norm(xi[3:]) / limits.translation,
+        np.linalg.norm(xi[:3]) / np.deg2rad(limits.rotation_deg),
+    )
+    return xi / max(1.0, *(float(u) for u in uses))
+
+
+def information_rows(xi: Array, parameters: ExcitationParameters, model: Model) -> Array:
+    """(n, 6, 18) derivatives of the measured wrench by relative stiffness, frame offset and bias, made comparable."""
+    m = stiffness_map(poses(xi), model)
+    k = np.array([*parameters.guess.rotation, *parameters.guess.translation])
+    w = np.einsum("nij,nj->ni", m.B, k * m.xi)
+    J = np.zeros((len(xi), 6, 18))
+    J[:, :, :6] = m.B * (k * m.xi)[:, None, :]
+    J[:, :3, 6:9], J[:, 3:, 6:9], J[:, :3, 9:12] = -skews(w[:, :3]), -skews(w[:, 3:]), -_LEVER * skews(w[:, 3:])
+    J[:, :, 12:] = np.eye(6)
+    J[:, :3] /= _LEVER
+    return J
+
+
+def condition_number(xi: Array, parameters: ExcitationParameters, model: Model = "midpoint") -> float:
+    """Of the poses xi (n, 6), over stiffness, frame offset and bias with columns of equal length; 1 is perfect."""
+    J = information_rows(xi, parameters, model).reshape(-1, 18)
+    lengths = np.linalg.norm(J, axis=0)
+    return float("inf") if lengths.min() == 0.0 else float(np.linalg.cond(J / lengths))
+
+
+def _combinations(
+    single: Array, count: int, parameters: ExcitationParameters, limits: LimitParameters, model: Model
+) -> list[Array]:
+    rng = np.random.default_rng(parameters.seed)
+    signs = rng.choice((-1.0, 1.0), size=(_CANDIDATES, 6)) * rng.uniform(0.4, 1.0, size=(_CANDIDATES, 6))
+    largest = parameters.combined * amplitudes(parameters)
+    candidates = np.array([within_limits(s * largest, parameters, limits) for s in signs])
+    rows = information_rows(candidates, parameters, model)
+    start = information_rows(single, parameters, model).reshape(-1, 18)
+    information, gains = start.T @ start, np.einsum("nki,nkj->nij", rows, rows)
+    chosen: list[int] = []
+    for _ in range(count):
+        score = np.linalg.slogdet(information + gains)[1]
+        score[chosen[-_CANDIDATES // 2 :]] = -np.inf  # spread: none twice before half of them were taken
+        chosen.append(int(np.argmax(score)))
+        information = information + gains[chosen[-1]]
+    return [candidates[i] for i in chosen]
+
+
+def _with_homes(xi: list[Array], kinds: list[str], homes: int) -> list[Target]:
+    """The poses with visits of the centre at both ends and evenly between."""
+    at = {round(i * len(xi) / (homes - 1)) for i in range(homes)}
+    out: list[Target] = []
+    for i in range(len(xi) + 1):
+        if i in at:
+            out.append(Target(f"{len(out):03d}-home", "home", (0.0,) * 6))
+        if i < len(xi):
+            out.append(Target(f"{len(out):03d}-{kinds[i]}", kinds[i], tuple(float(v) for v in xi[i])))
+    return out

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loading against unloading: friction along an axis that is elastic first and then slides (Prandtl's stop).
+
+The state z of an axis follows its coordinate with slope 1/yield and saturates at +-1; the load is k xi + h z. Between
+two samples each coordinate runs straight, so the state at the samples is exact. An axis is hysteretic when
+the data want its h: clearly away from zero, and not small beside what the axis carries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from seed_core.spatial import Array
+from seed_sysid.fit.fit import Problem, Solution, solve
+from seed_sysid.fit.model import stiffness_map
+
+_YIELDS = (0.02, 0.1, 0.25)  # share of an axis' range until friction slides: candidates
+_SIGNIFICANT = 6.0  # standard deviations
+_SHARE = 0.02  # of the largest elastic load on that axis; below it friction does not matter
+
+
+def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
+    """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre."""
+    z, previous, state = np.zeros_like(path), np.zeros(6), np.zeros(6)
+    for i, point in enumerate(path):
+        state = np.clip(state + (point - previous) / yields, -1.0, 1.0)
+        previous, z[i] = point, state
+    return np.asarray(z[index])
+
+
+def find(problem: Problem) -> tuple[Problem, Solution, Array]:
+    """The problem with the hysteretic axes that its data show, its fit, and h in standard deviations (6,).
+
+    Each axis' friction is first fitted along with everything else, for several lengths of yield; the best length stays.
+    """
+    xi = stiffness_map(problem.path, problem.parameters.model).xi
+    ranges = np.abs(xi).max(axis=0)
+    every = tuple(range(6))
+    trials = []
+    for share in _YIELDS:
+        trial = replace(problem, z=stop_states(xi, problem.index, np.maximum(share * ranges, 1e-9)), hysteretic=every)
+        solution = solve(trial)
+        trials.append((_cost(solution), trial, solution))
+    _, best, solution = min(trials, key=lambda t: t[0])
+    significance = solution.friction / np.maximum(solution.friction_std, 1e-12)
+    carried = np.abs(solution.stiffness).max(axis=0) * ranges
+    flagged = (np.abs(significance) > _SIGNIFICANT) & (np.abs(solution.friction) > _SHARE * carried)
+    final = replace(best, hysteretic=tuple(int(j) for j in np.flatnonzero(flagged)))
+    return final, solve(final), significance
+
+
+def _cost(solution: Solution) -> float:
+    """Log-likelihood up to constants, robustly: the sum of the logarithms of the channels' noise."""
+    residuals = np.abs(solution.residuals)
+    return float(np.log(np.maximum(np.median(residuals, axis=0), 1e-9)).sum())

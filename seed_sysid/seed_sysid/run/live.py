@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An identification on a live cell, without ROS: streams in, flange targets out, samples to the file.
+
+The first pose, C at the grasp, is remembered in the file's header, so that a resumed run refers to the same grasp.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from seed_core.errors import FailedError
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
+from seed_sysid.design.procedure import Command, Reading, Run
+from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.parameters import Procedure
+from seed_sysid.run.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
+
+STALE = 0.3  # [s] a stream older than this stops the run
+
+
+class LiveError(FailedError):
+    """A live identification that cannot start or go on."""
+
+
+@dataclass
+class Streams:
+    """The newest of every input; wrenches are averaged between two steps."""
+
+    X_WE: Array | None = None
+    pose_stamp: float = -np.inf
+    wrenches: list[Array] = field(default_factory=list)
+    wrench: Array | None = None
+    wrench_stamp: float = -np.inf
+    pressures: dict[str, float] = field(default_factory=dict)
+    width: float | None = None
+    estimate: RelativePoseEstimate | None = None
+    slip: deque[float] = field(default_factory=lambda: deque(maxlen=3))
+
+    def take_wrench(self) -> Array:
+        """Mean (6,) of what came since the last call; the last one if nothing came."""
+        if self.wrenches:
+            self.wrench = np.mean(self.wrenches, axis=0)
+            self.wrenches.clear()
+        assert self.wrench is not None
+        return self.wrench
+
+    def missing(self, now: float) -> str:
+        """The input that is missing or stale at time now [s]; '' if none."""
+        for name, stamp in (("current_pose", self.pose_stamp), ("ft_sensor/wrench", self.wrench_stamp)):
+            if now - stamp > STALE:
+                age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {STALE} s)"
+                return f"{name} {age}"
+        return ""
+
+
+class Live:
+    """One run: tick() at a fixed rate gives the flange's target and the command behind it."""
+
+    def __init__(
+        self, procedure: Procedure, head: Header, X_EC: Array, streams: Streams, file: Path, now: float, date: str
+    ) -> None:
+        """Start, or continue what the file holds.
+
+        Raises:
+            LiveError: an input is missing, or the arm is not at the grasp that the file speaks of.
+            DatasetError: the file belongs to another run.
+        """
+        problem = streams.missing(now)
+        if problem or streams.X_WE is None:
+            raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
+        self.streams, self.X_EC = streams, X_EC
+        X_WC = streams.X_WE @ X_EC
+        flat = flat_pose(X_WC)
+        run = Run(procedure)
+        head = Header(
+            hand=head.hand,
+            tool=head.tool,
+            run=f"{head.hand} {head.tool} {zlib.crc32(repr(procedure).encode()):08x}",
+            planned=run.total,
+            sensor_frame=head.sensor_frame,
+            sensor_xyz=head.sensor_xyz,
+            sensor_rpy=head.sensor_rpy,
+            sensor_range=head.sensor_range,
+            grasp_xyz=flat[:3],
+            grasp_rpy=flat[3:],
+            created=date,
+        )
+        self.writer = Writer(file, head)
+        self.samples: list[Sample] = list(self.writer.finished)
+        self.header = self.writer.header
+        self.X_WT = pose_from_rpy(self.header.grasp_rpy, self.header.grasp_xyz)
+        X_TC = inverse_pose(self.X_WT) @ X_WC
+        shift, turn = float(np.linalg.norm(X_TC[:3, 3])), float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
+        if shift > procedure.limits.translation or turn > procedure.limits.rotation_deg:
+            self.writer.close()
+            raise LiveError(
+                f"the arm is {1e3 * shift:.1f} mm and {turn:.1f} deg from the grasp of {file} (at most "
+                f"{1e3 * procedure.limits.translation:g} mm and {procedure.limits.rotation_deg:g} deg): "
+                "bring it back, or choose another output"
+            )
+        self.run = Run(procedure, {s.key for s in self.samples}, self.header.X_TS, X_TC)
+
+    def lines(self) -> list[str]:
+        """The file so far, line by line."""
+        return [header_line(self.header), *(sample_line(s) for s in self.samples)]
+
+    def tick(self, now: float) -> tuple[Array, Command]:
+        """Target X_WE (4, 4) for time now [s], and what is being done.
+
+        Raises:
+            LiveError: an input went stale, or the run had to end; the arm is to hold.
+        """
+        problem = self.streams.missing(now)
+        if problem:
+            raise LiveError(f"{problem}; {self._kept()}")
+        command = self.run.step(self._reading(now))
+        if command.event:
+            self.writer.event(now, command.event)
+        if command.sample:
+            self.samples.append(command.sample)
+            self.writer.add(command.sample)
+        if command.failure:
+            raise LiveError(f"{command.failure}; {self._kept()}")
+        return self.X_WT @ command.X_TC @ inverse_pose(self.X_EC), command
+
+    def _kept(self) -> str:
+        return f"{self.run.done} of {self.run.total} poses are kept: call again with the same output to go on"
+
+    def _reading(self, now: float) -> Reading:
+        s = self.streams
+        assert s.X_WE is not None
+        estimate, s.estimate = s.estimate, None
+        good = estimate is not None and estimate.valid
+        return Reading(
+            stamp=now,
+            X_TC=inverse_pose(self.X_WT) @ s.X_WE @ self.X_EC,
+            wrench=s.take_wrench(),
+            width=s.width if s.width is not None else 0.0,
+            pressures=tuple(v for _, v in sorted(s.pressures.items())),
+            X_TC_estimated=inverse_pose(estimate.X_CT) if good and estimate is not None else None,
+            slip=float(np.median(s.slip)) if s.slip else 0.0,
+            gross_slip=bool(estimate.gross_slip) if estimate is not None else False,
+        )
+
+    def analyse(self, source: str) -> Analysis:
+        """Fit what was measured. Raises DatasetError."""
+        return analyse(Dataset(self.header, self.samples), source, self.run.procedure.fit)
+
+    def close(self) -> None:
+        """Close the file."""
+        self.writer.close()

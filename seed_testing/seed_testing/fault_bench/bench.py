@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A test rig: the servo process and its supervisor against a stand-in controller, with a target stream and a log.
+
+Needs seed_sim. Used by the tests, `bench` and `fault_sequences`; nothing in the driver itself uses it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_core.errors import SeedError
+from seed_driver.config import DriverConfig
+from seed_driver.motion.rotation import Quaternion, Vector
+from seed_driver.process.shared_memory import State
+from seed_driver.process.supervisor import Reply, Supervisor
+from seed_ur.standin_client import StandIn, private_host
+
+Path = Callable[[float], tuple[Vector, Quaternion]]
+STEP = 0.004  # [s] between targets: a 250 Hz controller
+
+
+class Event(NamedTuple):
+    """A change of what the driver says."""
+
+    time: float  # [s] monotonic
+    linked: bool
+    armed: bool
+    reason: str
+
+
+class Rig:
+    """A context manager that leaves no process behind. Stand-in options as on its command line."""
+
+    def __init__(self, *standin: str, **settings: Any) -> None:
+        host = private_host()
+        self.supervisor = Supervisor(DriverConfig(**{"robot_ip": host, **settings}))
+        self.robot = StandIn(host, *standin)
+        self.events: list[Event] = []
+        self.path: Path | None = None
+        self._path_start = 0.0
+
+    def __enter__(self) -> Rig:
+        self.supervisor.start(start_program=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.supervisor.close()
+        self.robot.close()
+
+    @property
+    def state(self) -> State:
+        """The newest state."""
+        return self.supervisor.state
+
+    @property
+    def memory_inode(self) -> int:
+        """Of the memory shared with the servo process, by which it is known in every process."""
+        assert self.supervisor._memory is not None
+        return os.fstat(self.supervisor._memory.fd).st_ino
+
+    def step(self) -> State:
+        """One turn: a target if there is a path and the driver follows, supervision, log."""
+        now = time.monotonic()
+        state = self.supervisor.step(now)
+        if self.path is not None and state.armed:
+            p, q = self.path(now - self._path_start)
+            self.supervisor.write_target(p, q, now)
+        elif self.path is not None:
+            self._path_start = now
+        event = Event(now, state.linked, state.armed, state.reason)
+        if not self.events or event[1:] != self.events[-1][1:]:
+            self.events.append(event)
+        time.sleep(STEP)
+        return state
+
+    def run(self, seconds: float) -> None:
+        """Turn for some time."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.step()
+
+    def wait(self, condition: Callable[[State], bool], timeout: float, what: str) -> float:
+        """Turn until `condition`; the seconds it took. Raises SeedError after `timeout`."""
+        start = time.monotonic()
+        while not condition(self.step()):
+            if time.monotonic() - start > timeout:
+                raise SeedError(f"{what}: not within {timeout} s; the driver says {self.state.reason!r}")
+        return time.monotonic() - start
+
+    def ready(self, timeout: float = 60.0) -> None:
+        """Wait until the driver follows targets."""
+        self.wait(lambda s: s.armed, timeout, "driver ready")
+
+    def ask(self, do: str, timeout: float = 9.0, **arguments: Any) -> Reply:
+        """A request to the servo process and its answer."""
+        number = self.supervisor.send(do, **arguments)
+        self.wait(lambda _: number in self.supervisor.replies, timeout, f"answer to {do}")
+        return self.supervisor.replies.pop(number)
+
+    def recover(self, timeout: float = 10.0) -> float:
+        """Ask for the program again until it runs; the seconds it took."""
+        start = time.monotonic()
+        while not self.ask("start").ok:
+            if time.monotonic() - start > timeout:
+                raise SeedError(f"no recovery within {timeout} s; the driver says {self.state.reason!r}")
+            self.run(0.05)
+        self.ready(timeout)
+        return time.monotonic() - start
+
+    def sway(self, amplitude: float = 0.02, rate: float = 2.0) -> None:
+        """Stream a sine along y about the present command, starting at rest there."""
+        x, y, z, *q = self.state.command
+        turn: Quaternion = (q[0], q[1], q[2], q[3])
+
+        def path(t: float) -> tuple[Vector, Quaternion]:
+            return (x, y + amplitude * (1.0 - math.cos(rate * t)), z), turn
+
+        self.follow(path)
+
+    def follow(self, path: Path) -> None:
+        """Stream a path that starts now."""
+        self.path, self._path_start = path, time.monotonic()
+
+    def still(self) -> None:
+        """No more targets."""
+        self.path = None
+
+    def motion(self, since: float) -> NDArray[np.float64]:
+        """(n, 6): time, position (3) [m], speed [m/s], turning [rad/s] of the arm at every controller cycle."""
+        rows = self.robot.ask("motion", since=since)["motion"]
+        return np.array(rows, dtype=float).reshape(-1, 6)
+
+    def first_report(self, since: float) -> float:
+        """Seconds from `since` until the driver said that it does not follow; inf if it never did."""
+        times = [e.time for e in self.events if e.time > since and not e.armed]
+        return times[0] - since if times else math.inf
+
+
+def leftover_processes(parent: int) -> list[int]:
+    """Servo processes whose parent is `parent`."""
+    found = []
+    for process in filter(str.isdigit, os.listdir("/proc")):
+        with (
+            contextlib.suppress(OSError),
+            open(f"/proc/{process}/stat") as stat,
+            open(f"/proc/{process}/cmdline") as line,
+        ):
+            if int(stat.read().rpartition(")")[2].split()[1]) == parent and "seed_driver.servo" in line.read():
+                found.append(int(process))
+    return found

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random sequences of faults, each drawn from a seed: nothing may hang, crash, leak or move unasked.
+
+    python -m seed_testing.fault_bench.sequences --count 200 --seed 1
+
+A sequence is one to four faults with random pauses, some striking while another is not healed, on one life of the
+driver. Prints a line per sequence and a JSON summary; exit code 1 when any failed. Needs seed_sim.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seed_core.errors import SeedError
+from seed_testing.fault_bench.bench import Rig, leftover_processes
+from seed_testing.fault_bench.faults import AT_REST, FAULTS, JUMP, REST_WITHIN, Fault
+
+LIMIT = 60.0  # [s] a sequence may take
+
+
+def play(rig: Rig, rng: random.Random, names: list[str], holds: list[str]) -> None:
+    """One sequence; appends the names of its faults, and the reasons of holds between them: a pause of this machine
+    is a silent robot, and only a request ends a hold. Raises SeedError when something goes wrong."""
+    rig.ready()
+    for _ in range(rng.randint(1, 4)):
+        if not rig.step().armed:
+            holds += [rig.state.reason]
+            rig.recover()
+        rig.sway(rng.uniform(0.005, 0.02), rng.uniform(1.0, 3.0))
+        rig.run(rng.uniform(0.0, 0.4))
+        chosen = rng.sample(FAULTS, 2 if rng.random() < 0.25 else 1)
+        names += [" + ".join(f.name for f in chosen)]
+        _strike(rig, chosen, rng)
+        rig.still()
+        _heal(rig, chosen)
+
+
+def _strike(rig: Rig, chosen: list[Fault], rng: random.Random) -> None:
+    start = time.monotonic()
+    for fault in chosen:
+        with contextlib.suppress(OSError):  # the first fault may have taken the controller away from the second
+            fault.hurt(rig)
+        rig.run(rng.uniform(0.0, 0.3))
+    rig.wait(lambda s: not s.armed, 5.0, "report")
+    asleep = sum(f.asleep for f in chosen)
+    rig.run(asleep + REST_WITHIN)
+    try:
+        rows = rig.motion(start)
+    except OSError:
+        return
+    late = rows[rows[:, 0] > start + 0.3 + asleep + REST_WITHIN] if len(rows) else rows
+    if len(late) and late[:, 4].max() > AT_REST:
+        raise SeedError(f"the arm still moves at {late[:, 4].max():.4f} m/s")
+
+
+def _heal(rig: Rig, chosen: list[Fault]) -> None:
+    if any("killed" in f.name and "controller" in f.name for f in chosen):
+        rig.robot.kill()
+        rig.robot.start()
+    for fault in chosen:
+        if "controller killed" not in fault.name:
+            fault.heal(rig)
+    place = rig.robot.ask("state")["tcp_pose"][:3]
+    rig.recover()
+    rig.run(0.1)
+    jump = float(np.linalg.norm(np.subtract(rig.robot.ask("state")["tcp_pose"][:3], place)))
+    if jump > JUMP:
+        raise SeedError(f"the arm jumped {jump:.4f} m on recovery, limit {JUMP} m")
+
+
+def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
+    """Play `count` sequences from number `first` on.
+
+    {count, failed: [{sequence, error}], faults, holds, seconds, leaked_processes, leaked_descriptors,
+    leaked_shared_memory}.
+    """
+    start, failed, faults = time.monotonic(), [], 0
+    holds: list[str] = []
+    files = len(os.listdir("/proc/self/fd"))
+    memories: set[int] = set()
+    for number in range(first, first + count):
+        rng, began = random.Random(f"{seed}/{number}"), time.monotonic()
+        names: list[str] = []
+        try:
+            with Rig("--unlock-after", "0.2", "--on-stop", rng.choice(("paused", "stopped", "playing"))) as rig:
+                memories.add(rig.memory_inode)
+                play(rig, rng, names, holds)
+            if time.monotonic() - began > LIMIT:
+                raise SeedError(f"took {time.monotonic() - began:.0f} s, limit {LIMIT} s")
+        except SeedError as error:
+            failed.append({"sequence": number, "error": str(error)})
+        faults += len(names)
+        if talk:
+            result = failed[-1]["error"] if failed and failed[-1]["sequence"] == number else "ok"
+            print(f"{number:4d}  {time.monotonic() - began:5.1f} s  {result}  [{'; '.join(names)}]", flush=True)
+    return {
+        "count": count,
+        "seed": seed,
+        "failed": failed,
+        "faults": faults,
+        "holds": holds,
+        "seconds": round(time.monotonic() - start, 1),
+        "leaked_processes": leftover_processes(os.getpid()),
+        "leaked_descriptors": len(os.listdir("/proc/self/fd")) - files,
+        "leaked_shared_memory": _holders(memories),
+    }
+
+
+def _holders(memories: set[int]) -> list[str]:
+    """Descriptors, of any process, of one of these shared memories, which are given by their inodes."""
+    held = []
+    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):  # closed meanwhile, or somebody else's
+            if "memfd:seed_driver" in os.readlink(descriptor) and descriptor.stat().st_ino in memories:
+                held.append(str(descriptor))
+    return held
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="seed_testing.fault_bench.sequences", description=__doc__)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first sequence, to go on where one stopped")
+    given = parser.parse_args()
+    result = run(given.count, given.seed, talk=True, first=given.first)
+    print(json.dumps(result))
+    leaked = result["leaked_processes"] or result["leaked_shared_memory"] or result["leaked_descriptors"] > 0
+    return 1 if result["failed"] or leaked else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

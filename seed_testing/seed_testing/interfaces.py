@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The interfaces of the nodes as they are: for docs/interfaces.md and for the test that compares the two."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.context import Context
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from seed_bringup.ros.link_frames import LinksNode
+from seed_control.ros.node import ControllerNode
+from seed_driver.ros.node import DriverNode
+from seed_driver.ros.target_guard import GuardNode
+from seed_estimation.ros.node import EstimatorNode
+from seed_sim.ros.identification_cell import CellNode
+from seed_sim.ros.node import SimNode
+from seed_sim.ros.tactile_cameras import BubblesNode
+from seed_sysid.ros.node import SysidNode
+
+# Each node, and the parameters with which it offers everything it can.
+NODES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "estimator": (EstimatorNode, {}),
+    "controller": (ControllerNode, {}),
+    "driver": (DriverNode, {"robot_ip": "127.0.0.254"}),  # nobody is there; what it offers does not depend on that
+    "guard": (GuardNode, {}),
+    "sim": (SimNode, {"relative_pose": True}),
+    "bubbles": (BubblesNode, {}),
+    "sysid": (SysidNode, {}),
+    "identification_cell": (CellNode, {}),
+    "link_frames": (LinksNode, {}),
+}
+HEADING = "## Parameters\n"
+COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these
+COMMON_TYPES = ("rcl_interfaces", "type_description", "lifecycle_msgs")
+Entry = tuple[str, str, str]  # what, name, type
+
+
+@contextmanager
+def alive(name: str, **given: Any) -> Iterator[Node]:
+    """A node of NODES with these parameters, configured and active if it has a lifecycle and may be."""
+    context = Context()
+    rclpy.init(args=[], context=context)
+    try:
+        node = NODES[name][0](
+            context=context, parameter_overrides=[Parameter(key, value=value) for key, value in given.items()]
+        )
+        if given and isinstance(node, LifecycleNode):
+            node.trigger_configure()
+            node.trigger_activate()
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+def entries_of(node: Node) -> set[Entry]:
+    """Topics, services and actions of a node, and services that it calls, named relative to it."""
+    found = {("out", _name(node, p.topic_name), _type(p.msg_type)) for p in node.publishers}
+    found |= {("in", _name(node, s.topic_name), _type(s.msg_type)) for s in node.subscriptions}
+    found |= {("service", _name(node, s.srv_name), _type(s.srv_type)) for s in node.services}
+    found |= {("calls", _name(node, c.service_name.lstrip("/")), _type(c.srv_type)) for c in node.clients}
+    found = {e for e in found if e[1] not in COMMON and not e[2].startswith(COMMON_TYPES)}
+    actions = get_action_server_names_and_types_by_node(node, node.get_name(), node.get_namespace())
+    return found | {("action", _name(node, action), kinds[0]) for action, kinds in actions}
+
+
+def _name(node: Node, name: str) -> str:
+    own = f"/{node.get_name()}/"
+    if name.startswith(own):
+        return f"~/{name.removeprefix(own)}"
+    return name if name in ("/tf", "/tf_static", "/diagnostics", *COMMON) else name.removeprefix("/")
+
+
+def _type(kind: Any) -> str:
+    package, what, _ = kind.__module__.split(".", 2)
+    return f"{package}/{what}/{kind.__name__}"
+
+
+def parameters_of(node: Node) -> list[str]:
+    """One table row per parameter."""
+    rows = []
+    for name, parameter in sorted(node.get_parameters_by_prefix("").items()):
+        if name in ("use_sim_time", "start_type_description_service"):
+            continue
+        described = node.describe_parameter(name)
+        value = list(parameter.value) if hasattr(parameter.value, "typecode") else parameter.value
+        words = " ".join(w for w in (described.description, described.additional_constraints) if w)
+        rows.append(f"| `{name}` | {value if value != '' else '(empty)'} | {words.replace('|', '/')} |")
+    return rows
+
+
+def parameter_section() -> str:
+    """The tables of all nodes."""
+    parts = []
+    for name in NODES:
+        with alive(name) as node:
+            head = [f"### {name}", "| parameter | default | meaning |", "|---|---|---|"]
+            parts.append("\n".join(head + parameters_of(node)))
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> int:
+    """Write the parameters into the file given."""
+    file = Path(sys.argv[1])
+    head, _, rest = file.read_text(encoding="utf-8").partition(HEADING)
+    words = rest.split("\n### ", 1)[0].rstrip("\n")
+    file.write_text(f"{head}{HEADING}{words}\n\n{parameter_section()}", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

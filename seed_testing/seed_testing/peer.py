@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS node that plays the controller's part towards any arm: streams targets, listens, calls; for tests."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Int8, String, UInt8
+from std_srvs.srv import SetBool, Trigger
+
+from seed_core.errors import FailedError
+from seed_driver.motion.rotation import Quaternion, Vector
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+Path = Callable[[float], tuple[Vector, Quaternion]]
+
+
+class Peer:
+    """The other side of an arm's topics; `driver` is the arm node's name."""
+
+    def __init__(self, driver: str = "driver", base: str = "base", rate: float = 250.0) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = Node("peer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.driver, self.base, self.period = driver, base, 1.0 / rate
+        self.poses: deque[tuple[float, PoseStamped]] = deque(maxlen=20_000)  # time of arrival, message
+        self.latest: dict[str, Any] = {}
+        self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
+        listen = self.node.create_subscription
+        listen(PoseStamped, "current_pose", self._on_pose, 10)
+        for kind, name in ((TwistStamped, "current_twist"), (WrenchStamped, "wrench"), (JointState, "joint_states")):
+            listen(kind, name, self._keep(name), 10)
+        for word, name in (
+            (Int8, "robot_mode"),
+            (UInt8, "safety_mode"),
+            (Bool, "robot_program_running"),
+            (String, "hold_reason"),
+        ):
+            listen(word, f"{driver}/{name}", self._keep(name), LATCHED)
+        self.targets = self.node.create_publisher(PoseStamped, "target_frame", 1)
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def _keep(self, name: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            self.latest[name] = message
+
+        return keep
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self.poses.append((time.monotonic(), message))
+
+    def spin(self, seconds: float) -> None:
+        """Listen."""
+        last = time.monotonic()
+        until = last + seconds
+        while (now := time.monotonic()) < until:
+            self.pause, last = max(self.pause, now - last), now
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> float:
+        """Listen until `condition`; the seconds it took. Raises SeedError after `timeout`."""
+        start = time.monotonic()
+        while not condition():
+            self.executor.spin_once(timeout_sec=0.01)
+            if time.monotonic() - start > timeout:
+                raise FailedError(f"{what}: not within {timeout} s")
+        return time.monotonic() - start
+
+    def pose(self) -> tuple[Vector, Quaternion]:
+        """The newest pose of the flange, position [m] and quaternion."""
+        if not self.poses:
+            raise FailedError("no current_pose was received: is the arm running, and in this namespace and domain?")
+        p, q = self.poses[-1][1].pose.position, self.poses[-1][1].pose.orientation
+        return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+    def send(self, p: Vector, q: Quaternion, age: float = 0.0, frame: str | None = None) -> None:
+        """Publish one target, stamped `age` seconds ago."""
+        message = PoseStamped()
+        now = self.node.get_clock().now()
+        message.header.stamp = (now - rclpy.duration.Duration(seconds=age)).to_msg()
+        message.header.frame_id = self.base if frame is None else frame
+        at, turn = message.pose.position, message.pose.orientation
+        (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w) = p, q
+        self.targets.publish(message)
+
+    def stream(self, path: Path, seconds: float) -> None:
+        """Send a path at the peer's rate."""
+        start = deadline = last = time.monotonic()
+        while (now := time.monotonic()) - start < seconds:
+            self.pause, last = max(self.pause, now - last), now
+            self.send(*path(now - start))
+            deadline += self.period
+            while (left := deadline - time.monotonic()) > 0:
+                self.executor.spin_once(timeout_sec=left)
+
+    def hold(self, seconds: float) -> None:
+        """Stream where the arm is."""
+        here = self.pose()
+        self.stream(lambda _: here, seconds)
+
+    def call(self, name: str, kind: Any = Trigger, timeout: float = 10.0, **fields: Any) -> Any:
+        """Call a service of the arm; its response."""
+        client = self.node.create_client(kind, name if name.startswith("/") else f"{self.driver}/{name}")
+        if not client.wait_for_service(timeout_sec=timeout):
+            raise FailedError(f"there is no service {client.srv_name}")
+        future = client.call_async(kind.Request(**fields))
+        self.wait(future.done, timeout, f"answer of {client.srv_name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set_parameter(self, name: str, value: Any) -> tuple[bool, str]:
+        """Set a parameter of the arm's node: success and reason."""
+        from rcl_interfaces.srv import SetParameters
+
+        message = Parameter(name, value=value).to_parameter_msg()
+        result = self.call("set_parameters", SetParameters, parameters=[message]).results[0]
+        return result.successful, result.reason
+
+
+__all__ = ["Peer", "SetBool", "Trigger"]

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real infrared images under known motions: what no renderer can flatter.
+
+    python -m seed_testing.recordings.infrared IMAGES.npz      (ir_mono16 (n, H, W) uint16 and K (3, 3))
+
+A recorded image is turned and shifted by a B-spline warp (cubic convolution would inflate the truth), given a flat
+piece of membrane in contact as depth, and followed by the whole estimator with one finger.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from math import cos, radians, sin
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
+
+from seed_core.command_line import command
+from seed_core.errors import SeedError
+from seed_core.hand import Hand
+from seed_core.spatial import so3_log
+from seed_estimation.estimator import Estimator, EstimatorParameters
+from seed_estimation.images.camera import Array, Camera
+from seed_estimation.images.pair import Image, TactileImages
+
+REST, PRESSED = 0.090, 0.085  # [m] depth of the membrane and of the patch
+PERIOD = 1.0 / 45.0  # [s]
+MAX_BYTES = 200_000_000
+
+
+class Motion(NamedTuple):
+    """Of the image about its patch's centre: turn [deg], shift [px] to the right and down."""
+
+    turn: float = 0.0
+    right: float = 0.0
+    down: float = 0.0
+
+
+class WarpedImage:
+    """One recorded infrared image as a flat patch that can be turned and shifted."""
+
+    def __init__(
+        self, ir: Image, K: Array, radius: float = 42.0, brightness: float = 0.0, spot: bool = False, seed: int = 0
+    ) -> None:
+        """radius [px] of the patch; brightness: share by which it brightens once it moves; spot: a reflection."""
+        self.camera = Camera(ir.shape[1], ir.shape[0], K)
+        self._spline = spline_filter(ir.astype(float), order=3)
+        self._v, self._u = np.mgrid[: ir.shape[0], : ir.shape[1]].astype(float)
+        self.centre = np.array((0.45 * ir.shape[1], 0.5 * ir.shape[0]))
+        self._radius, self._brightness, self._spot = radius, brightness, spot
+        self._rng = np.random.default_rng(seed)
+
+    def render(self, motion: Motion, stamp: float, contact: bool = True) -> TactileImages:
+        """The image after the motion, with a camera's noise."""
+        c, s = cos(radians(motion.turn)), sin(radians(motion.turn))
+        du, dv = self._u - self.centre[0] - motion.right, self._v - self.centre[1] - motion.down
+        u, v = c * du + s * dv, -s * du + c * dv
+        ir = map_coordinates(
+            self._spline, (v + self.centre[1], u + self.centre[0]), order=3, mode="mirror", prefilter=False
+        )
+        inside = u * u + v * v < self._radius**2
+        if motion != Motion():
+            ir = ir * (1.0 + self._brightness * np.exp(-(u * u + v * v) / (2.0 * (0.8 * self._radius) ** 2)))
+            if self._spot:
+                ir += 1500.0 * np.exp(
+                    -((self._u - self.centre[0] - 12) ** 2 + (self._v - self.centre[1] + 9) ** 2) / 18.0
+                )
+        ir += self._rng.normal(0.0, 0.01, ir.shape) * ir
+        depth = np.where(inside & contact, PRESSED, REST) + self._rng.normal(0.0, 5e-4, ir.shape)
+        return TactileImages(depth.astype(np.float32), ir.astype(np.float32), stamp)
+
+
+def follow(image: WarpedImage, path: Sequence[Motion], parameters: EstimatorParameters | None = None) -> list[Motion]:
+    """The motions that the estimator recovers along a path that starts at rest; NaN where its estimate is not valid."""
+    estimator = Estimator(parameters or EstimatorParameters(), Hand(), {"left": image.camera})
+    still = Motion()
+    estimator.capture_reference([{"left": image.render(still, -1.0 + 0.02 * i, contact=False)} for i in range(5)])
+    estimator.initialize_grasp([{"left": image.render(still, -0.5 + 0.02 * i)} for i in range(5)])
+    out = []
+    for i, motion in enumerate(path):
+        stamp = i * PERIOD
+        estimate = estimator.update({"left": image.render(motion, stamp)}, stamp)
+        out.append(_in_image(estimator, image, estimate.X_CT) if estimate.valid else Motion(np.nan, np.nan, np.nan))
+    return out
+
+
+def _in_image(estimator: Estimator, image: WarpedImage, X_CT: Array) -> Motion:
+    """A pose of the tool as motion of the left image about the patch's centre."""
+    X_CL = estimator.hand.X_CL
+    before = image.camera.pixel_rays(image.centre) * PRESSED
+    p_C = X_CL[:3, :3] @ before + X_CL[:3, 3]
+    after = image.camera.project(X_CL[:3, :3].T @ (X_CT[:3, :3] @ p_C + X_CT[:3, 3] - X_CL[:3, 3]))
+    turn = float((X_CL[:3, :3].T @ so3_log(X_CT[:3, :3]))[2])
+    return Motion(np.rad2deg(turn), float(after[0] - image.centre[0]), float(after[1] - image.centre[1]))
+
+
+def path_to(end: Motion) -> list[Motion]:
+    """From rest to a motion in steps of at most 3 degrees and 3 px, and three frames there."""
+    steps = max(1, int(np.ceil(max(abs(end.turn), abs(end.right), abs(end.down)) / 3.0)))
+    ramp = [Motion(*(i / steps * v for v in end)) for i in range(1, steps + 1)]
+    return [*ramp, end, end, end]
+
+
+def to_and_fro(turn: float, shift: float, frames: int) -> list[Motion]:
+    """Many frames of turning and shifting, ending at rest; steps stay below 3 degrees and 3 px."""
+    period = int(np.ceil(2.0 * np.pi * max(turn, shift) / 2.5))
+    whole = -(-frames // period) * period  # ends where it began
+    phase = 2.0 * np.pi * np.arange(1, whole + 1) / period
+    path = [Motion(turn * sin(a), shift * sin(a), 0.5 * shift * sin(2.0 * a) / 2.0) for a in phase]
+    return [*path, *([Motion()] * 3)]
+
+
+TURNS = tuple(Motion(turn=sign * a) for a in (5.0, 10.0, 15.0, 20.0, 30.0) for sign in (1.0, -1.0))
+SHIFTS = tuple(
+    Motion(right=r * a, down=d * a) for a in (5.0, 10.0, 20.0) for r, d in ((1, 0), (-1, 0), (0, 1), (0, -1))
+)
+
+
+def relative_error(end: Motion, found: Motion) -> float:
+    """Size of the error over the size of the motion, in its own unit."""
+    if end.turn:
+        return abs(found.turn - end.turn) / abs(end.turn)
+    return float(np.hypot(found.right - end.right, found.down - end.down) / np.hypot(end.right, end.down))
+
+
+def check(ir: Image, K: Array) -> dict[str, float]:
+    """Largest relative errors of turns and shifts, plain and with +30 % brightness and a spot, and drift [deg]."""
+    out = {}
+    for name, brightness, spot in (("plain", 0.0, False), ("bright_and_spot", 0.3, True)):
+        for kind, ends in (("turn", TURNS), ("shift", SHIFTS)):
+            image = WarpedImage(ir, K, brightness=brightness, spot=spot)
+            found = [follow(image, path_to(end))[-1] for end in ends]
+            out[f"{kind}_{name}"] = max(relative_error(e, f) for e, f in zip(ends, found, strict=True))
+    last = follow(WarpedImage(ir, K), to_and_fro(15.0, 8.0, 1000))[-1]
+    return {**out, "drift_deg": abs(last.turn)}
+
+
+def load(path: Path) -> tuple[Image, Array]:
+    """ir (n, H, W) float32 and K (3, 3) of an npz file.
+
+    Raises:
+        SeedError: the file is none, too large, or lacks the arrays.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise SeedError(
+                f"{path}: {path.stat().st_size} bytes are too many for infrared images (at most {MAX_BYTES})"
+            )
+        with np.load(path, allow_pickle=False) as data:
+            return np.asarray(data["ir_mono16"], np.float32), np.asarray(data["K"], float)
+    except (OSError, EOFError, KeyError, ValueError) as error:
+        raise SeedError(f"{path}: no infrared images in it (ir_mono16 and K of an npz file): {error}") from error
+
+
+def report(path: Path) -> bool:
+    """Print one JSON object per image; whether all is within 1.5 % and 0.1 degrees. Raises SeedError as load does."""
+    images, K = load(path)
+    good = True
+    for index, ir in enumerate(images):
+        result = check(ir, K)
+        good &= all(v <= (0.1 if name == "drift_deg" else 0.015) for name, v in result.items())
+        print(json.dumps({"image": index, **{k: round(v, 5) for k, v in result.items()}}))
+    return good
+
+
+@command("seed_testing.recordings.infrared")
+def main(argv: list[str]) -> int:
+    """Command line; 0 when all is within its bounds."""
+    parser = argparse.ArgumentParser(description="Follow recorded infrared images through known motions.")
+    parser.add_argument("images", type=Path, help="npz with ir_mono16 (n, H, W) and K (3, 3)")
+    options = parser.parse_args(argv)
+    return 0 if report(options.images) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

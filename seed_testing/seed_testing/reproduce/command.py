@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`./seed reproduce fig4|fig6|fig7`: the paper's figures as figures and tables, from simulation."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from seed_core.command_line import Help, command, results_folder, seed_number
+
+
+@command("seed reproduce")
+def main(argv: list[str]) -> int:
+    """Command line."""
+    args = _parser().parse_args(argv)
+    folder = args.out or results_folder() / args.figure
+    folder.mkdir(parents=True, exist_ok=True)
+    text, files = _make(args, folder)
+    print(text)
+    print("\nwritten: " + ", ".join(str(f) for f in files))
+    return 0
+
+
+def _make(args: argparse.Namespace, folder: Path) -> tuple[str, list[Path]]:
+    if args.figure == "fig4":
+        from seed_testing.validate import figure4
+
+        return "Fig. 4: relative pose, truth and estimates", figure4(folder, args.seed)
+    if args.figure == "fig6":
+        from seed_testing.reproduce import fig6
+
+        return fig6.reproduce(folder, args.seed, args.force)
+    from seed_testing.reproduce import fig7
+
+    return fig7.reproduce(folder, args.seed, args.text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="seed reproduce",
+        formatter_class=Help,
+        description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee:\n"
+        "SEED, open loop, welded), fig7 (pen strokes and writing). A few minutes each.",
+    )
+    parser.add_argument("figure", choices=("fig4", "fig6", "fig7"), help="which of them")
+    parser.add_argument("--seed", type=seed_number, default=1000, help="draws table, arm and noise")
+    parser.add_argument("--force", type=float, default=10.0, help="[N] of the squeegee (fig6)")
+    parser.add_argument("--text", default="SEED", help="what the pen writes (fig7)")
+    parser.add_argument("--out", type=Path, help="folder; default: results/FIGURE")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

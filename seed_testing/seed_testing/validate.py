@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed validate: estimators of the relative pose against rendered images of known motion.
+
+seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--json] [--report FILE.png]
+seed validate estimator --method rigid_fit --from BAG
+seed validate slip --seed 7 [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from seed_core.command_line import Help, command, number, seed_number, whole
+from seed_testing.validation import run, slip
+from seed_testing.validation.scores import NAMED, Series, scores
+
+METHODS = ("published", "rigid_fit")
+
+
+@command("seed validate")
+def main(argv: list[str]) -> int:
+    """Run one of the two."""
+    options = _parser().parse_args(argv)
+    return int(options.run(options))
+
+
+def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:
+    """The paper's Fig. 4 for both methods: truth and estimate of six axes, a long cylinder. Returns the files."""
+    from seed_testing.validation.figure import draw
+
+    folder = Path(out_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario = run.load("long_cylinder")
+    both = {method: run.run(scenario, method, seed, _progress(method)) for method in METHODS}
+    summary = {method: scores(series) for method, series in both.items()}
+    (folder / "fig4.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return [draw(both, folder / "fig4.png", "long cylinder along z"), folder / "fig4.json"]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip")
+    one = commands.add_parser(
+        "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
+    )
+    one.add_argument("--method", choices=METHODS, default="rigid_fit", help="which estimator")
+    one.add_argument("--scenario", default="long_cylinder", help=f"{', '.join(run.shipped())}, or a .yaml file")
+    one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
+    one.add_argument(
+        "--report",
+        nargs="?",
+        const=Path("validation.png"),
+        metavar="FILE.png",
+        type=Path,
+        help="draw truth and estimate",
+    )
+    one.set_defaults(run=_estimator)
+    two = commands.add_parser(
+        "slip", formatter_class=Help, help="alarms when the tool slides, and none when it does not"
+    )
+    two.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
+    two.add_argument("--slips", type=whole(0), default=40, help="how many slips")
+    two.add_argument(
+        "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
+    )
+    two.add_argument("--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core")
+    two.set_defaults(run=_slip)
+    for either in (one, two):
+        either.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
+        either.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _estimator(options: argparse.Namespace) -> int:
+    scenario, name = run.load(options.scenario), options.scenario
+    if options.bag is not None:
+        from seed_testing.validation.bag import run_bag
+
+        series, name = run_bag(options.bag, options.method, scenario), str(options.bag)
+        result = scores(series)
+    else:
+        series = run.run(scenario, options.method, options.seed, None if options.json else _progress(options.method))
+        result = scores(series, scenario.trajectory.score_from)
+    result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
+    if options.report is not None:
+        result["report"] = str(_report(series, options, name))
+    print(json.dumps(result, indent=2) if options.json else _table(result))
+    return 0
+
+
+def _report(series: Series, options: argparse.Namespace, name: str) -> Path:
+    from seed_testing.validation.figure import draw
+
+    return draw({options.method: series}, options.report, name)
+
+
+def _slip(options: argparse.Namespace) -> int:
+    scenario = run.load(options.scenario)
+    progress = None if options.json else _progress("slips")
+    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, progress)
+    print(json.dumps(result, indent=2))
+    return 0
+
+
+def _progress(label: str) -> run.Progress:
+    """A line on stderr that counts to 100 %."""
+    last = [-1]
+
+    def show(share: float) -> None:
+        percent = min(100, int(100 * share))
+        if percent // 5 != last[0] // 5:
+            last[0] = percent
+            print(f"\r{label}: {percent:3d} %", end="\n" if percent == 100 else "", file=sys.stderr, flush=True)
+
+    return show
+
+
+def _table(result: dict[str, Any]) -> str:
+    lines = [f"{result['method']}, {result['scenario']}, seed {result['seed']}: "
+             f"{100 * result['valid_fraction']:.1f} % of {result['frames']} frames valid"]  # fmt: skip
+    if result["nees"] is not None:
+        lines.append(f"{'':10}{'rmse':>9}{'bias':>9}{'gain':>9}{'corr.':>9}")
+        for name in NAMED:
+            axis = name.split("_")[0]
+            values = (result["rmse"][name], result["bias"][name], result["gain"][axis], result["correlation"][axis])
+            lines.append(f"{name:10}" + "".join("      ---" if v is None else f"{v:9.3f}" for v in values))
+        low, high = result["nees_bounds"]
+        lines.append(f"normalised error squared {result['nees']:.2f} (6 expected; bounds {low:.2f} to {high:.2f})")
+    cost = result["ms_per_pair"]
+    lines.append(f"CPU per pair {cost['median'] or 0:.2f} ms median, {cost['p99'] or 0:.2f} ms at 99 %")
+    if result.get("report"):
+        lines.append(f"figure: {result['report']}")
+    return "\n".join(lines)
+
+
+__all__ = ["figure4", "main"]
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gross slip with ground truth: the tool is pulled until friction gives way; the estimator should say so at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+
+from seed_core.errors import FailedError
+from seed_core.spatial import Array, make_pose, so3_exp
+from seed_sim.scenario import Scenario
+from seed_sim.tactile import TactileRenderer
+from seed_sim.tactile.friction import Friction, Held
+from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.tactile.trajectory import TrajectorySection, poses
+from seed_testing.validation.run import Progress, estimator_for, tactile_of
+
+IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
+_AFTER = 0.25  # [s] of images after the onset
+_LONGEST = 6.0  # [s] until the slowest pull has overcome the firmest grip
+_PIECE = 60.0  # [s] of ordinary manipulation per grasp
+_SUBSTEPS = 10  # of friction per pair of images
+# ordinary manipulation moves the tool about half as far as the combined trajectory
+_ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
+_HOLD = 0.009  # [m] grip in ordinary manipulation
+
+
+class Pull(NamedTuple):
+    """A slip: from `start` [s] on the tool is pulled at `speed` (6,) [rad/s, m/s] until a grip that holds up to `hold`
+    [m] gives way; `kinetic` is the share that it keeps then."""
+
+    start: float
+    speed: Array
+    hold: float
+    kinetic: float
+
+    def pulled(self, t: float) -> Array:
+        """How far (4, 4) at time t."""
+        elapsed = max(0.0, t - self.start)
+        return make_pose(so3_exp(self.speed[:3] * elapsed), self.speed[3:] * elapsed)
+
+
+def random_pull(rng: np.random.Generator) -> Pull:
+    """Along z or x at 30 to 100 mm/s, or turning about y at 1 to 3 rad/s; grip and time at random."""
+    speed, kind, sign = np.zeros(6), int(rng.integers(0, 3)), float(rng.choice((-1.0, 1.0)))
+    if kind == 2:
+        speed[1] = sign * rng.uniform(1.0, 3.0)
+    else:
+        speed[5 if kind == 0 else 3] = sign * rng.uniform(0.03, 0.1)
+    start, hold, kinetic = (float(rng.uniform(*bounds)) for bounds in ((1.5, 3.0), (0.0065, 0.010), (0.6, 0.9)))
+    return Pull(start, speed, hold, kinetic)
+
+
+class Moment(NamedTuple):
+    """A pair of images' time [s], the tool's pose, what friction does, and since when the tool slides (inf: not)."""
+
+    stamp: float
+    X_CT: Array
+    held: Held
+    onset: float
+
+
+def moments(p: TactileParameters, reach: float, section: TrajectorySection, pull: Pull | None, seed: int,
+            ) -> Iterator[Moment]:  # fmt: skip
+    """Ordinary manipulation, with a pull on top of it."""
+    friction, onset = Friction(p.hold, p.kinetic, reach), np.inf
+    fine = replace(section, rate=section.rate * _SUBSTEPS)
+    for i, (t, X) in enumerate(poses(fine, seed)):
+        X_CT = X if pull is None else X @ pull.pulled(t)
+        held = friction.step(X_CT, t)
+        onset = min(onset, t) if held.sliding else onset
+        if i % _SUBSTEPS == _SUBSTEPS - 1:
+            yield Moment(t, X_CT, held, onset)
+
+
+def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
+    """Seconds from onset to alarm (None: none), and whether there was an alarm before the onset."""
+    cv2.setNumThreads(1)
+    pull = random_pull(np.random.default_rng((seed, 5)))
+    p = replace(tactile_of(scenario), hold=pull.hold, kinetic=pull.kinetic)
+    renderer = TactileRenderer(p, scenario.hand, seed)
+    estimator = estimator_for(scenario, "rigid_fit", renderer)
+    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=_LONGEST), pull, seed):
+        images = renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load)
+        if estimator.update(images, m.stamp).gross_slip:
+            return (m.stamp - m.onset, False) if m.stamp >= m.onset else (None, True)
+        if m.stamp > m.onset + _AFTER:
+            break
+    return None, False
+
+
+def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, int, int]:
+    """Alarms in so many seconds of ordinary manipulation without slip, valid estimates, and frames.
+
+    The grasp is taken anew after an alarm, as an operator would.
+
+    Raises:
+        SeedError: the tool slid after all.
+    """
+    cv2.setNumThreads(1)
+    p = replace(tactile_of(scenario), hold=_HOLD)
+    renderer = TactileRenderer(p, scenario.hand, seed)
+    estimator = estimator_for(scenario, "rigid_fit", renderer)
+    alarms = valid = frames = 0
+    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=duration), None, seed):
+        if m.held.sliding:
+            raise FailedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
+        estimate = estimator.update(renderer.render(m.X_CT, m.stamp, load=m.held.load), m.stamp)
+        frames, valid = frames + 1, valid + estimate.valid
+        if estimate.gross_slip:
+            alarms += 1
+            estimator = estimator_for(scenario, "rigid_fit", renderer)
+    return alarms, valid, frames
+
+
+def alarms(
+    scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int = 1, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Share of slips that raise the alarm within 100 ms, and false alarms, in so many processes."""
+    pieces = max(1, math.ceil(minutes * 60.0 / _PIECE))
+    duration = max(minutes * 60.0 / pieces, 1.0)
+    work = [delayed(alarm_delay)(scenario, 1000 * seed + i) for i in range(slips)]
+    work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
+    results: list[Any] = []
+    for result in Parallel(n_jobs=min(jobs, len(work)), return_as="generator")(work):
+        results.append(result)
+        if progress is not None:
+            progress(len(results) / len(work))
+    return _summary(scenario, seed, minutes, results[:slips], results[slips:])
+
+
+def _summary(
+    scenario: Scenario, seed: int, minutes: float, found: list[tuple[float | None, bool]], calm: list[tuple[int, ...]]
+) -> dict[str, Any]:
+    delays = sorted(d for d, _ in found if d is not None)
+    wrong, valid, frames = (sum(piece[k] for piece in calm) for k in range(3))
+    return {
+        "scenario": scenario.name,
+        "seed": seed,
+        "slips": len(found),
+        "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(len(found), 1),
+        "alarm_delay_ms": {"median": 1e3 * float(np.median(delays)) if delays else None,
+                           "max": 1e3 * delays[-1] if delays else None},
+        "early_alarms": sum(early for _, early in found),
+        "minutes": minutes,
+        "false_alarms": wrong,
+        "valid_fraction": valid / max(frames, 1),
+    }  # fmt: skip

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Our driver keeps the contract of an arm, and the check can tell an arm that does not."""
+
+import math
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed")
+pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from seed_testing import arm_contract as contract_node
+from seed_testing.arm_contract import Limits
+from seed_ur.standin_client import StandIn
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a minute of motion
+PATIENT = Limits(pose_rate=50.0, pose_age=0.2, stop_within=0.9)  # a test machine may be loaded
+
+
+def test_our_driver_keeps_every_clause() -> None:
+    with StandIn() as robot:
+        command = [sys.executable, "-m", "seed_driver.ros.node", "--ros-args", "-p", f"robot_ip:={robot.host}"]
+        node = subprocess.Popen(command)
+        try:
+            verdicts = contract_node.run("driver", PATIENT)
+        finally:
+            node.terminate()
+            node.wait(10.0)
+    assert [v for v in verdicts if not v.kept] == []
+    assert len(verdicts) == 10
+
+
+class Reckless(Node):
+    """An arm that goes wherever it is told, at once."""
+
+    def __init__(self, context: rclpy.Context, listens_to: str) -> None:
+        super().__init__("reckless", context=context)
+        self.at = PoseStamped()
+        self.at.header.frame_id = "base"
+        self.at.pose.orientation.w = 1.0
+        self.poses = self.create_publisher(PoseStamped, "current_pose", 10)
+        self.create_subscription(PoseStamped, listens_to, self.obey, 1)
+        self.create_timer(0.005, self.tell)
+
+    def obey(self, message: PoseStamped) -> None:
+        if math.isfinite(message.pose.position.z):
+            self.at.pose = message.pose
+
+    def tell(self) -> None:
+        self.at.header.stamp = self.get_clock().now().to_msg()
+        self.poses.publish(self.at)
+
+
+@contextmanager
+def reckless_arm(listens_to: str):
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    arm = Reckless(context, listens_to)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(arm)
+    ended = threading.Event()
+
+    def spin() -> None:
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(5.0)
+        rclpy.shutdown(context=context)
+
+
+@pytest.mark.neighbourly
+def test_an_arm_that_obeys_everything_is_found_out() -> None:
+    clauses = [
+        contract_node.targets_are_reached,
+        contract_node.jumps_are_refused,
+        contract_node.old_targets_are_refused,
+        contract_node.foreign_frames_are_refused,
+        contract_node.after_silence_nothing_moves_unasked,
+    ]
+    with reckless_arm("target_frame"):
+        verdicts = {v.clause: v.kept for v in contract_node.run("reckless", PATIENT._replace(enable=""), clauses)}
+    assert verdicts["targets are reached"]
+    assert not verdicts["jumps are refused"]
+    assert not verdicts["old targets are refused"]
+    assert not verdicts["foreign frames are refused"]
+    assert not verdicts["after silence nothing moves unasked"]
+
+
+@pytest.mark.neighbourly
+def test_the_guard_makes_it_keep_the_contract() -> None:
+    guard = subprocess.Popen([sys.executable, "-m", "seed_driver.ros.target_guard"])
+    try:
+        with reckless_arm("guarded_frame"):
+            verdicts = contract_node.run("guard", PATIENT)
+    finally:
+        guard.terminate()
+        guard.wait(10.0)
+    assert [v for v in verdicts if not v.kept] == []

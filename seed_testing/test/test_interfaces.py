@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/interfaces.md says what the running nodes offer: nothing more, nothing less."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("pydrake", reason="needs Drake")
+
+from seed_testing.interfaces import NODES, alive, entries_of, parameters_of
+
+pytestmark = pytest.mark.ros
+DOCUMENT = Path(__file__).parents[2] / "docs" / "interfaces.md"
+ROW = re.compile(r"^\| (in|out|service|calls|action) \| `([^`]+)` \| (\S+) \| .+ \|$", re.MULTILINE)
+
+
+def section(name: str, level: str) -> str:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    found = re.search(rf"^{level} {name}\b.*?\n(.*?)(?=^##|\Z)", text, re.MULTILINE | re.DOTALL)
+    assert found, f"{DOCUMENT.name} has no section {level} {name}"
+    return found.group(1)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_topics_services_and_actions_are_those_of_the_document(name: str) -> None:
+    with alive(name, **NODES[name][1]) as node:
+        there = entries_of(node)
+    assert there == set(ROW.findall(section(name, "##")))
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_parameters_are_those_of_the_document(name: str) -> None:
+    with alive(name) as node:
+        rows = parameters_of(node)
+    written = re.findall(r"^\| `([^`]+)` \|", section(name, "###"), re.MULTILINE)
+    there = [row.split("`")[1] for row in rows]
+    assert written == there, "run: python -m seed_testing.interfaces docs/interfaces.md"

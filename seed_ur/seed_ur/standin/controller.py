@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State of the stand-in controller: power, safety, program, registers, wrench. One `tick` is one 2 ms cycle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from seed_core.errors import SeedError
+from seed_ur import rtde as wire
+from seed_ur.kinematics import KinematicsError, URKinematics
+from seed_ur.pose import checked_pose, matrix_from_pose
+from seed_ur.standin.arm import BRAKE, PROGRAM_END_BRAKE, Arm, Servo
+from seed_ur.standin.program import Program, ProgramError
+from seed_ur.standin.recorder import Recorder
+
+PERIOD = 0.002  # [s]
+STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
+POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot_mode
+NORMAL, PROTECTIVE, ROBOT_EMERGENCY = 1, 3, 7  # safety_mode
+_SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0}
+HOME = (0.0, -1.7, 2.1, -1.97, -math.pi / 2, 0.0)  # [rad] flange pointing down in front of the arm
+
+
+@dataclass
+class Options:
+    """What a stand-in is; see docs/ur_controller.md."""
+
+    model: str = "ur5e"
+    version: wire.Version = (5, 12, 4, 1101319)
+    home: tuple[float, ...] = HOME  # [rad] joint angles at start
+    remote_control: bool = True
+    program_on_stop: str = "paused"  # paused | stopped | playing: what a safety stop does to the program
+    unlock_after: float = 5.0  # [s] a protective stop cannot be unlocked before
+    max_tcp_speed: float = 1.5  # [m/s] faster is a protective stop
+    max_joint_step: float = 1.0  # [rad] a servo target further away than this is a protective stop
+
+
+@dataclass
+class Faults:
+    """Misbehaviour that can be switched on while running."""
+
+    stuck_ready: bool = False  # the ready bit is never given
+    refuse_unlock: bool = False
+    refuse_script: bool = False
+    wall: tuple[float, float] | None = None  # height [m] and stiffness [N/m] of a virtual table
+    messages: list[str] = field(default_factory=list)  # the last text messages
+
+
+class Controller:
+    """The robot behind the ports. Time is passed in, in seconds."""
+
+    def __init__(self, options: Options) -> None:
+        self.options: Options = options
+        self.faults: Faults = Faults()
+        self.recorder: Recorder = Recorder()
+        self.arm: Arm = Arm(URKinematics.for_model(options.model), options.home)
+        self.in_int, self.in_double = [0] * 48, [0.0] * 48
+        self.values: dict[str, wire.Value] = _initial_values()
+        self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
+        self.program: Program | None = None
+        self.pending: tuple[float, Program] | None = None  # starts at this time
+        self.payload, self.payload_cog = 0.0, [0.0, 0.0, 0.0]
+        self.freedrive = self.force_mode = False
+        self.wrench_E: tuple[float, ...] = (0.0,) * 6  # environment on flange, (force, torque) in E
+        self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
+        self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
+        self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
+        self.send_text: Callable[[str], None] = lambda _: None
+        self._ik: tuple[Sequence[float], list[float]] = ((), [])
+
+    @property
+    def clock(self) -> float:
+        """What the controller's clock shows [s]."""
+        return self.now - (self.now if self.boot is None else self.boot)
+
+    def input_int(self, index: int) -> int:
+        """input_int_register_<index>."""
+        return self.in_int[index]
+
+    def input_double(self, index: int) -> float:
+        """input_double_register_<index>."""
+        return self.in_double[index]
+
+    def set_output_int(self, index: int, value: int) -> None:
+        """Write output_int_register_<index>; the ready and done marks are lost while they are stuck."""
+        offset = self.program.offset if self.program else 0
+        self.values[f"output_int_register_{index}"] = 0 if self.faults.stuck_ready and index == offset else value
+
+    def set_output_double(self, index: int, value: float) -> None:
+        """Write output_double_register_<index>."""
+        self.values[f"output_double_register_{index}"] = value
+
+    def write_inputs(self, values: dict[str, wire.Value], now: float) -> None:
+        """What an RTDE client sends."""
+        for name, value in values.items():
+            number = name.rpartition("_")[2]
+            if name in self.values:
+                self.values[name] = value
+            if name.startswith("input_int_register_"):
+                self.in_int[int(number)] = int(value)  # type: ignore[arg-type]
+            elif name.startswith("input_double_register_"):
+                self.in_double[int(number)] = float(value)  # type: ignore[arg-type]
+        if "speed_slider_fraction" in values and values.get("speed_slider_mask"):
+            self.arm.scaling = max(0.0, min(1.0, float(values["speed_slider_fraction"])))  # type: ignore[arg-type]
+        offset = self.program.offset if self.program else 0
+        if f"input_int_register_{offset}" in values:
+            self.register_written_at = now
+            self.recorder.command(self.in_int[offset], now, [self.in_double[offset + i] for i in range(6)])
+
+    def upload(self, text: str, now: float) -> str:
+        """Take a new program; returns why not, or nothing."""
+        if not self.options.remote_control:
+            return "the robot is in local control"
+        if self.robot_mode != RUNNING or self.safety_mode != NORMAL or self.faults.refuse_script:
+            return "the robot is not ready to run programs"
+        if self.program is not None:
+            self.stop_program()
+        self.pending = (now + 0.05, Program(text))
+        return ""
+
+    def stop_program(self) -> None:
+        """End the program; the arm slows down."""
+        self.program, self.freedrive, self.force_mode = None, False, False
+        self.runtime_state = STOPPED
+        self.arm.stop(PROGRAM_END_BRAKE)
+
+    def resume(self) -> bool:
+        """Play a paused program."""
+        if self.runtime_state == PAUSED and self.safety_mode == NORMAL and self.robot_mode == RUNNING:
+            self.runtime_state = PLAYING
+            return True
+        return False
+
+    def protective_stop(self) -> None:
+        """As after a collision."""
+        self._safety_stop(PROTECTIVE)
+
+    def emergency_stop(self) -> None:
+        """The red button; power goes too."""
+        self._safety_stop(ROBOT_EMERGENCY)
+        self.robot_mode = POWER_OFF
+
+    def release_emergency_stop(self) -> None:
+        """The button is pulled out again: safe, but without power."""
+        if self.safety_mode == ROBOT_EMERGENCY:
+            self.safety_mode = NORMAL
+
+    def unlock_protective_stop(self) -> bool:
+        """False within the first seconds, as UR's dashboard does."""
+        if self.faults.refuse_unlock or self.now - self.stopped_at < self.options.unlock_after:
+            return False
+        if self.safety_mode == PROTECTIVE:
+            self.safety_mode = NORMAL
+        return True
+
+    def _safety_stop(self, mode: int) -> None:
+        if self.safety_mode == NORMAL:
+            self.stopped_at = self.now
+        if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
+            self.safety_mode = mode
+        self.arm.stop(BRAKE)
+        if self.program is not None and self.options.program_on_stop != "playing":
+            self.runtime_state = PAUSED
+            if self.options.program_on_stop == "stopped":
+                self.stop_program()
+
+    def power(self, on: bool) -> None:
+        """Power of the arm; the brakes are released separately."""
+        self.robot_mode = IDLE if on else POWER_OFF
+        if not on and self.program is not None:
+            self.stop_program()
+
+    def release_brakes(self) -> bool:
+        """From powered or idle to running."""
+        if self.safety_mode != NORMAL:
+            return False
+        self.robot_mode = RUNNING
+        return True
+
+    def place(self, pose: Sequence[float], near: Sequence[float]) -> None:
+        """Put the resting flange at a pose vector; raises SeedError while a program runs or when out of reach."""
+        if self.program is not None:
+            raise SeedError("the arm cannot be placed while a program runs")
+        q = self.arm.kinematics.inverse(matrix_from_pose(checked_pose(pose, "pose")), checked_pose(near, "near"))
+        tcp, self.arm = self.arm.tcp, Arm(self.arm.kinematics, q.tolist())
+        self.arm.set_tcp(tcp)
+
+    def servo_goal(self, pose: Sequence[float]) -> list[float]:
+        """Joint goal of a servoL pose (kept while the pose stays the same)."""
+        if pose != self._ik[0]:
+            self._ik = (list(pose), self.arm.follow(pose))
+        return self._ik[1]
+
+    def check_step(self, before: Sequence[float], after: Sequence[float]) -> None:
+        """Protective stop when a servo target jumps."""
+        if max(abs(a - b) for a, b in zip(before, after, strict=True)) > self.options.max_joint_step:
+            self.protective_stop()
+            raise ProgramError("protective stop: sudden change in target position")
+
+    def tick(self, now: float) -> None:
+        """One cycle: program, motion, watchdog, values."""
+        self.now = now
+        self.boot = now if self.boot is None else self.boot
+        if self.pending is not None and now >= self.pending[0]:
+            self.program, self.pending = self.pending[1], None
+            self.runtime_state = PLAYING
+            self.register_written_at = now
+        playing = self.runtime_state == PLAYING and self.program is not None
+        try:
+            if playing and self.safety_mode == NORMAL:
+                self._play(now)
+            self.arm.step(PERIOD)
+        except (ProgramError, KinematicsError) as error:
+            self._fail(str(error))
+        pose, speed = self.publish()
+        linear, turning = math.hypot(*speed[:3]), math.hypot(*speed[3:])
+        self.recorder.state(now, pose, linear, turning, self.arm.qd, isinstance(self.arm.motion, Servo))
+
+    def _play(self, now: float) -> None:
+        program = self.program
+        assert program is not None
+        waiting = program.watchdog
+        if waiting is not None and now - max(self.register_written_at, self.watchdog_armed_at) > waiting:
+            raise ProgramError("RTDE input watchdog: no update of the command register")
+        if not program.step(self):
+            self.stop_program()
+        if waiting is None:
+            self.watchdog_armed_at = now
+
+    def _fail(self, text: str) -> None:
+        self.faults.messages = [*self.faults.messages[-19:], text]
+        self.send_text(text)
+        if self.program is not None and self.runtime_state == PLAYING:
+            self.stop_program()
+        elif self.safety_mode == NORMAL:
+            self.arm.stop()
+
+    def wrench_W(self) -> tuple[float, ...]:
+        """(fx fy fz tx ty tz) of the environment on the tool about the TCP, in W, as actual_TCP_force."""
+        R = self.arm.X_WE[:3, :3]
+        fx, fy, fz = (R @ self.wrench_E[:3]).tolist()
+        tx, ty, tz = (R @ self.wrench_E[3:]).tolist()
+        rx, ry, rz = (R @ self.arm.tcp[:3, 3]).tolist()
+        if self.faults.wall is not None:
+            height, stiffness = self.faults.wall
+            fz += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
+        return fx, fy, fz, tx - (ry * fz - rz * fy), ty - (rz * fx - rx * fz), tz - (rx * fy - ry * fx)
+
+    def zero_ft(self) -> None:
+        """zero_ftsensor()."""
+        self.zero_W = self.wrench_W()
+
+    def set_wrench(self, wrench_E: Sequence[float]) -> None:
+        """Wrench of the environment on the flange, (fx fy fz tx ty tz) in E; refuses what is not finite."""
+        self.wrench_E = checked_pose(wrench_E, "wrench")
+
+    def publish(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Set the outputs to what is, and stop an arm that is too fast; pose and velocity of the TCP."""
+        arm, values = self.arm, self.values
+        pose, speed = arm.tcp_pose(), arm.tcp_velocity(arm.qd)
+        if math.hypot(*speed[:3]) > self.options.max_tcp_speed and self.safety_mode == NORMAL:
+            self.protective_stop()
+        wrench = tuple(w - z for w, z in zip(self.wrench_W(), self.zero_W, strict=True))
+        playing = self.runtime_state == PLAYING
+        values.update(
+            timestamp=self.clock,
+            target_q=arm.target_q,
+            target_qd=arm.target_qd,
+            target_qdd=arm.target_qdd,
+            actual_q=arm.q,
+            actual_qd=arm.qd,
+            actual_TCP_pose=pose,
+            actual_TCP_speed=speed,
+            actual_TCP_force=wrench,
+            ft_raw_wrench=wrench,
+            tcp_offset=arm.tcp_offset,
+            target_TCP_pose=arm.target_tcp_pose(),
+            target_TCP_speed=arm.tcp_velocity(arm.target_qd),
+            speed_scaling=arm.scaling,
+            target_speed_fraction=arm.scaling,
+            payload=self.payload,
+            payload_cog=self.payload_cog,
+            robot_mode=self.robot_mode,
+            safety_mode=self.safety_mode,
+            runtime_state=self.runtime_state,
+            robot_status_bits=(self.robot_mode >= IDLE) | (2 if playing else 0),
+            safety_status_bits=_SAFETY_BITS[self.safety_mode],
+        )
+        return pose, speed
+
+
+def _initial_values() -> dict[str, wire.Value]:
+    """A value of the right shape for every output."""
+    values: dict[str, wire.Value] = {}
+    for name, kind in wire.OUTPUTS.items():
+        length = int(wire.FORMATS[kind][:-1] or 1)
+        integer = wire.FORMATS[kind][-1] != "d"
+        zero: float | int = 0 if integer else 0.0
+        values[name] = zero if length == 1 else (zero,) * length
+    values["joint_mode"] = (253,) * 6  # running
+    values["joint_temperatures"] = (28.0,) * 6
+    values["actual_main_voltage"], values["actual_robot_voltage"] = 48.0, 48.0
+    return values

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The side port: one JSON object per line in, one per line out. Faults, statistics, an outside view of the arm.
+
+Requests are {"do": NAME, ...}; replies {"ok": true, ...} or {"ok": false, "error": TEXT}. See docs/ur_controller.md.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from seed_core.errors import SeedError
+
+if TYPE_CHECKING:
+    from seed_ur.standin.server import Server
+
+Request: TypeAlias = dict[str, Any]
+Action: TypeAlias = "Callable[[Server, Request], dict[str, Any] | None]"
+LONGEST_LINE = 65_536  # [byte]
+SERVO_L = 24  # number of servoL in the command register of ur_rtde's script
+
+
+def answer(server: Server, line: bytes) -> bytes:
+    """The reply to one request line."""
+    try:
+        request = json.loads(line)
+        if not isinstance(request, dict) or request.get("do") not in ACTIONS:
+            raise ValueError(f"unknown request; 'do' must be one of {', '.join(sorted(ACTIONS))}")
+        reply = ACTIONS[request["do"]](server, request) or {}
+        return json.dumps({"ok": True, **reply}).encode() + b"\n"
+    except (SeedError, ValueError, TypeError, KeyError) as error:
+        return json.dumps({"ok": False, "error": str(error)}).encode() + b"\n"
+
+
+def _seconds(request: Request) -> float:
+    seconds = float(request.get("seconds", 1.0))
+    if not 0.0 <= seconds <= 3600.0:
+        raise ValueError(f"seconds = {seconds} must be 0 to 3600")
+    return seconds
+
+
+def _call(method: str) -> Action:
+    def action(server: Server, _: Request) -> None:
+        getattr(server.box, method)()
+
+    return action
+
+
+def _network(name: str) -> Action:
+    def action(server: Server, request: Request) -> None:
+        setattr(server.network, name, time.monotonic() + _seconds(request))
+
+    return action
+
+
+def _freeze(server: Server, request: Request) -> None:
+    server.network.freeze = _seconds(request)
+
+
+def _refuse(server: Server, request: Request) -> None:
+    server.refuse(_seconds(request))
+
+
+def _slow(server: Server, request: Request) -> None:
+    server.network.delay = _seconds(request)
+
+
+def _drop(server: Server, request: Request) -> None:
+    share = float(request.get("share", 0.5))
+    if not 0.0 <= share <= 1.0:
+        raise ValueError(f"share = {share} must be 0 to 1")
+    server.network.drop = share
+
+
+def _switch(server: Server, request: Request) -> None:
+    name = str(request.get("name"))
+    if name not in ("stuck_ready", "refuse_unlock", "refuse_script"):
+        raise ValueError(f"name = {name!r} must be stuck_ready, refuse_unlock or refuse_script")
+    setattr(server.box.faults, name, bool(request.get("on", True)))
+
+
+def _option(server: Server, request: Request) -> None:
+    options, name, value = server.box.options, str(request.get("name")), request.get("value")
+    if name == "program_on_stop" and value in ("paused", "stopped", "playing"):
+        options.program_on_stop = str(value)
+    elif name == "remote_control":
+        options.remote_control = bool(value)
+    elif name == "speed_scaling":
+        server.box.arm.scaling = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
+    elif name == "unlock_after":
+        options.unlock_after = float(value)  # type: ignore[arg-type]
+    else:
+        names = "program_on_stop, remote_control, unlock_after, speed_scaling"
+        raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
+
+
+def _wall(server: Server, request: Request) -> None:
+    off = request.get("z") is None
+    server.box.faults.wall = None if off else (float(request["z"]), float(request.get("stiffness", 2000.0)))
+
+
+def _state(server: Server, _: Request) -> dict[str, Any]:
+    box = server.box
+    return {
+        "time": server.robot_now,
+        "tcp_pose": box.arm.tcp_pose(),
+        "q": box.arm.q,
+        "robot_mode": box.robot_mode,
+        "safety_mode": box.safety_mode,
+        "runtime_state": box.runtime_state,
+        "program": box.program.name if box.program else None,
+        "command": box.in_int[box.program.offset if box.program else 0],
+        "freedrive": box.freedrive,
+        "wrench": box.wrench_W(),
+        "payload": box.payload,
+        "speed_scaling": box.arm.scaling,
+        "clients": server.client_counts(),
+        "messages": box.faults.messages,
+    }
+
+
+def _stale_command(server: Server, _: Request) -> None:
+    """As a client leaves it that dies before it can write 0."""
+    box = server.box
+    box.in_int[box.program.offset if box.program else 0] = SERVO_L
+
+
+def _since(server: Server, request: Request) -> dict[str, Any]:
+    return {"motion": server.box.recorder.motion(float(request.get("since", 0.0)))}
+
+
+ACTIONS: dict[str, Action] = {
+    "state": _state,
+    "stats": lambda server, _: server.box.recorder.report(),
+    "motion": _since,
+    "servo_times": lambda server, _: {"times": list(server.box.recorder.servo_times)},
+    "targets": lambda server, _: {"targets": [list(t) for t in server.box.recorder.targets]},
+    "reset_stats": lambda server, _: server.box.recorder.reset(),
+    "kill": lambda server, _: server.kill(),
+    "freeze": _freeze,
+    "silence": _network("silent_until"),
+    "pause_outputs": _network("outputs_paused_until"),
+    "mute": _network("mute_until"),
+    "no_data": _network("no_data_until"),
+    "drop_rtde": lambda server, _: server.drop("rtde"),
+    "drop_all": lambda server, _: server.drop(""),
+    "refuse": _refuse,
+    "slow": _slow,
+    "drop": _drop,
+    "protective_stop": _call("protective_stop"),
+    "emergency_stop": _call("emergency_stop"),
+    "release_emergency_stop": _call("release_emergency_stop"),
+    "pendant_stop": _call("stop_program"),
+    "stale_command": _stale_command,
+    "switch": _switch,
+    "option": _option,
+    "wall": _wall,
+    "place": lambda server, request: server.place(request["pose"], request["near"], request.get("clock")),
+    "wrench": lambda server, request: server.box.set_wrench(request["wrench"]),
+}
