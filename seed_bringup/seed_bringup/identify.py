@@ -97,7 +97,7 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
     if args.poses == "estimator":
         from seed_sim.identification.tactile_poses import TactileEyes
 
-        eyes = TactileEyes(scenario.estimator, scenario.hand, args.seed)
+        eyes = TactileEyes(scenario, args.seed)
     file = folder / "samples.jsonl" if folder else None
     data, cell = simulate(scenario, args.seed, file, eyes, created)
     analysis = analyse(data, args.poses, fit)

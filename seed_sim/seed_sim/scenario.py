@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +95,11 @@ class Scenario:
     calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
+
+
+def tactile_of(scenario: Scenario) -> TactileParameters:
+    """The renderer's parameters of a scenario, whoever renders: live, in closed loop, to validate or to identify."""
+    return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
 
 
 def shipped_scenarios() -> list[str]:

@@ -10,6 +10,7 @@ from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.files import shared_path
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool, Vector
+from seed_sim.tactile.parameters import TactileParameters
 from seed_sysid.fit.model import AXES
 from seed_sysid.parameters import Procedure
 
@@ -75,6 +76,7 @@ class IdentificationScenario:
     sensor_position: Vector = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="nominal sensor frame in T")
     sensor_rpy_deg: Vector = field((180.0, 0.0, 30.0), unit="deg", low=-360.0, high=360.0, doc="its nominal turn")
     estimator: str = field("rigid_fit", doc="method of the pose estimator, for --poses estimator")
+    tactile: TactileParameters = field(TactileParameters(), doc="rendered images, for --poses estimator")
     hand: Hand = field(Hand())
     tool: Tool = field(Tool(name="ft_sensor"))
     procedure: Procedure = field(Procedure())
@@ -114,12 +116,12 @@ def _load_file(file: Path) -> IdentificationScenario:
 
 
 def from_simulation(file: Path) -> IdentificationScenario:
-    """The identification of the hand and grasp in a scenario of seed_sim, other things at their defaults.
+    """The identification of the hand, grasp and bubbles in a scenario of seed_sim, other things at their defaults.
 
     Raises:
         ConfigError: it is no such scenario.
     """
-    from seed_sim.scenario import load_scenario
+    from seed_sim.scenario import load_scenario, tactile_of
 
     sim = load_scenario(file)
     middle = sim.grasp.nominal_width
@@ -132,5 +134,6 @@ def from_simulation(file: Path) -> IdentificationScenario:
             pressure_per_width=-sim.grasp.pressure_slope,
         ),
         hand=sim.hand,
+        tactile=tactile_of(sim),
         procedure=Procedure(widths=widths),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, so3_log
+from seed_sim.identification.scenario import IdentificationScenario
 
 _STEP, _TURN = 1.5e-3, np.deg2rad(2.5)  # [m], [rad]; motion between images that is followed with ease
 _FRAMES = 4  # images averaged per pose
@@ -19,12 +20,13 @@ _REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at r
 class TactileEyes:
     """Looks at the tool's pose X_CT and returns what the estimator makes of it."""
 
-    def __init__(self, method: str, hand: object, seed: int) -> None:
+    def __init__(self, scenario: IdentificationScenario, seed: int) -> None:
         from seed_estimation.estimator import Estimator, EstimatorParameters
-        from seed_sim.tactile import TactileParameters, TactileRenderer
+        from seed_sim.tactile import TactileRenderer
 
-        self._renderer = TactileRenderer(TactileParameters(), hand, seed)  # type: ignore[arg-type]
-        self._estimator = Estimator(EstimatorParameters(method=method), hand, self._renderer.cameras)  # type: ignore[arg-type]
+        self._renderer = TactileRenderer(scenario.tactile, scenario.hand, seed)
+        parameters = EstimatorParameters(method=scenario.estimator)
+        self._estimator = Estimator(parameters, scenario.hand, self._renderer.cameras)
         self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(_REFERENCE)])
         self._estimator.initialize_grasp([self._renderer.render(np.eye(4), 0.0) for _ in range(_GRASP)])
         self._last, self._frames = np.eye(4), 0

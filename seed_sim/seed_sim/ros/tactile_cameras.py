@@ -16,7 +16,7 @@ from rclpy.node import Node
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo, Image
 
-from seed_core.config import field, from_mapping
+from seed_core.config import field
 from seed_estimation.images.pair import TactileImages
 from seed_ros import diagnostics
 from seed_ros.conversions import pose_to_matrix, seconds, stamp_from_seconds
@@ -27,8 +27,8 @@ from seed_ros.loop import QUIET_OUT, FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import SENSOR
-from seed_sim.scenario import Scenario, load_scenario
-from seed_sim.tactile import TactileParameters, TactileRenderer
+from seed_sim.scenario import load_scenario, tactile_of
+from seed_sim.tactile import TactileRenderer
 
 LOOP_RATE = 200.0  # [Hz] at which it is looked what is due
 JUST_AFTER = 1e-4  # [s] after images are due: no clock is exact
@@ -58,7 +58,7 @@ class BubblesNode(Node):
         self.frames = declare(self, FrameNames(), "frames")
         refuse_unknown(self)
         scenario = load_scenario(self.settings.scenario)
-        tactile = replace(tactile_parameters(scenario), fingers=self.settings.fingers)
+        tactile = replace(tactile_of(scenario), fingers=self.settings.fingers)
         self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
         self._shot = -np.inf
         self._ready: deque[tuple[str, TactileImages]] = deque()
@@ -130,14 +130,6 @@ class BubblesNode(Node):
         if self._shot == -np.inf:
             return diagnostics.STALE, "no ground truth from the simulation yet", values
         return diagnostics.OK, "exposing", values
-
-
-def tactile_parameters(scenario: Scenario) -> TactileParameters:
-    """The renderer's parameters of a scenario. Raises ConfigError."""
-    given = scenario.tactile
-    if isinstance(given, TactileParameters):
-        return given
-    return from_mapping({"slip": scenario.slip_share, **given}, TactileParameters, f"scenario {scenario.name}: tactile")
 
 
 def main() -> None:

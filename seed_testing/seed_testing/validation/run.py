@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,8 @@ from seed_core.files import shared_path
 from seed_estimation.estimator import Estimator, EstimatorParameters
 from seed_sim import scenario as scenarios
 from seed_sim.scenario import Scenario
-from seed_sim.tactile import TactileParameters, TactileRenderer
+from seed_sim.scenario import tactile_of as tactile_of
+from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.scores import Series
 
@@ -44,11 +44,6 @@ def load(name_or_path: str | Path) -> Scenario:
         if (folder / f"{name_or_path}.yaml").is_file():
             return load_file(folder / f"{name_or_path}.yaml", Scenario)
     raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped())}; or name a .yaml file")
-
-
-def tactile_of(scenario: Scenario) -> TactileParameters:
-    """The renderer's parameters of a scenario."""
-    return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
 
 
 def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) -> Estimator:

@@ -14,12 +14,12 @@ from joblib import Parallel, delayed
 
 from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
-from seed_sim.scenario import Scenario
+from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
-from seed_testing.validation.run import Progress, estimator_for, tactile_of
+from seed_testing.validation.run import Progress, estimator_for
 
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
 _AFTER = 0.25  # [s] of images after the onset
