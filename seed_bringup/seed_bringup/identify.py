@@ -16,11 +16,11 @@ from seed_core.command_line import Help, command, results_folder, seed_number
 from seed_core.errors import SeedError
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
+from seed_sysid.data.dataset import Dataset, read
 from seed_sysid.fit.analysis import Analysis, analyse
-from seed_sysid.fit.model import AXES, UNITS
 from seed_sysid.parameters import FitParameters
-from seed_sysid.report.output import stiffness_file, summary, write_stiffness
-from seed_sysid.run.dataset import Dataset, read
+from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
+from seed_sysid.stiffness_map import AXES, UNITS
 
 
 @command("seed identify")
@@ -93,13 +93,13 @@ def _live(args: argparse.Namespace, folder: Path) -> int:
 def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> tuple[Analysis, dict[str, Any]]:
     scenario = load(args.scenario)
     fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
-    eyes = None
+    pose_source = None
     if args.poses == "estimator":
-        from seed_sim.identification.tactile_poses import TactileEyes
+        from seed_sim.identification.tactile_poses import TactilePoses
 
-        eyes = TactileEyes(scenario, args.seed)
+        pose_source = TactilePoses(scenario, args.seed)
     file = folder / "samples.jsonl" if folder else None
-    data, cell = simulate(scenario, args.seed, file, eyes, created)
+    data, cell = simulate(scenario, args.seed, file, pose_source, created)
     analysis = analyse(data, args.poses, fit)
     figures = summary(analysis, cell.truth) | {
         "scenario": scenario.name,
@@ -126,7 +126,7 @@ def _from_file(args: argparse.Namespace) -> tuple[Analysis, dict[str, Any]]:
 def read_any(path: Path) -> Dataset:
     """Samples from a file, or from a bag that recorded the node's topic."""
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
-        from seed_sysid.run.bag import read_bag
+        from seed_sysid.data.bag import read_bag
 
         return read_bag(path)
     return read(path)

@@ -13,11 +13,10 @@ from seed_bringup import identify
 from seed_core.spatial import inverse_pose
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import at_rest, simulate
-from seed_sim.identification.tactile_poses import TactileEyes
+from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.scenario import load_scenario, tactile_of
-from seed_sysid.fit.analysis import analyse
-from seed_sysid.run.bag import TOPIC, TYPE
-from seed_sysid.run.dataset import (
+from seed_sysid.data.bag import TOPIC, TYPE
+from seed_sysid.data.dataset import (
     Dataset,
     DatasetError,
     Sample,
@@ -28,6 +27,7 @@ from seed_sysid.run.dataset import (
     read,
     sample_line,
 )
+from seed_sysid.fit.analysis import analyse
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def _wrench(s: Sample, change: Callable[[np.ndarray], np.ndarray]) -> Sample:
 def test_the_estimator_looks_at_the_bubbles_of_the_simulated_scenario(tmp_path: Path) -> None:
     file = tmp_path / "slipping.yaml"
     file.write_text("{name: slipping, slip_share: 0.2, tactile: {squeeze: 0.006}, table: {friction: 0.3}}")
-    seen = TactileEyes(load(str(file)), 3)._renderer.parameters
+    seen = TactilePoses(load(str(file)), 3)._renderer.parameters
     assert seen == tactile_of(load_scenario(file))
     assert (seen.slip, seen.squeeze) == (0.2, 0.006)
 

@@ -11,12 +11,12 @@ from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import interpolate_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, load
 from seed_sim.identification.session import at_rest
-from seed_sysid.design.excitation import condition_number, design
 from seed_sysid.fit.analysis import analyse, make_problem
-from seed_sysid.fit.fit import _Model
 from seed_sysid.fit.hysteresis import stop_states
-from seed_sysid.fit.model import AXES, stiffness_map
+from seed_sysid.fit.identification_fit import _Model
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
+from seed_sysid.run.excitation import condition_number, design
+from seed_sysid.stiffness_map import AXES, stiffness_map
 
 
 def _random_poses(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -169,7 +169,7 @@ def test_an_axis_that_hardly_moves_is_reported_as_undetermined() -> None:
 
 def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> None:
     from seed_core.stiffness_file import GripStiffness, load_stiffness
-    from seed_sysid.report.output import stiffness_file, write_stiffness
+    from seed_sysid.report.summary import stiffness_file, write_stiffness
 
     data, cell = at_rest(load("default"), 2033)
     a = analyse(data, "kinematic")

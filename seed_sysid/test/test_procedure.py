@@ -13,9 +13,9 @@ from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
-from seed_sysid.design.procedure import Command, Reading, Run
 from seed_sysid.fit.weight import fit_weight, simulate_weight
 from seed_sysid.parameters import Procedure
+from seed_sysid.run.procedure import Command, Reading, Run
 
 K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
 

@@ -21,10 +21,10 @@ from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
-from seed_sysid.design.excitation import design  # noqa: E402
-from seed_sysid.design.procedure import Command, average  # noqa: E402
+from seed_sysid.data.dataset import Writer, read  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
-from seed_sysid.run.dataset import Writer, read  # noqa: E402
+from seed_sysid.run.excitation import design  # noqa: E402
+from seed_sysid.run.procedure import Command, average  # noqa: E402
 
 pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
 
@@ -46,7 +46,7 @@ def _nodes(bench: Bench, camera_clock: float = 0.0) -> tuple[Any, Any]:
 def _begin(cell: Any, node: Any, folder: Path) -> None:
     """All but the last poses, as an interrupted run of the same grasp leaves them."""
     from seed_core.hand import Hand
-    from seed_sysid.run.dataset import Header
+    from seed_sysid.data.dataset import Header
     from seed_sysid.run.live import Live, Streams
 
     streams = Streams(X_WE=cell.X_WE, pose_stamp=0.0, wrench_stamp=0.0)

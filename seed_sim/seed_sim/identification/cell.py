@@ -16,14 +16,16 @@ import numpy as np
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
-from seed_sysid.design.excitation import amplitudes
-from seed_sysid.design.procedure import Command, Reading
-from seed_sysid.fit.model import AXES, offset_pose, stiffness_map, wrench_transform
+from seed_sysid.run.excitation import amplitudes
+from seed_sysid.run.procedure import Command, Reading
+from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_transform
 
 _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
 
-Eyes = Callable[[Array, float, bool], Array | None]  # X_CT, stamp, measuring -> X_TC estimated, if a frame was taken
+PoseSource = Callable[
+    [Array, float, bool], Array | None
+]  # X_CT, stamp, measuring -> X_TC estimated, if a frame was taken
 
 
 @dataclass(frozen=True)
@@ -64,9 +66,9 @@ def _direction(rng: np.random.Generator) -> Array:
 class SimulatedCell:
     """Answers commands with readings at a fixed rate."""
 
-    def __init__(self, scenario: IdentificationScenario, seed: int, eyes: Eyes | None = None) -> None:
-        """eyes renders and estimates poses; None leaves the estimator's poses out."""
-        self.scenario, self._eyes = scenario, eyes
+    def __init__(self, scenario: IdentificationScenario, seed: int, pose_source: PoseSource | None = None) -> None:
+        """pose_source renders and estimates poses; None leaves the estimator's poses out."""
+        self.scenario, self._pose_source = scenario, pose_source
         self._rng = np.random.default_rng([seed, 0x5EED])
         self.truth = draw_truth(scenario, self._rng)
         self._bushings = [
@@ -98,7 +100,7 @@ class SimulatedCell:
         shares = np.array([1.0 - s.grasp.creep, s.grasp.creep])
         self._lag = decay[:, None] * self._lag + (1.0 - decay)[:, None] * shares[:, None] * static
         pressures = self.truth.pressures[command.grip] + s.grasp.pressure_noise * self._rng.normal(size=2)
-        seen = self._eyes(inverse_pose(X_TC), self.stamp, command.measuring) if self._eyes else None
+        seen = self._pose_source(inverse_pose(X_TC), self.stamp, command.measuring) if self._pose_source else None
         return Reading(
             self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, _all(pressures), seen
         )

@@ -11,8 +11,8 @@ from seed_core.config import ConfigError, field, load_file
 from seed_core.files import shared_path
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool, Vector
 from seed_sim.tactile.parameters import TactileParameters
-from seed_sysid.fit.model import AXES
 from seed_sysid.parameters import Procedure
+from seed_sysid.stiffness_map import AXES
 
 Vector6 = tuple[float, float, float, float, float, float]
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from seed_core.errors import FailedError
-from seed_sim.identification.cell import Eyes, SimulatedCell
+from seed_sim.identification.cell import PoseSource, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
-from seed_sysid.design.excitation import design
-from seed_sysid.design.procedure import Command, Run, average
-from seed_sysid.run.dataset import Dataset, Header, Sample, Writer
+from seed_sysid.data.dataset import Dataset, Header, Sample, Writer
+from seed_sysid.run.excitation import design
+from seed_sysid.run.procedure import Command, Run, average
 
 _SHOW = 1.0  # [s] between lines of progress
 
@@ -44,14 +44,18 @@ def hash_text(text: str) -> int:
 
 
 def simulate(
-    scenario: IdentificationScenario, seed: int, file: Path | None, eyes: Eyes | None = None, created: str = ""
+    scenario: IdentificationScenario,
+    seed: int,
+    file: Path | None,
+    pose_source: PoseSource | None = None,
+    created: str = "",
 ) -> tuple[Dataset, SimulatedCell]:
     """Run every pose that the file does not have yet.
 
     Raises:
         SessionError: the run ended early; what was measured is in the file.
     """
-    cell = SimulatedCell(scenario, seed, eyes)
+    cell = SimulatedCell(scenario, seed, pose_source)
     empty = Run(scenario.procedure)
     head = header(scenario, seed, empty.total, created)
     writer = Writer(file, head) if file else None

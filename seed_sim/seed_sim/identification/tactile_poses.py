@@ -17,7 +17,7 @@ _FRAMES = 4  # images averaged per pose
 _REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at rest
 
 
-class TactileEyes:
+class TactilePoses:
     """Looks at the tool's pose X_CT and returns what the estimator makes of it."""
 
     def __init__(self, scenario: IdentificationScenario, seed: int) -> None:

@@ -34,7 +34,7 @@ from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
-from seed_sysid.design.procedure import Command
+from seed_sysid.run.procedure import Command
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seed_core.spatial import Array, interpolate_pose, pose_from_rpy
+from seed_sysid.data.dataset import Dataset, DatasetError
 from seed_sysid.fit import checks
-from seed_sysid.fit.diagnostic import Assumption, check_diagonal
-from seed_sysid.fit.fit import Problem, Solution, solve
-from seed_sysid.fit.grip import GripModel, fit_grips
+from seed_sysid.fit.assumption_2 import Assumption, check_diagonal
 from seed_sysid.fit.hysteresis import find
-from seed_sysid.fit.model import AXES, UNITS, wrench_transform
+from seed_sysid.fit.identification_fit import Problem, Solution, solve
+from seed_sysid.fit.stiffness_schedule import GripModel, fit_grips
 from seed_sysid.parameters import FitParameters
-from seed_sysid.run.dataset import Dataset, DatasetError
+from seed_sysid.stiffness_map import AXES, UNITS, wrench_transform
 
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis counts as undetermined
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
@@ -205,7 +205,7 @@ def solve_subset(problem: Problem, train: np.ndarray) -> Solution:
 
 def predict(problem: Problem, fitted: Solution, of: Problem) -> Array:
     """Wrenches (n, 6) about T' of all samples of problem from a fit of part of them."""
-    from seed_sysid.fit.fit import _Model
+    from seed_sysid.fit.identification_fit import _Model
 
     model = _Model(problem)
     theta = np.concatenate(

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, so3_log
-from seed_sysid.fit.model import AXES, CHANNELS, stiffness_map
-from seed_sysid.run.dataset import Dataset, DatasetError
+from seed_sysid.data.dataset import Dataset, DatasetError
+from seed_sysid.stiffness_map import AXES, CHANNELS, stiffness_map
 
 MINIMUM_POSES = 12  # at each grip; 12 unknowns with 6 numbers per pose, and something left to judge the fit by
 _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis that moved less is not excited

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_sysid.fit.fit import Problem, Solution, solve
-from seed_sysid.fit.model import stiffness_map
+from seed_sysid.fit.identification_fit import Problem, Solution, solve
+from seed_sysid.stiffness_map import stiffness_map
 
 _YIELDS = (0.02, 0.1, 0.25)  # share of an axis' range until friction slides: candidates
 _SIGNIFICANT = 6.0  # standard deviations

@@ -18,7 +18,7 @@ import numpy as np
 from seed_core.bushing import Bushing, Model, Stiffness
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp
-from seed_sysid.fit.model import AXES, UNITS, stiffness_map
+from seed_sysid.stiffness_map import AXES, UNITS, stiffness_map
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s^2]
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis is not given

@@ -15,8 +15,8 @@ import numpy as np
 
 from seed_core.spatial import Array
 from seed_sysid.fit.analysis import Analysis
-from seed_sysid.fit.fit import Problem
-from seed_sysid.fit.model import AXES, CHANNELS, LOAD_UNITS, UNITS, stiffness_map
+from seed_sysid.fit.identification_fit import Problem
+from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS, UNITS, stiffness_map
 
 _POINTS, _OUTLIER = "#2f6f9f", "#c0392b"
 

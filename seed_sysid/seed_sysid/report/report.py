@@ -13,8 +13,8 @@ import numpy as np
 
 from seed_core.spatial import Array
 from seed_sysid.fit.analysis import Analysis
-from seed_sysid.fit.model import AXES, CHANNELS, LOAD_UNITS, UNITS
 from seed_sysid.report import figures as plots
+from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS, UNITS
 
 _STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}

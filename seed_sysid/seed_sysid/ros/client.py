@@ -17,8 +17,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from seed_msgs.action import IdentifyStiffness
 
-from seed_sysid.fit.model import AXES, UNITS
 from seed_sysid.run.live import LiveError
+from seed_sysid.stiffness_map import AXES, UNITS
 
 ACTION = "sysid/identify_stiffness"
 PATIENCE = 10.0  # [s] for the node to appear, to accept and to cancel

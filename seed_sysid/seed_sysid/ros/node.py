@@ -43,15 +43,15 @@ from seed_ros.loop import FixedRateLoop
 from seed_ros.main import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
-from seed_sysid.design.procedure import Command
+from seed_sysid.data.bag import TOPIC
+from seed_sysid.data.dataset import Header
 from seed_sysid.fit.analysis import Analysis
-from seed_sysid.fit.clock import ClockError, ClockOffset, ClockWatch
+from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
 from seed_sysid.parameters import Procedure
-from seed_sysid.report.output import stiffness_file, summary, write_stiffness
 from seed_sysid.report.report import write_report
-from seed_sysid.run.bag import TOPIC
-from seed_sysid.run.dataset import Header
+from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
 from seed_sysid.run.live import Live, LiveError, Streams
+from seed_sysid.run.procedure import Command
 
 LINES = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FEEDBACK = 0.5  # [s]

@@ -16,10 +16,10 @@ import numpy as np
 from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
-from seed_sysid.design.procedure import Command, Reading, Run
+from seed_sysid.data.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.parameters import Procedure
-from seed_sysid.run.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
+from seed_sysid.run.procedure import Command, Reading, Run
 
 STALE = 0.3  # [s] a stream older than this stops the run
 

@@ -11,9 +11,9 @@ import numpy as np
 from seed_core.spatial import Array, inverse_pose
 from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
 from seed_sim.identification.cell import Truth
+from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
-from seed_sysid.fit.model import AXES, CHANNELS, wrench_transform
-from seed_sysid.run.dataset import DatasetError
+from seed_sysid.stiffness_map import AXES, CHANNELS, wrench_transform
 
 
 def split(values: Array) -> dict[str, list[float]]:

@@ -3,7 +3,7 @@
 
 The measured load on the sensor, moved to the nominal tool frame T', is
 
-    w' = Ad(X_T'T) B (K_g xi + h z) + b_g + d s        B, xi: seed_sysid.fit.model; g: grip; s: time, -1/2 to 1/2
+    w' = Ad(X_T'T) B (K_g xi + h z) + b_g + d s        B, xi: seed_sysid.stiffness_map; g: grip; s: time, -1/2 to 1/2
 
 with the unknown frame offset X_T'T = (exp(phi), t), bias b_g per grip, drift d, and on hysteretic axes friction h z (z:
 fit.hysteresis). Residuals are divided by their channel's noise, which is estimated from them, apart for poses
@@ -21,8 +21,8 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from seed_core.spatial import Array, skew, so3_exp
-from seed_sysid.fit.model import Map, skews, stiffness_map
 from seed_sysid.parameters import FitParameters
+from seed_sysid.stiffness_map import Map, skews, stiffness_map
 
 _FLOOR = np.array([1e-5] * 3 + [1e-4] * 3)  # [N m, N]; noise below this is rounding
 _START_NOISE = np.array([0.02] * 3 + [0.3] * 3)  # [N m, N], of every group

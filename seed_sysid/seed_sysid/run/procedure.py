@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from seed_core.spatial import Array, interpolate_pose, so3_log
-from seed_sysid.design.excitation import Target, design
-from seed_sysid.design.rest_detector import SettleDetector, limit_reached
-from seed_sysid.fit.model import wrench_transform
+from seed_sysid.data.dataset import Sample, flat_pose
 from seed_sysid.parameters import MotionParameters, Procedure
-from seed_sysid.run.dataset import Sample, flat_pose
+from seed_sysid.run.excitation import Target, design
+from seed_sysid.run.rest_detector import RestDetector, limit_reached
+from seed_sysid.stiffness_map import wrench_transform
 
 _DRAW_BACK = 0.7  # factor on a pose whose wrench met a limit
 _ATTEMPTS = 3
@@ -90,7 +90,7 @@ class Run:
         self.total = len(plan)
         self._queue = [(g, t) for g, t in plan if f"{g}/{t.name}" not in finished]
         self.done = self.total - len(self._queue)
-        self._settle = SettleDetector(procedure.settle)
+        self._settle = RestDetector(procedure.settle)
         self._dwell: _Dwell | None = None
         self._grip: int | None = None
         self._grip_start: float | None = None

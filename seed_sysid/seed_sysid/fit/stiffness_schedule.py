@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from seed_core.spatial import Array
-from seed_sysid.fit.fit import Solution
-from seed_sysid.fit.model import AXES
+from seed_sysid.fit.identification_fit import Solution
+from seed_sysid.stiffness_map import AXES
 
 _LEVEL = 0.95
 _MEANINGFUL = 0.02  # relative change over the range of pressures that counts as a trend

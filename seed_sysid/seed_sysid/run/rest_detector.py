@@ -13,7 +13,7 @@ from seed_sysid.parameters import LimitParameters, SettleParameters
 _DEVIATIONS = 3.0  # noise may move the mean of half a window by this many standard deviations
 
 
-class SettleDetector:
+class RestDetector:
     """Compares the two halves of a sliding window of wrenches; noise is taken from the window itself."""
 
     def __init__(self, parameters: SettleParameters) -> None:

@@ -16,8 +16,8 @@ import numpy as np
 from seed_core.bushing import Model
 from seed_core.config import ConfigError
 from seed_core.spatial import Array, pose_from_rpy
-from seed_sysid.fit.model import AXES, skews, stiffness_map
 from seed_sysid.parameters import ExcitationParameters, LimitParameters
+from seed_sysid.stiffness_map import AXES, skews, stiffness_map
 
 _CANDIDATES = 160
 _RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back

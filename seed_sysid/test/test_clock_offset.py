@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
-from seed_sysid.fit.clock import ClockError, ClockWatch
+from seed_sysid.fit.clock_offset import ClockError, ClockWatch
 
 
 def watch(offset: float, *, travel: float = 1.0, seed: int = 3) -> ClockWatch:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose
-from seed_sysid.fit.fit import Problem, Solution
-from seed_sysid.fit.model import AXES, offset_pose, skews, stiffness_map, wrench_transform
+from seed_sysid.fit.identification_fit import Problem, Solution
+from seed_sysid.stiffness_map import AXES, offset_pose, skews, stiffness_map, wrench_transform
 
 _COUPLED = 0.05  # a coupling below this moves no force by more than the other axis' load times 5 %
 _SIGNIFICANT = 5.0  # standard deviations
