@@ -127,15 +127,16 @@ def test_played_bag_arrives_in_order_latched_topics_also_late_and_with_its_clock
 def test_type_hashes_are_those_that_rosidl_computed() -> None:
     """The independent check: rosidl writes the hash of every type beside its definition."""
     types = InstalledTypes()
-    checked = 0
+    packages, checked = ("geometry_msgs", "sensor_msgs", "seed_msgs", "tf2_msgs"), []
     for prefix in os.environ["AMENT_PREFIX_PATH"].split(":"):
-        for package in ("geometry_msgs", "sensor_msgs", "seed_msgs", "tf2_msgs"):
+        for package in packages:
             for file in sorted(Path(prefix, "share", package, "msg").glob("*.json")):
                 known = {t["type_name"]: t["hash_string"] for t in json.loads(file.read_text())["type_hashes"]}
                 name = f"{package}/msg/{file.stem}"
                 assert types.hash(name) == known[name]
-                checked += 1
-    assert checked > 50
+                checked.append(package)
+    assert set(checked) == set(packages)
+    assert len(checked) > 50
 
 
 def test_installed_tf_message_has_the_hash_of_the_real_one() -> None:

@@ -91,6 +91,7 @@ def start_cli(file: Path) -> subprocess.Popen[str]:
 def test_interrupt_ends_nodes_and_their_children(cell: Path, number: signal.Signals) -> None:
     process = start_cli(launch_file(cell, 'exec="sleeper"', 'exec="parent"'))
     time.sleep(0.3)
+    assert len(marked_processes(cell)) >= 4  # launcher, two nodes, one node's child
     process.send_signal(number)
     assert process.wait(timeout=5.0) == 128 + number
     assert eventually_none_left(cell, 0.5)
@@ -99,6 +100,7 @@ def test_interrupt_ends_nodes_and_their_children(cell: Path, number: signal.Sign
 def test_interrupt_ends_even_the_stubborn_within_five_seconds(cell: Path) -> None:
     process = start_cli(launch_file(cell, 'exec="stubborn" name="mule"', 'exec="sleeper"'))
     time.sleep(0.3)
+    assert len(marked_processes(cell)) >= 3
     started = time.monotonic()
     process.send_signal(signal.SIGINT)
     output = process.communicate(timeout=6.0)[0]
@@ -110,6 +112,7 @@ def test_interrupt_ends_even_the_stubborn_within_five_seconds(cell: Path) -> Non
 def test_nodes_do_not_outlive_a_killed_launcher(cell: Path) -> None:
     process = start_cli(launch_file(cell, 'exec="stubborn"', 'exec="parent"'))
     time.sleep(0.3)
+    assert len(marked_processes(cell)) >= 4
     process.kill()
     process.wait()
     assert eventually_none_left(cell, 5.0)

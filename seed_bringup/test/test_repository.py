@@ -68,7 +68,9 @@ def test_cores_import_neither_ros_nor_what_lies_above_them(package: str) -> None
 def test_packages_declare_what_they_import(package: str) -> None:
     manifest = ET.parse(ROOT / package / "package.xml").getroot()
     declared = {e.text for e in manifest if e.tag.endswith("depend")}
-    for file in sorted((ROOT / package / package).glob("**/*.py")):
+    files = sorted((ROOT / package / package).glob("**/*.py"))
+    assert files, f"{package} has no source"
+    for file in files:
         used = {n for n in imported(file) if n in SUITE or (of_ros(n) and is_edge(file))} - {package}
         assert used <= declared, f"{file.relative_to(ROOT)}: package.xml lacks {sorted(used - declared)}"
 
@@ -118,19 +120,25 @@ def tracked(*patterns: str) -> list[Path]:
 
 def test_every_source_file_states_its_licence_first() -> None:
     patterns = ["*.py", "*.xml", "*.yaml", "*.txt", "*.toml", "*.msg", "*.srv", "*.action", "seed", ".ci/run"]
-    for file in tracked(*patterns):
+    files, manifests = tracked(*patterns), sorted(ROOT.glob("seed_*/package.xml"))
+    assert {f.suffix for f in files} >= {".py", ".xml", ".yaml", ".txt", ".toml", ".msg", ".srv", ".action"}
+    assert {m.parent.name for m in manifests} == SUITE
+    for file in files:
         lines = file.read_text().splitlines()[:3]
         assert any("SPDX-License-Identifier: Apache-2.0" in line for line in lines), file.relative_to(ROOT)
     assert "Apache License" in (ROOT / "LICENSE").read_text()
-    for manifest in ROOT.glob("seed_*/package.xml"):
+    for manifest in manifests:
         assert ET.parse(manifest).findtext("license") == "Apache-2.0"
 
 
 def test_every_dependency_is_pinned_exactly() -> None:
-    for file in (ROOT / "requirements").glob("*.txt"):
-        for line in file.read_text().splitlines():
-            if line and not line.startswith(("#", "-r ")):
-                assert re.match(r"[\w.-]+==[\w.]+(;.*|  #.*)?$", line), f"{file.name}: {line}"
+    files = sorted((ROOT / "requirements").glob("*.txt"))
+    lines = [(file.name, line) for file in files for line in file.read_text().splitlines()]
+    libraries = [(name, line) for name, line in lines if line and not line.startswith(("#", "-r "))]
+    assert {name for name, _ in libraries} == {file.name for file in files}
+    assert len(libraries) > 20
+    for name, line in libraries:
+        assert re.match(r"[\w.-]+==[\w.]+(;.*|  #.*)?$", line), f"{name}: {line}"
 
 
 PROVIDES = {
@@ -148,10 +156,13 @@ def test_every_imported_library_is_pinned() -> None:
         for file in (ROOT / "requirements").glob("*.txt")
         for line in file.read_text().splitlines()
     }
+    used: set[str] = set()
     for file in sorted(ROOT.glob("seed_*/seed_*/**/*.py")):
         names = set(imported(file)) - set(sys.stdlib_module_names) - SUITE - {"ament_index_python"}
         libraries = {PROVIDES.get(n, n).lower() for n in names if not of_ros(n)}
+        used |= libraries
         assert libraries <= pinned, f"{file.relative_to(ROOT)}: requirements/ lacks {sorted(libraries - pinned)}"
+    assert used >= {"numpy", "scipy", "drake", "ur-rtde", "rosbags", "matplotlib"}
 
 
 @pytest.mark.skipif(os.environ.get("SEED_ROS") != "wheels", reason="looks at the environment that ./seed makes")
@@ -192,13 +203,18 @@ def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
 def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
     pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
     anchors = {page: {_anchor(h) for h in re.findall(r"^#+ (.*)$", page.read_text(), re.M)} for page in pages}
+    links, commands = 0, set()
     for page, text in ((page, page.read_text()) for page in pages):
         for target, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", text):
+            links += 1
             there = (page.parent / target).resolve() if target else page
             assert there.exists(), f"{page.name} links to {target}"
             assert not anchor or anchor in anchors[there], f"{page.name} links to {target}#{anchor}"
         for name in re.findall(r"\./seed ([a-z][a-z-]*)", text):
+            commands.add(name)
             assert name in available(ROOT), f"{page.name} speaks of ./seed {name}"
+    assert links > 20
+    assert commands >= {"demo", "test", "launch", "call", "play"}
 
 
 def _anchor(heading: str) -> str:

@@ -6,6 +6,7 @@ Translation only; the tool keeps the gripper's rotation. Small enough to be chec
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from seed_control.state import ControllerState
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.regrasp import Regrasp
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
 
 DOWN = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02))  # tip pose: tool's z into the table
@@ -52,6 +54,9 @@ class Bench:
         self.commands: list[np.ndarray] = []
         self.state: ControllerState = self.controller.state
         self.observed = (True,) * 6
+        self.regrasp = Regrasp()
+        self.X_TT_new = np.eye(4)  # T as it is counted since the last `initialize_grasp`
+        self.lost: Callable[[RelativePoseEstimate], bool] = lambda _: False  # of the messages
 
     def grasp(self) -> np.ndarray:
         """X_CT in equilibrium, and the force on the table."""
@@ -77,10 +82,11 @@ class Bench:
             self.controller.add_kinematics(self.t, self.X_WE)
         if self.t >= self._next_image:
             self._next_image += 1.0 / self.image_rate
-            self._queue.append((self.t + self.delay, RelativePoseEstimate(self.t, X_CT, observed=self.observed)))
+            told = RelativePoseEstimate(self.t, X_CT @ self.X_TT_new, observed=self.observed)
+            self._queue.append((self.t + self.delay, self.regrasp.through(told)))
         while self._queue and self._queue[0][0] <= self.t + 1e-9:
             estimate = self._queue.pop(0)[1]
-            if self.estimates:
+            if self.estimates and not self.lost(estimate):
                 self.controller.add_estimate(estimate)
         out = self.controller.step(self.t)
         assert out.X_WE is not None
@@ -103,6 +109,14 @@ class Bench:
         self.controller.enable(self.t)
         self.step()
         return self
+
+    def initialize_grasp(self, images: int = 8, announced: bool = True) -> None:
+        """T := C, as an estimator does it that averages so many images."""
+        if announced:
+            self.regrasp.begin("grasp")
+        self.run((images + 0.5) / self.image_rate)
+        self.X_TT_new = inverse_pose(self.grasp())
+        self.regrasp.end()
 
     def press(self, force: float, **more: object) -> HybridSetpoint:
         """Set-point: press downwards with a force, everything else held where the bench started."""

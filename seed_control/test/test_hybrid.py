@@ -40,18 +40,38 @@ def test_given_angles_and_torques_are_met_exactly(is_torque: tuple[bool, bool, b
             assert_allclose(reached[i] if on else q[i], torque[i] if on else angles[i], atol=2e-14)
 
 
-def test_two_pitches_for_one_torque_need_the_measured_one() -> None:
-    """Roll held and yaw large: ty is not monotone in pitch, and the nearest root is taken."""
-    k, angles = (4.0, 3.0, 4.0), (1.0, 0.0, np.deg2rad(-60.0))
-    found = []
-    for near in (-1.0, 1.0):
-        value = partial_angles(k, (0.0, -5.0, 0.0), angles, (False, True, False), near)
-        torque = Bushing(Stiffness(k, (1.0, 1.0, 1.0)), "plain").torque(np.array(value))
-        assert_allclose(torque[1], -5.0, atol=1e-12)
-        found.append(value[1])
-    if abs(found[0] - found[1]) > 1e-6:
-        with pytest.raises(PartialInverseError, match="give the measured pitch"):
-            partial_angles(k, (0.0, -5.0, 0.0), angles, (False, True, False))
+def pitches(k: tuple[float, float, float], ty: float, roll: float, yaw: float) -> np.ndarray:
+    """Every pitch within 60 degrees at which the map itself gives ty, by its changes of sign on a fine grid."""
+    grid = np.deg2rad(np.linspace(-60.0, 60.0, 2401))
+    bushing = Bushing(Stiffness(k, (800.0, 1200.0, 800.0)), "plain")
+    miss = np.array([bushing.torque(np.array((roll, p, yaw)))[1] for p in grid]) - ty
+    i = np.flatnonzero(np.sign(miss[1:]) != np.sign(miss[:-1]))
+    return np.asarray(grid[i] - miss[i] * (grid[i + 1] - grid[i]) / (miss[i + 1] - miss[i]))
+
+
+@pytest.mark.parametrize(
+    ("k", "ty", "roll", "yaw"),
+    [
+        (K, 0.6, 1.5, 0.4),
+        ((4.0, 1.2, 4.0), -1.1, 1.3, -0.3),
+        ((6.0, 1.0, 2.0), 2.6, 0.8, 0.6),
+        ((6.0, 1.0, 2.0), -3.8, 0.8, -0.9),
+        ((6.0, 1.0, 2.0), -3.8, -0.8, 0.9),
+    ],
+)
+def test_of_two_pitches_for_one_torque_the_one_next_to_the_measured_is_taken(
+    k: tuple[float, float, float], ty: float, roll: float, yaw: float
+) -> None:
+    """With the roll held and large, ty is not monotone in pitch."""
+    expected = pitches(k, ty, roll, yaw)
+    assert len(expected) == 2
+    torque, angles, which = (0.0, ty, 0.0), (roll, 0.0, yaw), (False, True, False)
+    middle = expected.mean()
+    for near, root in ((-2.0, 0), (middle - 1e-3, 0), (middle + 1e-3, 1), (2.0, 1)):
+        q = partial_angles(k, torque, angles, which, near)
+        assert_allclose(q[1], expected[root], atol=1e-4)  # [rad], of the grid
+    with pytest.raises(PartialInverseError, match="give the measured pitch"):
+        partial_angles(k, torque, angles, which)
 
 
 @pytest.mark.parametrize(

@@ -420,6 +420,73 @@ def test_axes_that_carry_nothing_may_be_lost() -> None:
     assert_allclose(bench.force, 10.0, atol=TIGHT)
 
 
+LOST = {
+    "none": lambda _: False,
+    "every second": lambda told: round(told.stamp * 45.0) % 2 == 0,
+    "all that are invalid": lambda told: not told.valid,
+}
+
+
+@pytest.mark.parametrize("lost", list(LOST))
+@pytest.mark.parametrize("images", [1, 8])
+@pytest.mark.parametrize("image_rate", [45.0, 10.0])
+def test_a_grasp_initialized_while_pressing_makes_it_hold(lost: str, images: int, image_rate: float) -> None:
+    bench = Bench(image_rate=image_rate).enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.lost = LOST[lost]
+    bench.initialize_grasp(images)
+    state = bench.run(3.0)
+    assert state.mode == "holding"
+    assert "a new grasp is taken" in state.reason or "relative_pose is stale" in state.reason
+    if lost == "none":
+        assert "a new grasp is taken, deflections count from it" in state.reason
+    assert max(bench.forces) < 12.0
+
+
+def test_a_grasp_initialized_unnoticed_would_press_twice() -> None:
+    """What the test before is about, and that it could fail."""
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.initialize_grasp(announced=False)
+    bench.run(3.0)
+    assert max(bench.forces) > 15.0
+
+
+@pytest.mark.parametrize("enabled", [False, True])
+def test_a_grasp_initialized_in_free_air_is_pressed_with_once_enabled(enabled: bool) -> None:
+    bench = Bench()
+    bench.run(0.3)
+    if enabled:
+        bench.enabled()
+    bench.initialize_grasp()
+    bench.run(0.5)
+    bench.controller.enable(bench.t)
+    bench.press(10.0)
+    assert bench.run(3.0).mode == "contact"
+
+
+@pytest.mark.parametrize("then", ["disable", "relative pose", "another frame"])
+def test_the_estimated_wrench_is_written_in_the_task_frame_that_is_told_with_it(then: str) -> None:
+    """Also before the next image, which may never come."""
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(HybridSetpoint(DOWN, force_down(-6.0), PRESS_Z, task_frame="tool"), bench.t)
+    before = bench.run(3.0)
+    assert_allclose(before.estimated.force, (0.0, 0.0, 6.0), atol=TIGHT)
+    if then == "disable":
+        bench.controller.disable(bench.t, "asked")
+    elif then == "relative pose":
+        bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.005))), bench.t)
+    else:
+        bench.press(6.0)
+    bench.estimates = False
+    state = bench.step()
+    assert_allclose(state.R_W_task, np.eye(3))
+    assert_allclose(state.estimated.force, (0.0, 0.0, -6.0), atol=TIGHT)
+    assert_allclose(state.filtered.force, (0.0, 0.0, -6.0), atol=TIGHT)
+
+
 def test_no_growth_of_memory_over_steps() -> None:
     import tracemalloc
 

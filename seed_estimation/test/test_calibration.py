@@ -37,6 +37,7 @@ def shown(bubbles: TactileRenderer) -> dict:
 
 def test_the_smooth_range_error_is_found(bubbles: TactileRenderer, shown: dict) -> None:
     found = cal.calibrate(**shown, hand=Hand())
+    assert set(found.fingers) == {"left", "right"}
     for finger, one in found.fingers.items():
         truth = -bubbles.fingers[finger].noise.offset
         error = (one.offset_map() - truth)[25:155, 30:180]
@@ -60,6 +61,7 @@ def test_a_calibration_survives_its_file(tmp_path: Path, shown: dict) -> None:
     found = cal.calibrate(**{**shown, "grasped": {}}, hand=Hand())
     cal.save(found, tmp_path / "c.yaml")
     again = cal.load(tmp_path / "c.yaml")
+    assert set(again.fingers) == set(found.fingers) == {"left", "right"}
     for finger in found.fingers:
         np.testing.assert_array_equal(again.fingers[finger].offset_map(), found.fingers[finger].offset_map())
         np.testing.assert_allclose(again.hand(Hand()).X_CL, found.hand(Hand()).X_CL, atol=1e-12)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
-from seed_core.spatial import pose_from_rpy, rotation_error
+from seed_core.spatial import make_pose, pose_from_rpy, rotation_error
 from seed_estimation.images import identity
 from seed_estimation.images.pair import TactileImages
 from seed_estimation.ros.node import EstimatorNode
@@ -158,6 +158,25 @@ def test_a_grasp_reminds_of_clocks_that_were_never_compared(bench: Bench, render
     assert grasp.success, grasp.message
     assert ("never compared with the robot's" in grasp.message) == (not compared)
     assert "compared" not in reference.message
+
+
+@pytest.mark.parametrize("count", [1, 8])
+def test_a_grasp_taken_anew_is_told_by_invalid_poses_that_no_controller_can_miss(
+    bench: Bench, renderer: Any, count: int
+) -> None:
+    rig = Rig(bench, renderer, **(QUICK | {"grasp_frames": count})).grasped()
+    rig.X_CT = make_pose(p=(0.0, 0.0, 0.002))
+    bench.spin(3 * PERIOD)
+    rig.poses.clear()
+    assert rig.call("initialize_grasp").success
+    assert bench.until(lambda: rig.poses and rig.poses[-1].valid)
+    anew = [p.valid for p in rig.poses]
+    told = [p for p in rig.poses if not p.valid]
+    assert len(told) >= 10
+    assert anew[-len(told) - 1 : -1] == [False] * len(told)  # in a row, up to the first pose of the new grasp
+    assert all("a new grasp is taken" in p.reason for p in told)
+    assert seconds(told[-1].header.stamp) - seconds(told[0].header.stamp) > 0.2
+    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose)[:3, 3]).max() < 5e-4  # [m]: T := C, where it was 2 mm
 
 
 def test_without_a_reference_or_a_grasp_it_says_so(bench: Bench, renderer: Any) -> None:

@@ -72,8 +72,8 @@ def test_a_view_of_the_pixels_gives_the_same_depth_as_the_message() -> None:
 @settings(deadline=None, derandomize=True, database=None)
 def test_bytes_that_are_no_image_are_refused(noise: bytes, kept: int) -> None:
     whole = serialize_message(image_message(np.zeros((9, 9), np.uint8), "mono8", 0.0, "camera"))
-    for broken in (noise, whole[: min(kept, len(whole) - 1)]):
-        with contextlib.suppress(SeedError):
-            assert len(read_image(broken).data) <= len(broken)
-    with pytest.raises(SeedError):
-        read_image(whole[:-1])
+    with contextlib.suppress(SeedError):  # noise may be an image, but not one larger than itself
+        assert len(read_image(noise).data) <= len(noise)
+    for cut in (whole[: min(kept, len(whole) - 1)], whole[:-1]):
+        with pytest.raises(SeedError):
+            read_image(cut)

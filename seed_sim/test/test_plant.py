@@ -201,6 +201,38 @@ def test_reset_and_grasp_bring_the_tool_back_to_where_it_was_taken():
     assert_allclose(plant.X_WE, flange(STILL, 0.1))
 
 
+def test_after_a_reset_the_cell_is_as_new():
+    from seed_sim.scenario import load_scenario
+
+    driver = replace(load_scenario("torque_driver"), table=FLAT, servo=EXACT)
+    start, deep = flange(driver, 0.005), flange(driver, -0.004)
+    new, used = (Plant(driver, 0, WORK, start) for _ in range(2))
+    used.set_gripper_width(used.width - 0.004)
+    used.command(flange(driver, -0.006))
+    used.advance(0.3)
+    used.command(flange(driver, -0.006, (np.pi, 0.0, 0.3)))
+    used.advance(1.0)
+    assert abs(used.contact_wrench.torque[2]) > 0.1  # the screw is turned
+    used.reset(start)
+    assert used.width == new.width
+    for plant in (new, used):
+        plant.command(deep)
+        plant.advance(0.2)
+    assert_allclose(used.X_CT, new.X_CT, atol=1e-12)
+    assert_allclose(used.contact_wrench.vector(), new.contact_wrench.vector(), atol=1e-9)
+
+
+def test_reading_one_load_does_not_change_another():
+    plant = Plant(STILL, 1, WORK, flange(STILL, 0.005))
+    plant.command(flange(STILL, -0.01))
+    plant.advance(0.1)  # it moves
+    contact, spring = plant.contact_wrench.vector(), plant.bushing_wrench.vector()
+    assert np.abs(contact).max() > 0.1
+    assert_allclose(plant.ft_wrench.vector(), plant.ft_wrench.vector(), rtol=0.0)
+    assert_allclose(plant.contact_wrench.vector(), contact, rtol=0.0)
+    assert_allclose(plant.bushing_wrench.vector(), spring, rtol=0.0)
+
+
 def test_screw_gives_way_in_proportion_to_the_torque_on_it():
     from seed_sim.plant.tools import SCREW_STIFFNESS
     from seed_sim.scenario import load_scenario

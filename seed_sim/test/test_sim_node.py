@@ -160,6 +160,25 @@ def test_a_firmer_grip_is_stiffer_and_an_impossible_one_is_refused(world: World)
     assert "must be finite" in refused.message
 
 
+@pytest.mark.parametrize("between", ["release", "reset"])
+def test_a_tool_that_is_grasped_anew_at_once_is_told_by_invalid_poses(between: str) -> None:
+    bench = Bench()
+    try:
+        node = bench.add(SimNode, seed=3, relative_pose=True)
+        told: list[RelativePose] = []
+        bench.client.create_subscription(RelativePose, "relative_pose", told.append, QUEUE)
+        assert bench.call(Trigger, "sim/grasp", Trigger.Request()).success
+        assert bench.until(lambda: told and told[-1].valid)
+        told.clear()
+        for service in (f"_{between}", "_grasp"):  # with no pose between the two
+            assert getattr(node, service)(Trigger.Request(), Trigger.Response()).success
+        assert bench.until(lambda: told and told[-1].valid)
+        assert sum(not p.valid for p in told) >= 10
+        assert all("a new grasp is taken" in p.reason for p in told if not p.valid)
+    finally:
+        bench.close()
+
+
 def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(world: World) -> None:
     assert world.trigger("grasp").success
     again = world.trigger("grasp")

@@ -3,11 +3,14 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from seed_sysid.run.dataset import Header
 
 from seed_bringup import identify
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
@@ -15,6 +18,7 @@ from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.fit.weight import fit_weight, simulate_weight
 from seed_sysid.parameters import Procedure
+from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run
 
 K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
@@ -82,6 +86,20 @@ def test_an_interrupted_run_goes_on_from_where_the_arm_is() -> None:
         assert turn <= np.deg2rad(0.1 * motion.turn_rate_deg) + 1e-9
         at, stamp = command.X_TC, stamp + 0.1
     assert command.state in ("moving", "settling", "measuring")
+
+
+def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> None:
+    streams = Streams(X_WE=np.eye(4), pose_stamp=0.0, wrench_stamp=0.0)
+    for i in range(5 * MOST):  # a sensor that is not zeroed yet, while nobody identifies anything
+        streams.wrenches.append(np.full(6, 7.0 if i < 5 * MOST - 1 else 0.0))
+    assert len(streams.wrenches) <= MOST
+    streams.estimate = RelativePoseEstimate(-60.0, np.eye(4), gross_slip=True)
+    streams.slip.append(1.0)
+    live = Live(Procedure(), Header("hand", "tool"), np.eye(4), streams, tmp_path / "samples.jsonl", 0.0, "")
+    reading = live._reading(0.0)
+    live.close()
+    np.testing.assert_array_equal(reading.wrench, np.zeros(6))
+    assert (reading.slip, reading.gross_slip) == (0.0, False)
 
 
 def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:

@@ -17,7 +17,10 @@ import rclpy
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from seed_core.config import ConfigError
+from seed_driver.ros.target_guard import GuardNode
 from seed_testing import arm_contract as contract_node
 from seed_testing.arm_contract import Limits
 from seed_ur.standin_client import StandIn
@@ -76,7 +79,7 @@ def reckless_arm(listens_to: str):
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     try:
-        yield
+        yield context
     finally:
         ended.set()
         thread.join(5.0)
@@ -101,6 +104,11 @@ def test_an_arm_that_obeys_everything_is_found_out() -> None:
     assert not verdicts["after silence nothing moves unasked"]
 
 
+def test_the_guard_refuses_a_limit_that_it_does_not_have() -> None:
+    with reckless_arm("guarded_frame") as context, pytest.raises(ConfigError, match="'max_sped'; did you mean max_spe"):
+        GuardNode(context=context, parameter_overrides=[Parameter("max_sped", value=0.1)])
+
+
 @pytest.mark.neighbourly
 def test_the_guard_makes_it_keep_the_contract() -> None:
     guard = subprocess.Popen([sys.executable, "-m", "seed_driver.ros.target_guard"])
@@ -111,3 +119,4 @@ def test_the_guard_makes_it_keep_the_contract() -> None:
         guard.terminate()
         guard.wait(10.0)
     assert [v for v in verdicts if not v.kept] == []
+    assert len(verdicts) == 10

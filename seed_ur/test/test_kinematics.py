@@ -54,6 +54,7 @@ def test_every_branch_reaches_the_pose_and_one_is_the_joint_vector(name: str) ->
 @pytest.mark.parametrize("name", ARMS)
 def test_following_a_path_stays_on_its_branch(name: str) -> None:
     arm, rng = URKinematics.for_model(name), np.random.default_rng(6)
+    apart = 0
     for q in rng.uniform(-np.pi, np.pi, (200, 6)):
         for step in rng.normal(size=(3, 6)):
             nearby = q + 1e-3 * step
@@ -61,6 +62,8 @@ def test_following_a_path_stays_on_its_branch(name: str) -> None:
             assert_allclose(arm.forward(arm.follow(X, near=q.tolist())), X, atol=1e-9)
             if min(abs(np.sin(q[4])), abs(np.sin(q[2]))) > 0.05:  # away from where branches meet
                 assert_allclose(arm.follow(X, near=q.tolist()), nearby, atol=1e-5)
+                apart += 1
+    assert apart > 500  # of 600
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -8,11 +8,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.errors import SeedError
+from seed_core.spatial import make_pose
 from seed_ur import rtde as wire
 from seed_ur.kinematics import URKinematics
+from seed_ur.pose import matrix_from_pose, pose_from_matrix
 from seed_ur.standin import dashboard
 from seed_ur.standin.arm import Arm, Hold, Move, Servo, interpolate
-from seed_ur.standin.controller import HOME, Controller, Options
+from seed_ur.standin.controller import HOME, STOPPED, Controller, Options
 from seed_ur.standin.rtde_session import Conversation, Ownership
 from seed_ur.ur_sim import loopback, main, version
 
@@ -75,6 +77,36 @@ def test_the_servo_lags_by_what_is_documented() -> None:
         arm.step(DT)
     assert (servo.goal[0] - arm.q[0]) / speed == pytest.approx(0.036, abs=0.003)
     assert arm.qd[0] == pytest.approx(speed, rel=1e-3)
+
+
+def test_a_placed_arm_keeps_its_slider_and_forgets_how_the_last_one_reached() -> None:
+    box = Controller(Options())
+    pose = box.arm.tcp_pose()
+    box.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.4}, 0.0)
+    here = box.servo_goal(pose)
+    box.arm.set_tcp(make_pose(None, (0.0, 0.0, 0.1)))
+    flange = matrix_from_pose(pose) @ make_pose(None, (0.0, 0.0, -0.1))
+    assert_allclose(KINEMATICS.forward(box.servo_goal(pose)), flange, atol=1e-9)
+    box.arm.set_tcp(np.eye(4))
+    far = [HOME[0] - 0.3, *HOME[1:]]
+    box.place(pose_from_matrix(KINEMATICS.forward(far)), far)
+    flipped = [*HOME[:3], HOME[3] + 1e-3, HOME[4], HOME[5] + 2.0 * np.pi]
+    box.place(pose, flipped)
+    assert_allclose(box.servo_goal(pose), box.arm.q, atol=1e-6)
+    assert abs(box.servo_goal(pose)[5] - here[5]) > 6.0
+    assert box.arm.scaling == 0.4
+
+
+@pytest.mark.parametrize("end", [Controller.protective_stop, lambda box: dashboard.answer(box, "stop")])
+def test_a_program_that_was_stopped_before_it_began_does_not_begin(end) -> None:
+    box = Controller(Options())
+    box.tick(0.0)
+    assert not box.upload("def f():\nend", 0.0)
+    end(box)
+    for i in range(100):
+        box.tick(DT * i)
+        assert box.program is None
+        assert box.runtime_state == STOPPED
 
 
 def test_a_servo_step_keeps_joint_limits_and_does_not_overshoot() -> None:

@@ -26,6 +26,9 @@ from seed_core.vector3 import Triple, triple
 class HybridLaw:
     """State: the smoothed tool, whether it touches, and an observer per force direction."""
 
+    setpoint: HybridSetpoint | None
+    limits: tuple[str, ...]
+
     def __init__(self, features: Features, parameters: ControllerParameters, gauge: Gauge) -> None:
         self.features, self.parameters, self.gauge = features, parameters, gauge
         self.X_Ttip = gauge.tool.X_Ttip
@@ -36,17 +39,10 @@ class HybridLaw:
         self.X_W_tip: Array | None = None
         self.estimated_task: Wrench | None = None
         self.filtered_task: Wrench | None = None
-        self.settled = False
-        self.limits: tuple[str, ...] = ()
         self.measured: Measurement | None = None
-        self.setpoint: HybridSetpoint | None = None
         self.R_WC = np.eye(3)  # wanted rotation of the gripper
-        self.R_W_task = np.eye(3)
-        self.X_TC_wanted = np.eye(4)
-        self.normals = np.zeros((0, 3))  # (m, 3) force directions in W
         self.loop_time = 0.1  # [s] from an image to the arm's answer, set by whoever knows
-        self._tipping_gain = 1.0
-        self._wanted = np.zeros(0)  # (m,) force along the normals [N]
+        self.release()
 
     @property
     def contact(self) -> bool:
@@ -68,6 +64,7 @@ class HybridLaw:
         if not same:
             self._new_directions(setpoint, p_WC)
         self.walk.renew(self._solve(setpoint), self.contact)
+        self._write_wrenches(self.measured)
 
     def _task_axes(self, s: HybridSetpoint) -> None:
         self.R_W_task = self.tool.R_WT @ self.R_tipT.T if s.task_frame == "tool" else s.R_W_task
@@ -81,11 +78,19 @@ class HybridLaw:
         self.touch.reset()
 
     def release(self) -> None:
-        """Follow nothing until the next `adopt`."""
-        self.setpoint, self.settled = None, False
-        self.touch.reset()
-        self.walk.observers, self.normals, self.limits = [], np.zeros((0, 3)), ()
+        """Follow nothing until the next `adopt`: all that a set-point has brought goes with it, here and only here."""
+        self.setpoint = None
         self.R_W_task = np.eye(3)
+        self.X_TC_wanted = np.eye(4)
+        self.normals = np.zeros((0, 3))  # (m, 3) force directions in W
+        self._wanted = np.zeros(0)  # (m,) force along the normals [N]
+        self._tipping_gain = 1.0
+        self.settled = False
+        self.limits = ()
+        self.touch.reset()
+        self.walk.reset()
+        if self.measured is not None:
+            self._write_wrenches(self.measured)
 
     @property
     def regulates_force(self) -> bool:
@@ -117,10 +122,14 @@ class HybridLaw:
         """What the state shows of this image."""
         filtered = self.tool.on_environment
         self.X_W_tip = m.X_WT @ self.X_Ttip
-        self.estimated_task = m.on_environment.rotated(self.R_W_task.T)
-        self.filtered_task = filtered.rotated(self.R_W_task.T)
+        self._write_wrenches(m)
         error = np.abs(self.normals @ filtered.force - self._wanted)
         self.settled = self.contact and bool((error < np.maximum(0.1 * np.abs(self._wanted), 0.3)).all())
+
+    def _write_wrenches(self, m: Measurement) -> None:
+        """In the task frame, whenever an image or a set-point changes one of the two."""
+        self.estimated_task = m.on_environment.rotated(self.R_W_task.T)
+        self.filtered_task = self.tool.on_environment.rotated(self.R_W_task.T)
 
     def _solve(self, s: HybridSetpoint) -> Plan:
         """Wanted gripper rotation, and the walk's plan, from the set-point and the newest filtered measurement."""

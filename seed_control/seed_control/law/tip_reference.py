@@ -65,6 +65,10 @@ class Walk:
 
     def __init__(self, features: Features, parameters: ControllerParameters) -> None:
         self.features, self.parameters = features, parameters
+        self.reset()
+
+    def reset(self) -> None:
+        """No set-point, no force direction."""
         self.observers: list[SurfaceObserver] = []  # one per force direction
         self.undeflected: Triple = _ORIGIN  # commanded place of the tip if the grasp were not deflected
         self._courses: list[Course] = []

@@ -16,7 +16,7 @@ from seed_driver.guard import Guard, GuardConfig, Pose
 from seed_driver.target_checks import Target
 from seed_ros.conversions import seconds
 from seed_ros.main import run
-from seed_ros.parameters import declare
+from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED, QUEUE
 
 
@@ -26,6 +26,7 @@ class GuardNode(Node):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("guard", **arguments)
         self.guard = Guard(declare(self, GuardConfig()))
+        refuse_unknown(self)
         self._said: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)
         self._reason = self.create_publisher(String, "~/hold_reason", LATCHED)

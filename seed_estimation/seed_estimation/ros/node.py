@@ -22,6 +22,7 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
+from seed_core.regrasp import Regrasp
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
@@ -88,6 +89,8 @@ class EstimatorNode(Node):
         self.complaints = Complaints(self)
         self.core: Estimator | None = None
         self._collection: _Collection | None = None
+        self._regrasp = Regrasp()
+        self._answer: tuple[_Collection, bool, str] | None = None  # given once poses may be used again
         self._latencies: deque[tuple[float, float]] = deque(maxlen=LATENCIES)
         self._last: RelativePoseEstimate | None = None
         self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET_OUT)
@@ -142,7 +145,9 @@ class EstimatorNode(Node):
         elif self.bubbles.status == identity.Bubbles.UNVERIFIED:
             doubt = "which bubble is which, and which way is up, is unverified"
             estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
-        self._publish(estimate)
+        self._publish(self._regrasp.through(estimate))
+        if self._answer is not None and not self._regrasp.under_way:
+            self._give_answer()
         self._publish_patches(stamp)
         if self._debug.get_subscription_count():
             self._debug.publish(image_message(self.core.debug_image(), "bgr8", stamp, self.frames.compliance))
@@ -194,11 +199,13 @@ class EstimatorNode(Node):
         return response
 
     async def _gather(self, what: str, count: int, response: Trigger.Response) -> Trigger.Response:
-        if self._collection is not None:
-            response.success, response.message = False, f"still gathering images for the {self._collection.what}"
+        before = self._collection or (self._answer and self._answer[0])
+        if before:
+            response.success, response.message = False, f"still gathering images for the {before.what}"
             return response
-        self._collection = _Collection(what, count, self._now() + COLLECT_TIMEOUT)
-        response.success, response.message = await self._collection.future
+        self._collection = collection = _Collection(what, count, self._now() + COLLECT_TIMEOUT)
+        self._regrasp.begin(what)  # already now: a controller that presses has to hold before T := C
+        response.success, response.message = await collection.future
         if response.success:  # rclpy wants one severity per line of code
             self.get_logger().info(f"{what}: {response.message}")
         else:
@@ -214,18 +221,27 @@ class EstimatorNode(Node):
             collection.frames.append(images)
         if len(collection.frames) < collection.count:
             return False
-        self._collection = None
         use = self.core.capture_reference if collection.what == "reference" else self.core.initialize_grasp
         try:
             use(collection.frames)
         except SeedError as error:
-            collection.future.set_result((False, str(error)))
+            self._finish(collection, False, str(error))
             return True
         if collection.what == "reference":
             self._identify()
         words = f"taken from {len(collection.frames)} images of each finger; the bubbles are {self.bubbles.status}"
-        collection.future.set_result((True, words))
+        self._finish(collection, True, words)
         return True
+
+    def _finish(self, collection: _Collection, success: bool, words: str) -> None:
+        """The images are there, or never will be; the answer waits until a controller may be enabled on the poses."""
+        self._collection, self._answer = None, (collection, success, words)
+        self._regrasp.end()
+
+    def _give_answer(self) -> None:
+        assert self._answer is not None
+        (collection, success, words), self._answer = self._answer, None
+        collection.future.set_result((success, words))
 
     def _identify(self) -> None:
         """Whose images made the new reference?"""
@@ -242,10 +258,11 @@ class EstimatorNode(Node):
         self.inputs.watch()
         collection = self._collection
         if collection is not None and self._now() > collection.deadline:
-            self._collection = None
             why = self.complaints.last or "no images arrive on bubble_left/... and bubble_right/..."
             got = f"{len(collection.frames)} of {collection.count} images within {COLLECT_TIMEOUT:g} s"
-            collection.future.set_result((False, f"{got}; {why}"))
+            self._finish(collection, False, f"{got}; {why}")
+        if self._answer is not None and self._now() > self._answer[0].deadline:  # no images any more
+            self._give_answer()
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}

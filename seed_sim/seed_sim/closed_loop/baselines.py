@@ -12,7 +12,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState, Counters
 from seed_control.tasks import Task, TaskPlayer
 from seed_core.spatial import Array, inverse_pose, so3_exp
-from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.recording import Recording, torque_axes_of
 from seed_sim.closed_loop.run import MAX_DURATION, Run, _record, start_pose
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
@@ -30,7 +30,7 @@ def run_baseline(scenario: Scenario, task: Task, *, kind: str, seed: int = 0, me
     welded = kind != "open_loop"
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task), welded=welded, meshcat=meshcat)
     player = TaskPlayer(task)
-    recording = Recording(player.phases)
+    recording = Recording(player.phases, torque_axes=torque_axes_of(task))
     arm = _Admittance(plant, task, kind)
     for step in range(round(MAX_DURATION / DT)):
         t = step * DT

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from seed_control.tasks import Task
 from seed_core.spatial import Array, so3_log
 
 SETTLING = 2.0  # [s] after first contact that the score leaves out
@@ -57,6 +58,13 @@ class Recording:
         t, start = self["t"], self.contact_time
         named = np.isin(self["phase"], [i for i, name in enumerate(self.phases) if _matches(name, phase)])
         return named & (t >= (start if start is not None else np.inf) + SETTLING)
+
+
+def torque_axes_of(task: Task) -> tuple[bool, bool, bool]:
+    """Which of T's axes count as turned by the task, in its score: the last control's that has any; x if none has."""
+    controls = [p.control for p in task.phases] + [task.draw.control if task.draw else None]
+    turning = [c.flags(c.torque_axes) for c in controls if c is not None and c.torque_axes]
+    return turning[-1] if turning else (True, False, False)
 
 
 def _matches(name: str, phase: str) -> bool:

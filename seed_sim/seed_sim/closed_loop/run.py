@@ -15,7 +15,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_control.tasks import Task, TaskPlayer
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
-from seed_sim.closed_loop.recording import Recording, lean_of
+from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.sources import source_for
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
@@ -68,7 +68,7 @@ def run_closed_loop(
     grasp = scenario.grasp
     controller = Controller(parameters, scenario.hand, scenario.tool, grasp.believed or grasp.stiffness)
     player = TaskPlayer(task)
-    recording = Recording(player.phases)
+    recording = Recording(player.phases, torque_axes=torque_axes_of(task))
     source = source_for(estimator, scenario, seed, parameters.rate)
     rng = np.random.default_rng([seed, 3])
     dt = 1.0 / parameters.rate
@@ -120,8 +120,6 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
     R_task = s.R_W_task if s.task_frame != "tool" else X_WT[:3, :3] @ X_Ttip[:3, :3]
     wanted_force = R_work.T @ R_task @ s.wrench.force
     wanted_torque = R_T.T @ R_task @ s.wrench.torque
-    if any(s.torque_axes):
-        recording.torque_axes = s.torque_axes
     to_work = inverse_pose(X_work)
     recording.add(
         t=t,

@@ -70,7 +70,8 @@ class Plant:
         self._build()
         self._X_WC: Array = X_WE @ self._X_EC
         self._X_WT: Array | None = None
-        self._state: Array = np.zeros(0)
+        self._at_rest: Array = np.array(self._cell.plant.GetPositionsAndVelocities(self._cell.context))  # as built
+        self._state = self._felt = self._at_rest  # now, and when the last step's contact forces arose
         self.reset(X_WE)
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -121,6 +122,7 @@ class Plant:
             self._place_gripper(state, motion)
             for _ in range(self._substeps):
                 context.SetDiscreteState(state)
+                self._felt = state
                 state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
             self._steps += 1
             if self._meshcat is not None and self.time >= self._drawn + _FRAME:
@@ -137,13 +139,13 @@ class Plant:
         state[v : v + 6] = motion[7:]
 
     def reset(self, X_WE: Array | None = None) -> None:
-        """Arm at X_WE (default: where it is), tool in the grasp without displacement, at rest, time 0."""
+        """Everything as it was built, at time 0: fingers and screw too; the arm at X_WE (default: where it is)."""
         if X_WE is not None:
             self.arm.reset(X_WE)
         self._steps, self._drawn = 0, -np.inf
         self._X_WC = self.arm.actual @ self._X_EC
-        self._state = self._cell.plant.GetPositionsAndVelocities(self._cell.context)
-        self._state[self._cell.plant.num_positions() :] = 0.0
+        self._state = self._at_rest.copy()
+        self.set_gripper_width(self.scenario.grasp.nominal_width)
         self._place_gripper(self._state, _pose_and_velocity(self._X_WC, np.zeros(3), np.zeros(3)))
         self.grasp()
         if self._meshcat is not None:
@@ -159,12 +161,14 @@ class Plant:
             self._state[q + 4 : q + 7] = p if p_CT is None else p + R @ p_CT
             self._state[v : v + 6] = 0.0
         self._cell.context.SetDiscreteState(self._state)
+        self._felt = self._state
 
     def _publish(self) -> None:
         self._drawn = self.time
         self._cell.root.SetTime(self.time)
         self._cell.context.SetDiscreteState(self._state)
         self._cell.diagram.ForcedPublish(self._cell.root)
+        self._cell.context.SetDiscreteState(self._felt)
 
     # --- what can be read --------------------------------------------------------------------------------------
     @property
@@ -207,6 +211,7 @@ class Plant:
             return Wrench.zero()
         self._cell.context.SetDiscreteState(self._state)
         F = self._cell.bushing.CalcBushingSpatialForceOnFrameA(self._cell.context)
+        self._cell.context.SetDiscreteState(self._felt)  # where contact_wrench is to be read
         return Wrench(np.asarray(F.rotational()), np.asarray(F.translational()))
 
     @property

@@ -295,6 +295,7 @@ class SimNode(Node):
     def _release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.plant.grasp()
         self.grasped, self.in_holder, self._let_down = False, True, 0.0
+        self._outputs.regrasped()
         response.success, response.message = True, "released; the tool stands in its holder"
         return response
 

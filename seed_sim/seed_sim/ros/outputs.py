@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32, Float64
 
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.regrasp import Regrasp
 from seed_core.spatial import Array, so3_log
 from seed_ros.conversions import (
     estimate_to_message,
@@ -46,6 +47,7 @@ class Outputs:
         create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
         self._next_image = 0.0
+        self._regrasp = Regrasp()
         self._clock = create(Clock, "/clock", CLOCK) if clock else None
         self._pose = create(PoseStamped, "current_pose", QUEUE)
         self._twist = create(TwistStamped, "current_twist", QUEUE)
@@ -80,8 +82,14 @@ class Outputs:
         if self._count % 5 == 0:
             self._publish_gripper()
 
+    def regrasped(self) -> None:
+        """The tool was let go: where it is grasped next, T becomes C anew."""
+        self._regrasp.begin("grasp")
+        self._regrasp.end()
+
     def restart(self) -> None:
         """The plant's time has gone back to zero."""
+        self.regrasped()
         self._next_image, self._before = 0.0, None
 
     def publish_slow(self, t: float, factor: float) -> None:
@@ -106,8 +114,9 @@ class Outputs:
         self._true_pose.publish(message)
         if self._relative_pose is not None and plant.time >= self._next_image:
             self._next_image = max(self._next_image + 1.0 / plant.scenario.measurement.rate, plant.time)
-            self._relative_pose.publish(message)
-            if grasped:
+            told = self._regrasp.through(estimate)
+            self._relative_pose.publish(estimate_to_message(told, frames.compliance, frames.tool))
+            if told.valid:
                 self._tf.send(transform_stamped(plant.X_CT, t, frames.compliance, frames.tool))
         self._true_wrench.publish(wrench_stamped(plant.contact_wrench, t, frames.base))
         self._true_tip.publish(pose_stamped(plant.X_WT @ plant.tool.X_Ttip, t, frames.base))

@@ -22,6 +22,7 @@ from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 
 STALE = 0.3  # [s] a stream older than this stops the run
+MOST = 1000  # wrenches that are kept for a mean
 
 
 class LiveError(FailedError):
@@ -34,7 +35,7 @@ class Streams:
 
     X_WE: Array | None = None
     pose_stamp: float = -np.inf
-    wrenches: list[Array] = field(default_factory=list)
+    wrenches: deque[Array] = field(default_factory=lambda: deque(maxlen=MOST))
     wrench: Array | None = None
     wrench_stamp: float = -np.inf
     pressures: dict[str, float] = field(default_factory=dict)
@@ -49,6 +50,14 @@ class Streams:
             self.wrenches.clear()
         assert self.wrench is not None
         return self.wrench
+
+    def begin(self) -> None:
+        """Leave what came before now out of the means: an earlier tare, grasp or slip is not this run's."""
+        if self.wrenches:
+            self.wrench = self.wrenches[-1]
+            self.wrenches.clear()
+        self.estimate = None
+        self.slip.clear()
 
     def missing(self, now: float) -> str:
         """The input that is missing or stale at time now [s]; '' if none."""
@@ -74,6 +83,7 @@ class Live:
         problem = streams.missing(now)
         if problem or streams.X_WE is None:
             raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
+        streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
         flat = flat_pose(X_WC)

@@ -30,7 +30,9 @@ FINGERS = ("left", "right")
 TRUTH = "ground_truth/relative_pose"
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 _PAIRED = 0.004  # [s]; images further apart than this are not of one time
-_FORMATS = {"32FC1": ("f4", 1.0), "16UC1": ("u2", 1e-3), "mono16": ("u2", 1.0), "mono8": ("u1", 1.0)}
+# as seed_ros.images.arrays reads them live, which needs ROS: number and unit of depth [m], of brightness [counts]
+_DEPTH = {"32FC1": ("f4", 1.0), "16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3)}
+_GREY = {"mono16": ("u2", 1.0), "16UC1": ("u2", 1.0), "mono8": ("u1", 1.0), "8UC1": ("u1", 1.0), "32FC1": ("f4", 1.0)}
 
 
 class BagDataError(SeedError):
@@ -166,13 +168,15 @@ def _stamp(message: Any) -> float:
 
 def _image(message: Any, topic: str) -> np.ndarray:
     """(H, W) float32: depth in metres with NaN where there is none, or counts."""
-    if message.encoding not in _FORMATS:
-        raise BagDataError(f"{topic}: encoding '{message.encoding}' is not read; known: {', '.join(_FORMATS)}")
-    kind, scale = _FORMATS[message.encoding]
+    depth = "/depth/" in topic
+    known = _DEPTH if depth else _GREY
+    if message.encoding not in known:
+        raise BagDataError(f"{topic}: encoding '{message.encoding}' is not read; known: {', '.join(known)}")
+    kind, scale = known[message.encoding]
     order = ">" if message.is_bigendian else "<"
     rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
     width = message.width * np.dtype(kind).itemsize
     values = np.ascontiguousarray(rows[:, :width]).view(order + kind).astype(np.float32) * np.float32(scale)
-    if message.encoding == "16UC1":
-        values[values == 0.0] = np.nan
+    if depth:
+        values[~((values > 0.0) & (values < np.inf))] = np.nan
     return np.ascontiguousarray(values)

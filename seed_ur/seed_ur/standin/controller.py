@@ -68,7 +68,7 @@ class Controller:
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
         self.send_text: Callable[[str], None] = lambda _: None
-        self._ik: tuple[Sequence[float], list[float]] = ((), [])
+        self._ik: tuple[tuple[object, ...], list[float]] = ((), [])
 
     @property
     def clock(self) -> float:
@@ -121,7 +121,8 @@ class Controller:
         return ""
 
     def stop_program(self) -> None:
-        """End the program; the arm slows down."""
+        """End the program, or the one that is about to start; the arm slows down."""
+        self.pending = None
         self.program, self.freedrive, self.force_mode = None, False, False
         self.runtime_state = STOPPED
         self.arm.stop(PROGRAM_END_BRAKE)
@@ -161,6 +162,7 @@ class Controller:
         if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
             self.safety_mode = mode
         self.arm.stop(BRAKE)
+        self.pending = None
         if self.program is not None and self.options.program_on_stop != "playing":
             self.runtime_state = PAUSED
             if self.options.program_on_stop == "stopped":
@@ -169,7 +171,7 @@ class Controller:
     def power(self, on: bool) -> None:
         """Power of the arm; the brakes are released separately."""
         self.robot_mode = IDLE if on else POWER_OFF
-        if not on and self.program is not None:
+        if not on:
             self.stop_program()
 
     def release_brakes(self) -> bool:
@@ -184,13 +186,15 @@ class Controller:
         if self.program is not None:
             raise SeedError("the arm cannot be placed while a program runs")
         q = self.arm.kinematics.inverse(matrix_from_pose(checked_pose(pose, "pose")), checked_pose(near, "near"))
-        tcp, self.arm = self.arm.tcp, Arm(self.arm.kinematics, q.tolist())
-        self.arm.set_tcp(tcp)
+        before, self.arm = self.arm, Arm(self.arm.kinematics, q.tolist())
+        self.arm.set_tcp(before.tcp)
+        self.arm.scaling = before.scaling
 
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
-        """Joint goal of a servoL pose (kept while the pose stays the same)."""
-        if pose != self._ik[0]:
-            self._ik = (list(pose), self.arm.follow(pose))
+        """Joint goal of a servoL pose (kept while pose, TCP and arm stay the same)."""
+        asked = (self.arm, self.arm.tcp_offset, *pose)
+        if asked != self._ik[0]:
+            self._ik = (asked, self.arm.follow(pose))
         return self._ik[1]
 
     def check_step(self, before: Sequence[float], after: Sequence[float]) -> None:

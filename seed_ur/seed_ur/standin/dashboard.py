@@ -36,8 +36,7 @@ def _version(box: Controller) -> str:
 
 
 def _stop(box: Controller) -> str:
-    if box.program is not None:
-        box.stop_program()
+    box.stop_program()
     return "Stopped"
 
 
