@@ -21,10 +21,10 @@ from seed_estimation import report as reporting
 from seed_estimation.calibration import file as calibration_file
 from seed_estimation.contact.patch import QUICK, ContactPatch, Mask, PatchFinder, mean_depth
 from seed_estimation.images import identity
-from seed_estimation.images.camera import Camera
+from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.checks import EstimatorError, Intake
-from seed_estimation.images.frame import prepare
-from seed_estimation.images.pair import Image, TactileImages
+from seed_estimation.images.sampling import prepare
+from seed_estimation.images.tactile_images import Image, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import FlowSettings, PublishedMethod
 from seed_estimation.rigid_fit import reference as finger_model
@@ -46,7 +46,7 @@ class Estimator:
         parameters: in force.
     """
 
-    def __init__(self, parameters: EstimatorParameters, hand: Hand, cameras: Mapping[str, Camera]) -> None:
+    def __init__(self, parameters: EstimatorParameters, hand: Hand, cameras: Mapping[str, PinholeCamera]) -> None:
         """cameras: calibrations of the full images by finger: 'left', 'right' or both.
 
         Raises:

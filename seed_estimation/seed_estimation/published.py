@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
-from seed_core.spatial import inverse_pose, make_pose
+from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_estimation.contact.patch import ContactPatch, Mask
-from seed_estimation.images.camera import Array
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 
 # x, y, z, roll, pitch, yaw. Sec. VIII-B works with roll as well, but that of a long handle has the wrong sign
 OBSERVED = (False, True, False, False, True, False)

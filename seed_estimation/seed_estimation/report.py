@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array
 from seed_estimation import published as published_method
 from seed_estimation.contact.patch import ContactPatch, Mask
-from seed_estimation.images.camera import Array, Camera
-from seed_estimation.images.frame import project32
-from seed_estimation.images.pair import TactileImages
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.sampling import project32
+from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.tracker import Tracker
@@ -75,7 +76,7 @@ def lost_reason(result: Fit, patches: Mapping[str, ContactPatch], lock: float) -
 def debug_image(
     fingers: Sequence[str],
     images: Mapping[str, TactileImages],
-    cameras: Mapping[str, Camera],
+    cameras: Mapping[str, PinholeCamera],
     masks: Mapping[str, Mask],
     tracker: Tracker | None,
 ) -> NDArray[np.uint8]:

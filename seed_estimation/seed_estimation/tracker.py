@@ -7,9 +7,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from seed_core.spatial import inverse_pose, so3_exp, so3_log
-from seed_estimation.images.camera import Array
-from seed_estimation.images.frame import Box, Frame, project32
+from seed_core.spatial import Array, inverse_pose, so3_exp, so3_log
+from seed_estimation.images.sampling import Box, Frame, project32
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.covariance import HIDDEN, Covariance
 from seed_estimation.rigid_fit.fit import Fit, fit

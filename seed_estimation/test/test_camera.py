@@ -5,13 +5,13 @@ import cv2
 import numpy as np
 import pytest
 
-from seed_estimation.images.camera import Camera, CameraError
-from seed_estimation.images.frame import project32
+from seed_estimation import CameraError, PinholeCamera
+from seed_estimation.images.sampling import project32
 
-PICOFLEXX = Camera.from_info(
+PICOFLEXX = PinholeCamera.from_info(
     224, 171, [214.06, 0, 116.25, 0, 214.06, 87.57, 0, 0, 1], [0.368, -4.494, 0, 0, 7.971], "plumb_bob"
 )
-D405 = Camera.from_info(
+D405 = PinholeCamera.from_info(
     640,
     480,
     [384.0, 0, 320.5, 0, 384.0, 239.0, 0, 0, 1],
@@ -21,7 +21,7 @@ D405 = Camera.from_info(
 
 
 @pytest.mark.parametrize("camera", [PICOFLEXX, D405], ids=["picoflexx", "d405"])
-def test_projection_inverts_back_projection(camera: Camera) -> None:
+def test_projection_inverts_back_projection(camera: PinholeCamera) -> None:
     rng = np.random.default_rng(0)
     depth = rng.uniform(0.05, 0.12, camera.shape)
     points = camera.back_project(depth, np.ones(camera.shape))
@@ -30,7 +30,7 @@ def test_projection_inverts_back_projection(camera: Camera) -> None:
 
 
 @pytest.mark.parametrize("camera", [PICOFLEXX, D405], ids=["picoflexx", "d405"])
-def test_the_quick_projection_agrees_with_the_exact_one(camera: Camera) -> None:
+def test_the_quick_projection_agrees_with_the_exact_one(camera: PinholeCamera) -> None:
     pixels = np.random.default_rng(3).uniform((0, 0), (camera.width - 1, camera.height - 1), (2000, 2))
     points = (0.09 * camera.pixel_rays(pixels)).astype(np.float32)
     np.testing.assert_allclose(project32(camera, points.T).T, pixels, atol=0.02)  # [px]
@@ -79,4 +79,4 @@ def test_a_point_behind_the_camera_has_no_pixel() -> None:
 def test_a_calibration_that_is_none_is_refused_by_name(change: dict, word: str) -> None:
     values = {"width": 224, "height": 171, "k": [214.0, 0, 116, 0, 214.0, 87, 0, 0, 1], "d": [], "model": "plumb_bob"}
     with pytest.raises(CameraError, match=word):
-        Camera.from_info(**{**values, **change})
+        PinholeCamera.from_info(**{**values, **change})

@@ -21,8 +21,8 @@ from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error
+from seed_estimation import TactileImages
 from seed_estimation.images import identity
-from seed_estimation.images.pair import TactileImages
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images.arrays import image_message

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error, so3_exp
-from seed_estimation.estimator import Estimator, EstimatorError, EstimatorParameters
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
 from seed_estimation.published import fitted_gain
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer

@@ -12,7 +12,7 @@ import pytest
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array, make_pose, pose_from_rpy
-from seed_estimation.estimator import Estimator, EstimatorParameters
+from seed_estimation import Estimator, EstimatorParameters
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
 friction = pytest.importorskip("seed_sim.tactile.friction", reason="needs the renderer of seed_sim")

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from seed_core.config import load_file
-from seed_estimation.images.pair import TactileImages
-from seed_estimation.parameters import EstimatorParameters
+from seed_estimation import EstimatorParameters, TactileImages
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
 from seed_testing.recordings.infrared import Motion

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seed_estimation.contact.patch import ContactPatch
+from seed_estimation import ContactPatch
 from seed_testing.recordings import command as recordings
 from seed_testing.recordings.press import TOUCHED, UNTOUCHED, findings
 

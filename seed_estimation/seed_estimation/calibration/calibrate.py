@@ -31,8 +31,8 @@ from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, load, save
 from seed_estimation.contact.patch import PatchFinder, mean_depth
 from seed_estimation.contact.surface import smooth_depth
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import Image
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.tactile_images import Image
 from seed_estimation.parameters import EstimatorParameters
 
 __all__ = ["Calibration", "FingerCalibration", "MembraneShape", "calibrate", "frame_of", "load", "main", "save"]
@@ -50,7 +50,7 @@ class MembraneShape:
     height: float = field(0.030, unit="m", low=0.001, high=0.5, doc="of the apex over the rim")
     apex: float = field(0.0995, unit="m", low=0.01, high=1.0, doc="distance of the apex from the camera")
 
-    def depth(self, camera: Camera) -> Image:
+    def depth(self, camera: PinholeCamera) -> Image:
         """Depth (H, W) [m] that the camera would see; NaN beside the dome."""
         d = camera.rays() / np.array((self.rim_x, self.rim_y, self.height))
         rim = self.apex - self.height
@@ -86,7 +86,7 @@ def range_offset(error: Image) -> list[list[float]]:
 
 
 def calibrate(
-    cameras: Mapping[str, Camera],
+    cameras: Mapping[str, PinholeCamera],
     no_contact: Mapping[str, Sequence[Image]],
     grasped: Mapping[str, Sequence[Image]],
     shape: MembraneShape | Mapping[str, Image],
@@ -113,7 +113,7 @@ def calibrate(
     return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
 
 
-def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]]:
+def _read(path: Path) -> tuple[dict[str, PinholeCamera], dict[str, Any], dict[str, Any]]:
     cameras, still, held = {}, {}, {}
     try:
         with np.load(path, allow_pickle=False) as data:
@@ -124,7 +124,7 @@ def _read(path: Path) -> tuple[dict[str, Camera], dict[str, Any], dict[str, Any]
                         list(np.asarray(data[f"{finger}_grasped"], np.float32)) if f"{finger}_grasped" in data else []
                     )
                     h, w = still[finger][0].shape
-                    cameras[finger] = Camera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
+                    cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
     except (OSError, EOFError, KeyError, ValueError, IndexError) as error:
         raise SeedError(f"{path}: not a capture for calibration: {error}") from error
     if not cameras:

@@ -12,7 +12,7 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation.contact.patch import PatchFinder
 from seed_estimation.contact.surface import smooth_depth, touches
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 
 PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of a hand may be
 # Deviations of one cylinder's axis as one camera sees it: its place [m], its direction turned about x, y, z of C [rad].

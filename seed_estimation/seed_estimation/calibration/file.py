@@ -13,7 +13,7 @@ import yaml
 from seed_core.config import ConfigError, field, load_file, to_mapping
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 
 STEP = 4  # [px] between the nodes of the stored range offset
 

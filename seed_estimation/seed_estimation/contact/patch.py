@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Array
 from seed_estimation.contact.surface import at_rest, rest_surface
-from seed_estimation.images.camera import Array, Camera
-from seed_estimation.images.pair import Image
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.tactile_images import Image
 from seed_estimation.parameters import EstimatorParameters
 
 Mask = NDArray[np.uint8]
@@ -115,7 +116,7 @@ class PatchFinder:
     """Finds the contact patch of one finger, against one no-contact reference."""
 
     def __init__(
-        self, finger: str, camera: Camera, X_CX: Array, frames: Sequence[Image], p: EstimatorParameters
+        self, finger: str, camera: PinholeCamera, X_CX: Array, frames: Sequence[Image], p: EstimatorParameters
     ) -> None:
         """frames: depth images (H, W) [m] without contact; X_CX: pose of the optical frame in C.
 

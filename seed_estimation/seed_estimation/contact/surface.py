@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import NOTHING, Image
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.tactile_images import NOTHING, Image
 
 Vec = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -54,7 +54,7 @@ def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
     return out
 
 
-def surface(camera: Camera, depth: Image, valid: Bools, blur: float) -> tuple[Vec, Vec]:
+def surface(camera: PinholeCamera, depth: Image, valid: Bools, blur: float) -> tuple[Vec, Vec]:
     """Points and unit normals towards the camera, (H, W, 3), of depth blurred by so many pixels; NaN where invalid."""
     points = camera.rays32 * smooth_depth(depth, valid, blur)[..., None]
     normal = np.cross(cv2.Sobel(points, cv2.CV_32F, 0, 1), cv2.Sobel(points, cv2.CV_32F, 1, 0))
@@ -63,7 +63,7 @@ def surface(camera: Camera, depth: Image, valid: Bools, blur: float) -> tuple[Ve
     return points, np.where(normal[..., 2:] > 0.0, -normal, normal).astype(np.float32)
 
 
-def rest_surface(camera: Camera, depth: Image) -> Image:
+def rest_surface(camera: PinholeCamera, depth: Image) -> Image:
     """(H, W, 3) depth of the membrane at rest [m] and its slopes to the right and downwards [1]; NOTHING beside it."""
     points, normals = surface(camera, depth, np.isfinite(depth), REST_BLUR)
     with np.errstate(invalid="ignore"):

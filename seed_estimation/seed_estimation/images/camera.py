@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Array
 
-Array = NDArray[np.float64]
 MODELS = ("plumb_bob", "inverse_brown_conrady")
 MAX_SIDE = 4096  # [px]; larger sizes are a broken message
 _STEPS = 20  # Newton steps; the strongest lens in use needs 6
@@ -45,7 +45,7 @@ class Single(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class PinholeCamera:
     """Intrinsic calibration of one camera; the optical frame has z forward, x right, y down.
 
     Attributes:
@@ -69,7 +69,9 @@ class Camera:
             raise CameraError(f"distortion_model '{self.model}' is not known; use one of: {', '.join(MODELS)}")
 
     @classmethod
-    def from_info(cls, width: int, height: int, k: Sequence[float], d: Sequence[float], model: str = "") -> Camera:
+    def from_info(
+        cls, width: int, height: int, k: Sequence[float], d: Sequence[float], model: str = ""
+    ) -> PinholeCamera:
         """From the values of a sensor_msgs/CameraInfo: k (9,) row-major; d may be empty (rectified).
 
         Raises:
@@ -87,18 +89,18 @@ class Camera:
         """(height, width), as numpy has it."""
         return self.height, self.width
 
-    def matches(self, other: Camera) -> bool:
+    def matches(self, other: PinholeCamera) -> bool:
         """Whether two calibrations are the same to rounding."""
         same = self.shape == other.shape and (self.model == other.model or not (self.D.any() or other.D.any()))
         return same and bool(np.allclose(self.K, other.K, atol=1e-3) and np.allclose(self.D, other.D, atol=1e-6))
 
-    def decimated(self, n: int) -> Camera:
+    def decimated(self, n: int) -> PinholeCamera:
         """The camera of an image of which every n-th pixel and line is kept, from the first on."""
         if n == 1:
             return self
         K = self.K.copy()
         K[:2] /= n
-        return Camera(-(-self.width // n), -(-self.height // n), K, self.D, self.model)
+        return PinholeCamera(-(-self.width // n), -(-self.height // n), K, self.D, self.model)
 
     def rays(self) -> Array:
         """(H, W, 3) undistorted rays with z = 1: a point at depth d in pixel (v, u) is d * rays()[v, u]."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import Image, TactileImages, depth_problem, ir_problem
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.tactile_images import Image, TactileImages, depth_problem, ir_problem
 from seed_estimation.parameters import EstimatorParameters
 
 Pair = Mapping[str, TactileImages]
@@ -28,7 +28,7 @@ class Intake:
         pattern: (h, w) [m] by finger, to be added to depth at the working resolution: see PatchFinder.correction.
     """
 
-    def __init__(self, cameras: Mapping[str, Camera], parameters: EstimatorParameters) -> None:
+    def __init__(self, cameras: Mapping[str, PinholeCamera], parameters: EstimatorParameters) -> None:
         """cameras: of the full images, by finger."""
         self.parameters, self.cameras = parameters, dict(cameras)
         self.range_offset: dict[str, Image] = {}

@@ -18,7 +18,7 @@ import numpy as np
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_estimation.images.normalise import normalised
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 
 BLUR = 2.0  # [px] pressing moves the dots by some pixels; the pattern as a whole stays
 SAME = 0.35  # correlation above which two patterns are one

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 
 OFFSET = 20.0  # [counts] keeps the noise of dark pixels small
 FLOOR = 0.03  # [1] where there is no contrast there shall be none afterwards

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_core.spatial import so3_exp, so3_log
-from seed_estimation.images.camera import Array
-from seed_estimation.images.frame import Frame
+from seed_core.spatial import Array, so3_exp, so3_log
+from seed_estimation.images.sampling import Frame
 from seed_estimation.rigid_fit.normal_equations import solved
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import Residuals, Sight

@@ -18,12 +18,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.spatial import inverse_pose
+from seed_core.spatial import Array, inverse_pose
 from seed_estimation.contact.patch import Mask
 from seed_estimation.contact.surface import Vec, surface, touches
-from seed_estimation.images.camera import Array, Camera
+from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.normalise import coarse, normalised
-from seed_estimation.images.pair import Image
+from seed_estimation.images.tactile_images import Image
 from seed_estimation.parameters import EstimatorParameters
 
 Cells = NDArray[np.intp]
@@ -63,7 +63,7 @@ class FingerModel:
     """One finger at the moment of grasp; C and T coincide."""
 
     finger: str
-    camera: Camera
+    camera: PinholeCamera
     X_XC: Array  # pose of C in the optical frame
     levels: tuple[ImagePoints, ImagePoints]  # coarse, fine
     p: Vec  # (3, M) depth pixels in the tool's frame [m]
@@ -91,7 +91,7 @@ class FingerModel:
 
 def build(
     finger: str,
-    camera: Camera,
+    camera: PinholeCamera,
     X_CX: Array,
     rest: Image,
     depth: Image,
@@ -164,7 +164,7 @@ def _in_hand(points: Vec, normals: Vec, X_CX: Array) -> tuple[Vec, Vec]:
 
 
 def _image_points(
-    image: Image, good: NDArray[np.bool_], points: Vec, normals: Vec, camera: Camera, X_CX: Array, wanted: int
+    image: Image, good: NDArray[np.bool_], points: Vec, normals: Vec, camera: PinholeCamera, X_CX: Array, wanted: int
 ) -> ImagePoints:
     """The pixels of strongest gradient: they tell the motion best."""
     gx = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
@@ -183,7 +183,7 @@ def _image_points(
     return ImagePoints(_rows(P), _rows(n), image[v, u], _motion(P, along), _motion(P, slope - along), _cell(v, u))
 
 
-def gradient_in_space(camera: Camera, P_X: Vec, gradient: Vec) -> Vec:
+def gradient_in_space(camera: PinholeCamera, P_X: Vec, gradient: Vec) -> Vec:
     """d I / d P (N, 3) [1/m] from the image's gradient (N, 2) [1/px], at points P_X (N, 3) of the optical frame."""
     step = 1e-5  # [m]
     out = np.empty_like(P_X)

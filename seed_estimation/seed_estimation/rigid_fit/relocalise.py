@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
-from seed_estimation.images.frame import Frame, project32
-from seed_estimation.images.pair import Image
+from seed_estimation.images.sampling import Frame, project32
+from seed_estimation.images.tactile_images import Image
 from seed_estimation.rigid_fit.reference import FingerModel
 
 HALF = 2  # [px] step of the search

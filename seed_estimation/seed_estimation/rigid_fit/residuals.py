@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation.contact.surface import Vec, touches
-from seed_estimation.images.frame import Frame, project32, sample
+from seed_estimation.images.sampling import Frame, project32, sample
 from seed_estimation.rigid_fit.reference import FingerModel
 
 ROBUST = 2.0  # residuals of this many deviations weigh half (Cauchy)

@@ -14,8 +14,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_estimation.images import identity
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import TactileImages
+from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.tactile_images import TactileImages
 from seed_ros.conversions import MessageError
 from seed_ros.counters import Complaints
 from seed_ros.images.arrays import depth_from_message, gray_from_message
@@ -63,7 +63,7 @@ class ImageInputs:
     ) -> None:
         self.settings = settings
         self.fingers = FINGERS[settings.fingers]
-        self.cameras: dict[str, Camera] = {}
+        self.cameras: dict[str, PinholeCamera] = {}
         self.frame_ids: dict[str, str] = {}
         self.bubbles = identity.Bubbles("", {})
         self.camera_problem = ""
@@ -105,7 +105,7 @@ class ImageInputs:
             return
         self._said[finger] = says
         try:
-            camera = Camera.from_info(*intrinsics(message, self.settings.rectified))
+            camera = PinholeCamera.from_info(*intrinsics(message, self.settings.rectified))
             _refuse(identity.other_lens(finger, camera.K, self.bubbles.known))
         except SeedError as error:
             self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"

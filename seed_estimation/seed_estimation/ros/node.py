@@ -26,7 +26,7 @@ from seed_core.regrasp import Regrasp
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
-from seed_estimation.images.pair import TactileImages
+from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.ros.inputs import ImageInputs, InputSettings
 from seed_ros import diagnostics

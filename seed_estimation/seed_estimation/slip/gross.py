@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_estimation.images.frame import Frame
+from seed_estimation.images.sampling import Frame
 from seed_estimation.rigid_fit.fit import Fit, motion_vector
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.slip.markers import FREE, LOADED, PEELED, SEEN, SIDEWAYS, THREE, UNSEEN, Depth, Dots, Look, Seen

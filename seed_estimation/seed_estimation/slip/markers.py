@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
-from seed_estimation.images.frame import Frame
+from seed_estimation.images.sampling import Frame
 from seed_estimation.rigid_fit.fit import Fit, fit, motion_vector
 from seed_estimation.rigid_fit.normal_equations import solved
 from seed_estimation.rigid_fit.reference import FingerModel

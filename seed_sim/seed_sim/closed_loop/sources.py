@@ -84,7 +84,7 @@ class Images(Source):
 
     def __init__(self, scenario: Scenario, seed: int, method: str) -> None:
         super().__init__(scenario, seed, _IMAGE_DELAY)
-        from seed_estimation.estimator import Estimator, EstimatorParameters
+        from seed_estimation import Estimator, EstimatorParameters
         from seed_sim.tactile import TactileRenderer
         from seed_testing.validation.run import tactile_of
 

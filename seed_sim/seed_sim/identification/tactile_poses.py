@@ -21,7 +21,7 @@ class TactilePoses:
     """Looks at the tool's pose X_CT and returns what the estimator makes of it."""
 
     def __init__(self, scenario: IdentificationScenario, seed: int) -> None:
-        from seed_estimation.estimator import Estimator, EstimatorParameters
+        from seed_estimation import Estimator, EstimatorParameters
         from seed_sim.tactile import TactileRenderer
 
         self._renderer = TactileRenderer(scenario.tactile, scenario.hand, seed)

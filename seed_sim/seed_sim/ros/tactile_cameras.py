@@ -17,7 +17,7 @@ from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_core.config import field
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import TactileImages
 from seed_ros import diagnostics
 from seed_ros.conversions import pose_to_matrix, seconds, stamp_from_seconds
 from seed_ros.frames import FrameNames

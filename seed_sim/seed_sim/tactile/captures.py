@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.spatial import Array, pose_from_rpy
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import TactileImages
 from seed_sim.tactile.renderer import TactileRenderer
 
 Frames = list[dict[str, TactileImages]]

@@ -8,8 +8,7 @@ import numpy as np
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import PinholeCamera, TactileImages
 from seed_sim.tactile.cameras import FINGERS, camera_model, coarse_factor, coarse_rays
 from seed_sim.tactile.geometry import Image
 from seed_sim.tactile.membrane import Membrane, Shape, followed
@@ -21,7 +20,9 @@ from seed_sim.tactile.texture import DotPattern, Light
 class FingerRenderer:
     """One bubble. Dots and fixed pattern come from the seed, and so does the noise, frame by frame."""
 
-    def __init__(self, finger: str, p: TactileParameters, hand: Hand, camera: Camera, rng: np.random.Generator) -> None:
+    def __init__(
+        self, finger: str, p: TactileParameters, hand: Hand, camera: PinholeCamera, rng: np.random.Generator
+    ) -> None:
         rays = coarse_rays(camera, hand, finger)
         self.camera, self.membrane, self._p = camera, Membrane(rays, p), p
         self._n = coarse_factor(camera)
@@ -68,7 +69,7 @@ class TactileRenderer:
         }
 
     @property
-    def cameras(self) -> dict[str, Camera]:
+    def cameras(self) -> dict[str, PinholeCamera]:
         """Calibration of each finger's camera."""
         return {name: finger.camera for name, finger in self.fingers.items()}
 

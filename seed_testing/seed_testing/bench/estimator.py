@@ -15,9 +15,7 @@ import cv2
 import numpy as np
 
 from seed_core.hand import Hand
-from seed_estimation.estimator import Estimator, EstimatorParameters
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
 from seed_testing.recordings.infrared import Motion, WarpedImage
 
 Pair = Mapping[str, TactileImages]
@@ -35,7 +33,7 @@ def dots(seed: int, shape: tuple[int, int] = (171, 224)) -> np.ndarray:
     return (900.0 * image).astype(np.float32)
 
 
-def turning_patches(frames: int) -> tuple[dict[str, Camera], list[Pair], list[Pair], list[Pair]]:
+def turning_patches(frames: int) -> tuple[dict[str, PinholeCamera], list[Pair], list[Pair], list[Pair]]:
     """Cameras, no-contact frames, grasp frames and moving frames of two bubbles."""
     K = np.array(((214.06, 0.0, 116.25), (0.0, 214.06, 87.57), (0.0, 0.0, 1.0)))
     fingers = {name: WarpedImage(dots(i), K, radius=28.0, seed=i) for i, name in enumerate(("left", "right"))}
@@ -54,7 +52,7 @@ class Timed:
     """One method, ready to go, and the CPU time of each pair of frames that it was given [ms]."""
 
     def __init__(
-        self, method: str, cameras: Mapping[str, Camera], reference: Sequence[Pair], grasp: Sequence[Pair]
+        self, method: str, cameras: Mapping[str, PinholeCamera], reference: Sequence[Pair], grasp: Sequence[Pair]
     ) -> None:
         self._estimator = Estimator(EstimatorParameters(method=method), Hand(), cameras)
         self._estimator.capture_reference(reference)

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array, pose_from_rpy
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import TactileImages
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images.camera_info import Intrinsics, camera_info

@@ -23,10 +23,9 @@ from scipy.ndimage import map_coordinates, spline_filter
 from seed_core.command_line import command
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
-from seed_core.spatial import so3_log
-from seed_estimation.estimator import Estimator, EstimatorParameters
-from seed_estimation.images.camera import Array, Camera
-from seed_estimation.images.pair import Image, TactileImages
+from seed_core.spatial import Array, so3_log
+from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
+from seed_estimation.images.tactile_images import Image
 
 REST, PRESSED = 0.090, 0.085  # [m] depth of the membrane and of the patch
 PERIOD = 1.0 / 45.0  # [s]
@@ -48,7 +47,7 @@ class WarpedImage:
         self, ir: Image, K: Array, radius: float = 42.0, brightness: float = 0.0, spot: bool = False, seed: int = 0
     ) -> None:
         """radius [px] of the patch; brightness: share by which it brightens once it moves; spot: a reflection."""
-        self.camera = Camera(ir.shape[1], ir.shape[0], K)
+        self.camera = PinholeCamera(ir.shape[1], ir.shape[0], K)
         self._spline = spline_filter(ir.astype(float), order=3)
         self._v, self._u = np.mgrid[: ir.shape[0], : ir.shape[1]].astype(float)
         self.centre = np.array((0.45 * ir.shape[1], 0.5 * ir.shape[0]))

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import Array
-from seed_estimation.contact.patch import ContactPatch, PatchFinder
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import Image, TactileImages
-from seed_estimation.parameters import EstimatorParameters
+from seed_estimation import ContactPatch, EstimatorParameters, PinholeCamera, TactileImages
+from seed_estimation.contact.patch import PatchFinder
+from seed_estimation.images.tactile_images import Image
 
 MAX_BYTES = 500_000_000
 UNTOUCHED, TOUCHED, HELD = 59, 64, 72  # frames: no contact before, contact from here on, still from here on
@@ -34,7 +33,7 @@ class Press(NamedTuple):
         wrench: (N, 6) force [N] and torque [N m] as logged, not zeroed.
     """
 
-    camera: Camera
+    camera: PinholeCamera
     images: list[TactileImages]
     wrench: Array
 
@@ -59,7 +58,7 @@ def load(path: Path) -> Press:
         raise SeedError(f"{path}: not a recorded press (needs {', '.join(_KEYS)}): {error}") from error
     fx, fy, cx, cy = (float(v) for v in a["intrinsics_fxfycxcy"])
     h, w = a["depth_0p1mm"].shape[1:]
-    camera = Camera(
+    camera = PinholeCamera(
         w, h, np.array(((fx, 0, cx), (0, fy, cy), (0, 0, 1.0))), a["inv_brown_conrady"], "inverse_brown_conrady"
     )
     frames = zip(a["depth_0p1mm"], a["gray_320x240"], a["t"], strict=True)

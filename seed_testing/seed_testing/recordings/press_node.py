@@ -17,8 +17,7 @@ from std_srvs.srv import Trigger
 from seed_bringup.bags.messages import message_class
 from seed_core.config import load_file
 from seed_core.errors import FailedError
-from seed_estimation.contact.patch import ContactPatch
-from seed_estimation.parameters import EstimatorParameters
+from seed_estimation import ContactPatch, EstimatorParameters
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench

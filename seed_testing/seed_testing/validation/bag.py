@@ -20,9 +20,7 @@ from scipy.spatial.transform import Rotation
 from seed_core.config import from_mapping
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, interpolate_pose, inverse_pose, make_pose
-from seed_estimation.estimator import Estimator, EstimatorParameters
-from seed_estimation.images.camera import Camera
-from seed_estimation.images.pair import TactileImages
+from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
 from seed_sim.scenario import Scenario
 from seed_testing.validation.scores import Series
 
@@ -44,7 +42,7 @@ class _Content:
     """What was read: images by stream and stamp, cameras, and the truth (None where nothing is held)."""
 
     images: dict[str, dict[float, Any]] = field(default_factory=dict)
-    cameras: dict[str, Camera] = field(default_factory=dict)
+    cameras: dict[str, PinholeCamera] = field(default_factory=dict)
     truth: list[tuple[float, Array | None]] = field(default_factory=list)
 
 
@@ -155,7 +153,7 @@ def _take(content: _Content, topic: str, message: Any) -> None:
         return
     if topic.endswith("depth/camera_info"):
         m = message()
-        content.cameras[finger] = Camera.from_info(m.width, m.height, list(m.k), list(m.d), m.distortion_model)
+        content.cameras[finger] = PinholeCamera.from_info(m.width, m.height, list(m.k), list(m.d), m.distortion_model)
     elif topic.endswith("/image_rect_raw"):
         kind = "depth" if "/depth/" in topic else "ir"
         m = message()

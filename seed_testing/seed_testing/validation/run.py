@@ -12,7 +12,7 @@ import numpy as np
 
 from seed_core.config import ConfigError, from_mapping, load_file
 from seed_core.files import shared_path
-from seed_estimation.estimator import Estimator, EstimatorParameters
+from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import scenario as scenarios
 from seed_sim.scenario import Scenario
 from seed_sim.scenario import tactile_of as tactile_of

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from seed_estimation.contact.surface import Vec
-from seed_estimation.images.camera import Camera
+from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.normalise import coarse, normalised
-from seed_estimation.images.pair import NOTHING, Image
+from seed_estimation.images.tactile_images import NOTHING, Image
 
 CROP_MARGIN = 18  # [px] local normalisation needs 9; the rest is for motion beyond the prediction
 
@@ -57,7 +57,7 @@ def averaged_depth(depth: Image) -> Image:
     return np.asarray(cv2.blur(bounded, (3, 3)), np.float32)
 
 
-def project32(camera: Camera, p: Vec) -> Vec:
+def project32(camera: PinholeCamera, p: Vec) -> Vec:
     """Pixels (2, N) of points (3, N) in the optical frame, in single precision."""
     single = camera.single
     if single is None:
