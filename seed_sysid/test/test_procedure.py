@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from seed_sysid.run.dataset import Header
 
 from seed_bringup import identify
 from seed_core.estimate import RelativePoseEstimate
@@ -16,6 +15,7 @@ from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
+from seed_sysid.data.dataset import Header
 from seed_sysid.fit.weight import fit_weight, simulate_weight
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.live import MOST, Live, Streams
