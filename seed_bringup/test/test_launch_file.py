@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from seed_bringup.launching.description import Description, declared_arguments, describe
-from seed_bringup.launching.elements import LaunchError
+from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
 from seed_control.parameters import ControllerParameters
 from seed_core.errors import SeedError

@@ -20,7 +20,7 @@ from seed_msgs.msg import RelativePose
 from std_srvs.srv import Trigger
 
 from seed_bringup.bags import qos
-from seed_bringup.bags.writing import BagWriter
+from seed_bringup.bags.files import BagWriter
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy, rotation_error

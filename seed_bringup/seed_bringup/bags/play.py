@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,8 @@ from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
 from seed_bringup.bags import qos
-from seed_bringup.bags.info import open_bag
-from seed_bringup.bags.messages import message_class
-from seed_bringup.bags.types import BagError, InstalledTypes
+from seed_bringup.bags.files import open_bag
+from seed_bringup.bags.types import BagError, InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 CLOCK_TOPIC = "/clock"
@@ -44,22 +43,26 @@ class Player(Node):
 
     def __init__(self, reader: Reader, options: Options) -> None:
         super().__init__("seed_bag_player", start_parameter_services=False)
+        for topic in [*options.topics, *options.remap]:
+            if topic not in reader.topics:
+                raise BagError(f"the bag has no topic {topic!r}; it has: {', '.join(sorted(reader.topics))}")
         self.reader = reader
         self.options = options
-        self.connections = [c for c in reader.connections if self._wanted(c)]
-        _refuse_unknown_topics(reader, options)
+        wanted = set(options.topics or reader.topics) - ({CLOCK_TOPIC} if options.clock else set())
+        self.connections = [c for c in reader.connections if c.topic in wanted]
         types = InstalledTypes()
         self.outputs = {c.id: self._publisher(c, types) for c in self.connections}
         self.clock_output = self.create_publisher(Clock, CLOCK_TOPIC, QoSProfile(depth=10)) if options.clock else None
         self.published = 0
 
-    def _wanted(self, connection: Connection) -> bool:
-        if self.options.clock and connection.topic == CLOCK_TOPIC:
-            return False
-        return not self.options.topics or connection.topic in self.options.topics
-
     def _publisher(self, connection: Connection, types: InstalledTypes) -> Any:
-        _check_hash(connection, types)
+        installed = types.hash(connection.msgtype)
+        if connection.digest and connection.digest != installed:
+            # Bytes of another version of a type would arrive as nonsense.
+            raise BagError(
+                f"{connection.topic}: the bag's {connection.msgtype} differs from the installed one "
+                f"({connection.digest} against {installed}); play it with the release that it was recorded with"
+            )
         assert isinstance(connection.ext, ConnectionExtRosbag2)
         topic = self.options.remap.get(connection.topic, connection.topic)
         profile = qos.to_play(connection.ext.offered_qos_profiles, connection.msgcount)
@@ -76,7 +79,7 @@ class Player(Node):
     def play_once(self) -> None:
         """From the first message to the last."""
         started, first = time.monotonic(), None
-        for connection, stamp, data in self._messages():
+        for connection, stamp, data in self.reader.messages(connections=self.connections):
             first = stamp if first is None else first
             self._wait_for(started, first, stamp)
             if not rclpy.ok():
@@ -84,48 +87,27 @@ class Player(Node):
             self.outputs[connection.id].publish(bytes(data))
             self.published += 1
 
-    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
-        return iter(self.reader.messages(connections=self.connections))
-
     def _wait_for(self, started: float, first: int, stamp: int) -> None:
         """Sleep until a message is due; tell the time meanwhile."""
-        while True:
-            now = time.monotonic()
-            remaining = started + (stamp - first) * 1e-9 / self.options.rate - now
-            if remaining <= 0.0 or not rclpy.ok():
+        while rclpy.ok():
+            played = (time.monotonic() - started) * self.options.rate  # [s] of the bag
+            remaining = (stamp - first) * 1e-9 - played
+            if remaining <= 0.0:
                 break
-            if self.clock_output is not None:
-                self._tell(min(first + int((now - started) * self.options.rate * 1e9), stamp))
-            time.sleep(min(remaining, CLOCK_PERIOD))
+            self._tell(min(first + int(played * 1e9), stamp))
+            time.sleep(min(remaining / self.options.rate, CLOCK_PERIOD))
         self._tell(stamp)
 
     def _tell(self, stamp: int) -> None:
-        if self.clock_output is None:
-            return
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(stamp, 10**9)
-        self.clock_output.publish(message)
+        if self.clock_output is not None:
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(stamp, 10**9)
+            self.clock_output.publish(message)
 
     def finish(self) -> None:
         """Give reliable subscribers the time to take the last messages."""
         for output in self.outputs.values():
             output.wait_for_all_acked(Duration(seconds=2.0))
-
-
-def _refuse_unknown_topics(reader: Reader, options: Options) -> None:
-    for topic in [*options.topics, *options.remap]:
-        if topic not in reader.topics:
-            raise BagError(f"the bag has no topic {topic!r}; it has: {', '.join(sorted(reader.topics))}")
-
-
-def _check_hash(connection: Connection, types: InstalledTypes) -> None:
-    """Bytes of another version of a type would arrive as nonsense."""
-    if connection.digest and connection.digest != types.hash(connection.msgtype):
-        raise BagError(
-            f"{connection.topic}: the bag's {connection.msgtype} differs from the installed one "
-            f"({connection.digest} against {types.hash(connection.msgtype)}); "
-            "play it with the release that it was recorded with"
-        )
 
 
 def play(path: Path, options: Options) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 RECORD_DEPTH = 200
@@ -16,13 +16,13 @@ PLAY_DEPTH = 100
 def for_bag(profile: QoSProfile) -> Qos:
     """A publisher's profile as a bag stores it."""
     return Qos(
-        history=QosHistory[HistoryPolicy(profile.history).name],
+        history=QosHistory[profile.history.name],
         depth=profile.depth,
-        reliability=QosReliability[ReliabilityPolicy(profile.reliability).name],
-        durability=QosDurability[DurabilityPolicy(profile.durability).name],
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
         deadline=_time(profile.deadline),
         lifespan=_time(profile.lifespan),
-        liveliness=QosLiveliness[LivelinessPolicy(profile.liveliness).name],
+        liveliness=QosLiveliness[profile.liveliness.name],
         liveliness_lease_duration=_time(profile.liveliness_lease_duration),
         avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
     )
@@ -50,7 +50,6 @@ def to_play(recorded: Sequence[Qos], messages: int) -> QoSProfile:
 
 def _profile(reliable: bool, latched: bool, depth: int) -> QoSProfile:
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,

@@ -15,9 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Connection
 
 from seed_bringup.bags import qos
-from seed_bringup.bags.messages import message_class
-from seed_bringup.bags.types import BagError
-from seed_bringup.bags.writing import BagWriter
+from seed_bringup.bags.files import BagWriter
+from seed_bringup.bags.types import BagError, message_class
 from seed_ros.loop import FixedRateLoop
 
 DISCOVERY_PERIOD = 0.2  # [s]
@@ -35,7 +34,7 @@ class Recorder(Node):
         self.sim_time = sim_time
         self.wanted = {self.resolve_topic_name(topic) for topic in topics}
         self.recorded: set[str] = set()
-        self.refused: dict[str, str] = {}
+        self.refused: set[str] = set()
         self.before_clock = 0
         self.loop = FixedRateLoop(self, POLL_RATE, lambda: None, steady=True)
         self.create_timer(DISCOVERY_PERIOD, self.discover, clock=rclpy.clock.Clock())
@@ -43,11 +42,11 @@ class Recorder(Node):
 
     def discover(self) -> None:
         """Subscribe to what is wanted and published by now."""
-        if not self.everything and self.wanted <= self.recorded | set(self.refused):
+        known = self.recorded | self.refused
+        if not self.everything and self.wanted <= known:
             return
         for topic, types in self.get_topic_names_and_types():
-            wanted = self.everything or topic in self.wanted
-            if wanted and topic not in self.recorded and topic not in self.refused:
+            if topic not in known and (self.everything or topic in self.wanted):
                 self._subscribe(topic, types[0])
 
     def _subscribe(self, topic: str, type_name: str) -> None:
@@ -58,7 +57,7 @@ class Recorder(Node):
             connection = self.writer.add_topic(topic, type_name, [qos.for_bag(profile) for profile in offered])
             kind = message_class(type_name)
         except BagError as error:
-            self.refused[topic] = str(error)
+            self.refused.add(topic)
             self.get_logger().warning(f"not recording {topic}: {error}")
             return
         self.loop.poll_raw(kind, topic, self._keep(connection), qos.to_record(offered))
@@ -69,15 +68,20 @@ class Recorder(Node):
         def keep(data: bytes, info: dict[str, int]) -> None:
             stamp = self.get_clock().now().nanoseconds if self.sim_time else info["received_timestamp"]
             if stamp:
-                self.writer.write(connection, stamp or time.time_ns(), data)
+                self.writer.write(connection, stamp, data)
             else:
                 self.before_clock += 1
 
         return keep
 
-    def missing(self) -> list[str]:
-        """Topics asked for that never appeared."""
-        return sorted(self.wanted - self.recorded)
+    def report(self) -> None:
+        """Warn of what is not in the bag."""
+        for topic in sorted(self.wanted - self.recorded):
+            self.get_logger().warning(f"{topic} was asked for and never published")
+        if self.before_clock:
+            self.get_logger().warning(
+                f"{self.before_clock} messages came before the first /clock and are not in the bag"
+            )
 
 
 def record(
@@ -94,14 +98,7 @@ def record(
             node = Recorder(writer, topics, everything, sim_time)
             node.loop.run(lambda: bool(stopping) or (deadline is not None and time.monotonic() >= deadline))
             node.loop.take()
-            _report(node)
+            node.report()
     finally:
         rclpy.try_shutdown()
     return writer
-
-
-def _report(node: Recorder) -> None:
-    for topic in node.missing():
-        node.get_logger().warning(f"{topic} was asked for and never published")
-    if node.before_clock:
-        node.get_logger().warning(f"{node.before_clock} messages came before the first /clock and are not in the bag")

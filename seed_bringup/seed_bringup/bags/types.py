@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message types as bags need them: definitions and hashes from the installed interface packages."""
+"""Message types as bags need them: Python classes, definitions and hashes of the installed interface packages.
+
+Not those that rosbags carries of each ROS 2 release: a bag may hold messages of any package, and its hashes must be
+those of what is installed.
+"""
 
 from __future__ import annotations
 
+import importlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -30,28 +37,37 @@ class InstalledTypes:
 
     def load(self, name: str) -> None:
         """Register a type such as geometry_msgs/msg/Pose with all that it contains."""
-        if name in self.store.fielddefs:
-            return
-        definitions = get_types_from_msg(definition_file(name).read_text(), name)
-        for constants_and_fields in definitions.values():
-            for _, description in constants_and_fields[1]:
-                _load_contained(self, description)
-        self.store.register(definitions)
+        missing = [name]
+        while missing:
+            name = missing.pop()
+            if name not in self.store.fielddefs:
+                definitions = get_types_from_msg(definition_file(name).read_text(), name)
+                self.store.register(definitions)
+                missing += [t for _, fields in definitions.values() for _, kind in fields for t in _contained(*kind)]
 
 
-def _load_contained(types: InstalledTypes, description: tuple) -> None:  # type: ignore[type-arg]
-    kind, detail = description
+def _contained(kind: Nodetype, detail: Any) -> Iterator[str]:
+    """The message types that a field of this kind holds."""
     if kind == Nodetype.NAME:
-        types.load(detail)
+        yield detail
     elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        _load_contained(types, detail[0])
+        yield from _contained(*detail[0])
 
 
 def definition_file(name: str) -> Path:
     """The .msg file of a type along AMENT_PREFIX_PATH."""
     package, _, message = name.partition("/msg/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":"):
-        file = Path(prefix) / "share" / package / "msg" / f"{message}.msg"
+        file = Path(prefix, "share", package, "msg", f"{message}.msg")
         if prefix and file.is_file():
             return file
     raise BagError(f"message type {name!r} is not installed here; build or install the package {package!r}")
+
+
+def message_class(name: str) -> Any:
+    """The Python class of a type such as geometry_msgs/msg/Pose."""
+    package, _, message = name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), message)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BagError(f"message type {name!r} is not installed here: {error}") from error

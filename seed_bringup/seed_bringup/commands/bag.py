@@ -80,7 +80,7 @@ def _play(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from seed_bringup.bags.info import describe_bag
+    from seed_bringup.bags.files import describe_bag
 
     print(describe_bag(options.bag))
     return 0

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from seed_bringup.launching.description import declared_arguments, describe
-from seed_bringup.launching.elements import LaunchError
+from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_core.command_line import Help, command

@@ -11,12 +11,11 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from seed_bringup.launching.elements import Element, LaunchError, read_launch_file
+from seed_bringup.launching.launch_xml import Element, LaunchError, read_launch_file
 from seed_bringup.launching.packages import executable
 from seed_bringup.launching.parameters import Parameters, read_parameter
-from seed_bringup.launching.substitution import SubstitutionError, substitute
+from seed_bringup.launching.substitution import Scope
 
-TRUE, FALSE = ("true", "1"), ("false", "0")
 MAX_INCLUDES = 20
 
 
@@ -60,16 +59,6 @@ class Description:
     arguments: dict[str, Argument] = field(default_factory=dict)
 
 
-@dataclass
-class _Scope:
-    variables: dict[str, str]
-    environment: dict[str, str]
-    namespace: str
-
-    def copy(self) -> _Scope:
-        return _Scope(dict(self.variables), dict(self.environment), self.namespace)
-
-
 def describe(file: Path, arguments: dict[str, str]) -> Description:
     """The nodes that the file starts with these arguments; LaunchError names file and line."""
     description = _resolve(file, arguments, strict=True)
@@ -88,84 +77,68 @@ def declared_arguments(file: Path) -> list[Argument]:
 
 
 def _resolve(file: Path, arguments: dict[str, str], strict: bool) -> Description:
-    resolver = _Resolver(strict)
-    resolver.run(read_launch_file(file), _Scope(dict(arguments), dict(os.environ), ""))
+    """Not strict: missing arguments count as empty, conditions on them as true."""
+    resolver = _Resolver()
+    resolver.run(read_launch_file(file), Scope(dict(arguments), dict(os.environ), strict=strict))
     return resolver.description
 
 
 class _Resolver:
-    """Walks the elements in order; not strict: missing arguments count as empty, conditions on them as true."""
+    """Walks the elements in order; the method _TAG carries out the element <TAG>."""
 
-    def __init__(self, strict: bool) -> None:
-        self.strict = strict
+    def __init__(self) -> None:
         self.description = Description()
         self.depth = 0
         self.given_by_include: set[str] = set()
 
-    def run(self, element: Element, scope: _Scope) -> None:
+    def run(self, element: Element, scope: Scope) -> None:
         for child in element.children:
             if self._wanted(child, scope):
                 getattr(self, f"_{child.tag}")(child, scope)
 
-    def _text(self, element: Element, name: str, scope: _Scope, default: str = "") -> str:
-        if name not in element.attributes:
-            return default
-        try:
-            return substitute(element.attributes[name], scope.variables, scope.environment, element.file)
-        except (SubstitutionError, LaunchError) as error:
-            if not self.strict:
-                return default
-            raise element.error(f"{name}: {error}") from error
-
-    def _boolean(self, element: Element, name: str, scope: _Scope, default: bool) -> bool:
-        text = self._text(element, name, scope, "true" if default else "false").strip().lower()
-        if text not in TRUE + FALSE and self.strict:
-            raise element.error(f"{name}={text!r} must be true, false, 1 or 0")
-        return text in TRUE
-
-    def _wanted(self, element: Element, scope: _Scope) -> bool:
+    def _wanted(self, element: Element, scope: Scope) -> bool:
         if "if" in element.attributes and "unless" in element.attributes:
             raise element.error("if and unless exclude each other")
-        if not self.strict and element.tag in ("include", "group", "arg"):
+        if not scope.strict and element.tag in ("include", "group", "arg"):
             return True
-        return self._boolean(element, "if", scope, True) and not self._boolean(element, "unless", scope, False)
+        return scope.boolean(element, "if", True) and not scope.boolean(element, "unless", False)
 
-    def _arg(self, element: Element, scope: _Scope) -> None:
+    def _arg(self, element: Element, scope: Scope) -> None:
         name = element.attributes["name"]
-        default = self._text(element, "default", scope) if "default" in element.attributes else None
+        default = scope.text(element, "default") if "default" in element.attributes else None
         choices = tuple(choice.attributes["value"] for choice in element.children)
         if name not in self.given_by_include:
             argument = Argument(name, default, element.attributes.get("description", ""), choices)
             self.description.arguments.setdefault(name, argument)
         if name not in scope.variables:
-            if default is None and self.strict:
+            if default is None and scope.strict:
                 raise element.error(f"launch argument {name!r} has no default; give {name}:=VALUE")
             scope.variables[name] = default or ""
-        if choices and scope.variables[name] not in choices and self.strict:
+        if choices and scope.variables[name] not in choices and scope.strict:
             raise element.error(f"{name}:={scope.variables[name]!r} must be one of: {', '.join(choices)}")
 
-    def _let(self, element: Element, scope: _Scope) -> None:
-        scope.variables[element.attributes["name"]] = self._text(element, "value", scope)
+    def _let(self, element: Element, scope: Scope) -> None:
+        scope.variables[element.attributes["name"]] = scope.text(element, "value")
 
-    def _set_env(self, element: Element, scope: _Scope) -> None:
-        scope.environment[element.attributes["name"]] = self._text(element, "value", scope)
+    def _set_env(self, element: Element, scope: Scope) -> None:
+        scope.environment[element.attributes["name"]] = scope.text(element, "value")
 
-    def _unset_env(self, element: Element, scope: _Scope) -> None:
+    def _unset_env(self, element: Element, scope: Scope) -> None:
         scope.environment.pop(element.attributes["name"], None)
 
-    def _push_ros_namespace(self, element: Element, scope: _Scope) -> None:
-        scope.namespace = _joined(scope.namespace, self._text(element, "namespace", scope))
+    def _push_ros_namespace(self, element: Element, scope: Scope) -> None:
+        scope.namespace = scope.below(scope.text(element, "namespace"))
 
-    def _group(self, element: Element, scope: _Scope) -> None:
-        self.run(element, scope.copy() if self._boolean(element, "scoped", scope, True) else scope)
+    def _group(self, element: Element, scope: Scope) -> None:
+        self.run(element, scope.copy() if scope.boolean(element, "scoped", True) else scope)
 
-    def _include(self, element: Element, scope: _Scope) -> None:
-        file = Path(self._text(element, "file", scope))
-        given = {child.attributes["name"]: self._text(child, "value", scope) for child in element.children}
+    def _include(self, element: Element, scope: Scope) -> None:
+        file = Path(scope.text(element, "file"))
+        given = {child.attributes["name"]: scope.text(child, "value") for child in element.children}
         if self.depth >= MAX_INCLUDES:
             raise element.error(f"more than {MAX_INCLUDES} launch files include each other")
         if not file.is_file():
-            if not self.strict:
+            if not scope.strict:
                 return
             raise element.error(f"file={str(file)!r}: no such launch file")
         scope.variables.update(given)
@@ -175,48 +148,30 @@ class _Resolver:
         self.depth -= 1
         self.given_by_include = before
 
-    def _node(self, element: Element, scope: _Scope) -> None:
-        if not self.strict:
+    def _node(self, element: Element, scope: Scope) -> None:
+        if not scope.strict:
             return
         on_exit = element.attributes.get("on_exit", "")
         if on_exit not in ("", "shutdown"):
             raise element.error(f"on_exit={on_exit!r} must be 'shutdown' or left out")
-        self.description.nodes.append(
-            Node(
-                executable=self._executable(element, scope),
-                name=self._text(element, "name", scope),
-                namespace=_joined(scope.namespace, self._text(element, "namespace", scope)),
-                arguments=tuple(self._text(element, "args", scope).split()),
-                parameters=tuple(self._parameter(p, scope) for p in element.children if p.tag == "param"),
-                remappings=tuple(
-                    (self._text(r, "from", scope), self._text(r, "to", scope))
-                    for r in element.children
-                    if r.tag == "remap"
-                ),
-                environment=self._environment(element, scope),
-                shutdown_on_exit=on_exit == "shutdown",
-                respawn=self._boolean(element, "respawn", scope, False),
-                respawn_delay=float(self._text(element, "respawn_delay", scope, "0")),
-                origin=f"{element.file}:{element.line}",
-            )
-        )
-
-    def _executable(self, element: Element, scope: _Scope) -> Path:
+        package, program_name = scope.text(element, "pkg"), scope.text(element, "exec")
         try:
-            return executable(self._text(element, "pkg", scope), self._text(element, "exec", scope))
+            program = executable(package, program_name)
         except LaunchError as error:
             raise element.error(str(error)) from error
-
-    def _environment(self, element: Element, scope: _Scope) -> dict[str, str]:
-        own = {e.attributes["name"]: self._text(e, "value", scope) for e in element.children if e.tag == "env"}
-        return scope.environment | own
-
-    def _parameter(self, element: Element, scope: _Scope) -> Parameters:
-        return read_parameter(element, lambda e, name: self._text(e, name, scope))
-
-
-def _joined(outer: str, inner: str) -> str:
-    """A namespace below another one, absolute; one that is absolute already replaces the outer."""
-    if not inner:
-        return outer
-    return inner if inner.startswith("/") else f"{outer.rstrip('/')}/{inner.rstrip('/')}"
+        inside = {tag: [c for c in element.children if c.tag == tag] for tag in ("param", "remap", "env")}
+        own_environment = {e.attributes["name"]: scope.text(e, "value") for e in inside["env"]}
+        node = Node(
+            executable=program,
+            name=scope.text(element, "name"),
+            namespace=scope.below(scope.text(element, "namespace")),
+            arguments=tuple(scope.text(element, "args").split()),
+            parameters=tuple(read_parameter(p, scope) for p in inside["param"]),
+            remappings=tuple((scope.text(r, "from"), scope.text(r, "to")) for r in inside["remap"]),
+            environment=scope.environment | own_environment,
+            shutdown_on_exit=on_exit == "shutdown",
+            respawn=scope.boolean(element, "respawn", False),
+            respawn_delay=float(scope.text(element, "respawn_delay", "0")),
+            origin=f"{element.file}:{element.line}",
+        )
+        self.description.nodes.append(node)

@@ -9,7 +9,7 @@ code = launch.wait()      # or poll() in a loop of one's own, then stop()
 from __future__ import annotations
 
 import contextlib
-import shutil
+import math
 import signal
 import subprocess
 import sys
@@ -18,7 +18,6 @@ import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 
 from seed_bringup.launching import reaper
 from seed_bringup.launching.description import Node, describe
@@ -36,7 +35,16 @@ def print_output(label: str, line: str) -> None:
 
 
 class Launch:
-    """A launch file and its running nodes. Not for several threads, but any one thread may use it."""
+    """A launch file and its running nodes. Not for several threads, but any one thread may use it.
+
+    Args:
+        file: The launch file, in XML.
+        arguments: Its launch arguments by name.
+        output: Takes the label of a node, or 'launch', and a line of what it says.
+
+    Raises:
+        LaunchError: The file or an argument is wrong; the message names file and line.
+    """
 
     def __init__(
         self, file: str | Path, arguments: Mapping[str, str] | None = None, output: Output = print_output
@@ -45,16 +53,16 @@ class Launch:
         self.nodes: list[NodeProcess] = []
         self._output = output
         self._output_lock = threading.Lock()
-        self._folder: Path | None = None
-        self._reaper: subprocess.Popen[bytes] | None = None
+        self._running = contextlib.ExitStack()  # the folder of parameter files and the reaper
         self._respawns: list[tuple[float, Node]] = []
         self._code: int | None = None
 
     def start(self) -> Launch:
         """Start every node; when one cannot start, stop those that did."""
-        self._folder = Path(tempfile.mkdtemp(prefix="seed-launch-"))
-        command = [sys.executable, "-I", "-S", str(Path(reaper.__file__))]
-        self._reaper = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+        self._folder = Path(self._running.enter_context(tempfile.TemporaryDirectory(prefix="seed-launch-")))
+        command = [sys.executable, "-I", "-S", reaper.__file__]
+        self._reaper = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, start_new_session=True)
+        self._running.enter_context(self._reaper)  # closes its pipe and waits for it
         try:
             for node in self.description.nodes:
                 self._start(node)
@@ -77,11 +85,11 @@ class Launch:
             self._code = 0
         return self._code
 
-    def wait(self, timeout: float | None = None) -> int | None:
+    def wait(self, timeout: float = math.inf) -> int | None:
         """Poll until the run has ended and stop what is left; None when `timeout` [s] passed first."""
-        deadline = None if timeout is None else time.monotonic() + timeout
+        deadline = time.monotonic() + timeout
         while self.poll() is None:
-            if deadline is not None and time.monotonic() > deadline:
+            if time.monotonic() > deadline:
                 return None
             time.sleep(POLL)
         self.stop()
@@ -89,36 +97,34 @@ class Launch:
 
     def stop(self) -> None:
         """End every node and its children: SIGINT, SIGTERM after 3 s, SIGKILL after 4.5 s."""
-        self._code = 0 if self._code is None else self._code
+        self._code = self._code or 0
         self._respawns.clear()
         started = time.monotonic()
         self._signal(signal.SIGINT)
         for number, at in ((signal.SIGTERM, TERM_AFTER), (signal.SIGKILL, KILL_AFTER)):
-            if self._wait_until(started + at):
+            if self._all_ended_before(started + at):
                 break
-            self._report(f"{self._labels()} still running after {at:.1f} s: {number.name}")
+            labels = ", ".join(running.node.label for running in self.nodes)
+            self._say("launch", f"{labels} still running after {at:.1f} s: {number.name}")
             self._signal(number)
-        self._wait_until(started + KILL_AFTER + 0.4)
-        self._close()
+        self._all_ended_before(started + KILL_AFTER + 0.4)
+        self._running.close()
 
     def kill(self) -> None:
         """End every node at once."""
         self._code = 1 if self._code is None else self._code
         self._signal(signal.SIGKILL)
-        self._wait_until(time.monotonic() + 0.5)
-        self._close()
+        self._all_ended_before(time.monotonic() + 0.5)
+        self._running.close()
 
     def __enter__(self) -> Launch:
         return self.start()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _start(self, node: Node) -> None:
-        assert self._folder is not None
-        running = NodeProcess(node, self._folder, self._locked_output)
+        running = NodeProcess(node, self._folder, self._say)
         self.nodes.append(running)
         self._tell_reaper(f"+{running.process.pid}")
 
@@ -128,12 +134,14 @@ class Launch:
         self._forget(running)
         node = running.node
         if node.respawn:
-            self._report(f"{node.label} ended with {exit_text(code)}; starting it again in {node.respawn_delay:g} s")
+            self._say(
+                "launch", f"{node.label} ended with {exit_text(code)}; starting it again in {node.respawn_delay:g} s"
+            )
             self._respawns.append((time.monotonic() + node.respawn_delay, node))
         elif code == 0 and not node.shutdown_on_exit:
-            self._report(f"{node.label} has finished")
+            self._say("launch", f"{node.label} has finished")
         else:
-            self._report(f"{node.label} died with {exit_text(code)} ({node.origin}); shutting down")
+            self._say("launch", f"{node.label} died with {exit_text(code)} ({node.origin}); shutting down")
             self._code = 1
 
     def _forget(self, running: NodeProcess) -> None:
@@ -141,8 +149,8 @@ class Launch:
         self.nodes.remove(running)
         self._tell_reaper(f"-{running.process.pid}")
 
-    def _wait_until(self, deadline: float) -> bool:
-        """Whether every process group has ended by then."""
+    def _all_ended_before(self, deadline: float) -> bool:
+        """Wait for every process group to end; whether they did."""
         while True:
             for running in [n for n in self.nodes if not n.group_alive()]:
                 running.finish_output()
@@ -155,28 +163,12 @@ class Launch:
         for running in self.nodes:
             running.signal(number)
 
-    def _labels(self) -> str:
-        return ", ".join(running.node.label for running in self.nodes)
-
-    def _close(self) -> None:
-        if self._reaper is not None:
-            assert self._reaper.stdin is not None
-            self._reaper.stdin.close()
-            self._reaper.wait()
-            self._reaper = None
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
-
     def _tell_reaper(self, line: str) -> None:
-        if self._reaper is not None and self._reaper.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):
-                self._reaper.stdin.write(f"{line}\n".encode())
-                self._reaper.stdin.flush()
+        assert self._reaper.stdin is not None
+        with contextlib.suppress(BrokenPipeError, ValueError):  # it was killed, or stop() is called again
+            print(line, file=self._reaper.stdin, flush=True)
 
-    def _report(self, text: str) -> None:
-        self._locked_output("launch", text)
-
-    def _locked_output(self, label: str, line: str) -> None:
+    def _say(self, label: str, line: str) -> None:
+        """Hand a line to the output, one at a time."""
         with self._output_lock:
             self._output(label, line)

@@ -3,38 +3,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from seed_bringup.launching.elements import Element
+from seed_bringup.launching.launch_xml import Element
+from seed_bringup.launching.substitution import Scope
 
 Parameters = dict[str, Any] | Path
-Text = Callable[[Element, str], str]  # the substituted value of an attribute
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool}
 
 
-def read_parameter(element: Element, text: Text) -> Parameters:
+def read_parameter(element: Element, scope: Scope) -> Parameters:
     """The dictionary of one <param>, or the path of its file."""
     if "from" not in element.attributes:
-        return _named(element, text)
-    file = Path(text(element, "from"))
+        return _named(element, scope)
+    file = Path(scope.text(element, "from"))
     if not file.is_file():
         raise element.error(f"from={str(file)!r}: no such parameter file")
     return file
 
 
-def _named(element: Element, text: Text) -> dict[str, Any]:
-    name = text(element, "name")
+def _named(element: Element, scope: Scope) -> dict[str, Any]:
+    name = scope.text(element, "name")
     if not name or ("value" in element.attributes) == bool(element.children):
         raise element.error("<param> takes either from, or name with value, or name with <param> inside")
     if not element.children:
-        return {name: _typed(element, text(element, "value"))}
+        return {name: _typed(element, scope.text(element, "value"))}
     nested: dict[str, Any] = {}
     for child in element.children:
-        nested |= _named(child, text)
+        nested |= _named(child, scope)
     return {name: nested}
 
 
@@ -48,7 +47,7 @@ def _typed(element: Element, text: str) -> Any:
     if wanted not in TYPES:
         raise element.error(f"type={wanted!r} must be one of: {', '.join(TYPES)}")
     value = text if wanted == "str" else _scalar(element, text)
-    if wanted == "float" and isinstance(value, int) and not isinstance(value, bool):
+    if wanted == "float" and type(value) is int:
         value = float(value)
     if type(value) is not TYPES[wanted]:
         raise element.error(f"value={text!r} is no {wanted}")

@@ -3,42 +3,38 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import IO, Any
 
 import yaml
 
 from seed_bringup.launching.description import Node
+from seed_bringup.launching.reaper import signalled
 
 Output = Callable[[str, str], None]  # (label, line)
 
 
 def command_line(node: Node, folder: Path) -> list[str]:
     """The node's arguments; parameters go through files written to `folder`, so that types survive."""
-    ros: list[str] = []
-    if node.name:
-        ros += ["-r", f"__node:={node.name}"]
+    remappings = [*node.remappings]
     if node.namespace:
-        ros += ["-r", f"__ns:={node.namespace}"]
-    for source, target in node.remappings:
-        ros += ["-r", f"{source}:={target}"]
+        remappings.insert(0, ("__ns", node.namespace))
+    if node.name:
+        remappings.insert(0, ("__node", node.name))
+    ros = [word for source, target in remappings for word in ("-r", f"{source}:={target}")]
     for parameters in node.parameters:
-        file = parameters if isinstance(parameters, Path) else _parameter_file(node, parameters, folder)
+        file = parameters
+        if not isinstance(file, Path):
+            target = f"{node.namespace}/{node.name}" if node.name else "/**"
+            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".yaml", delete=False) as written:
+                yaml.safe_dump({target: {"ros__parameters": parameters}}, written)
+            file = Path(written.name)
         ros += ["--params-file", str(file)]
     return [str(node.executable), *node.arguments, *(["--ros-args", *ros] if ros else [])]
-
-
-def _parameter_file(node: Node, parameters: dict[str, Any], folder: Path) -> Path:
-    target = f"{node.namespace}/{node.name}" if node.name else "/**"
-    with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".yaml", delete=False) as file:
-        yaml.safe_dump({target: {"ros__parameters": parameters}}, file)
-    return Path(file.name)
 
 
 class NodeProcess:
@@ -53,36 +49,34 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="replace",
             start_new_session=True,
             # A launcher started in the background ignores SIGINT, and its children would inherit that.
             preexec_fn=_take_signals,
         )
-        self._reader = threading.Thread(target=self._read, args=(self.process.stdout, output), daemon=True)
+        self._reader = threading.Thread(target=self._read, args=(output,), daemon=True)
         self._reader.start()
 
-    def _read(self, stream: IO[bytes], output: Output) -> None:
-        lines = (raw.decode(errors="replace").rstrip("\n") for raw in stream)
+    def _read(self, output: Output) -> None:
+        assert self.process.stdout is not None
+        lines = (line.rstrip("\n") for line in self.process.stdout)
         for line in without_interrupts(lines, lambda: self.interrupted):
             output(self.node.label, line)
 
     def signal(self, number: int) -> None:
         """Send to the whole group, which may outlive its first process."""
         self.interrupted = True
-        try:
-            os.killpg(self.process.pid, number)
-        except (ProcessLookupError, PermissionError):
-            return
+        signalled(self.process.pid, number)
 
     def group_alive(self) -> bool:
         """Whether any process of the group still runs."""
         if self.process.poll() is None:
             return True
-        try:
-            os.killpg(self.process.pid, 0)
-        except (ProcessLookupError, PermissionError):
-            return False
         # Where nobody adopts orphans (containers without an init), dead ones stay in the group as zombies.
-        return any(_runs_in_group(stat, self.process.pid) for stat in Path("/proc").glob("[0-9]*/stat"))
+        return signalled(self.process.pid, 0) and any(
+            _runs_in_group(stat, self.process.pid) for stat in Path("/proc").glob("[0-9]*/stat")
+        )
 
     def finish_output(self) -> None:
         """Wait for the last lines."""
@@ -116,10 +110,6 @@ def _take_signals() -> None:
 
 
 def exit_text(code: int) -> str:
-    """An exit code for people: 'exit code 3' or 'signal SIGSEGV'."""
-    if code >= 0:
-        return f"exit code {code}"
-    try:
-        return f"exit code {code}, signal {signal.Signals(-code).name}"
-    except ValueError:
-        return f"exit code {code}"
+    """An exit code for people: 'exit code 3' or 'exit code -11, signal SIGSEGV'."""
+    names = {-number: f", signal {number.name}" for number in signal.Signals}
+    return f"exit code {code}{names.get(code, '')}"

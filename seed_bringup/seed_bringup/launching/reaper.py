@@ -23,7 +23,7 @@ def end(groups: set[int]) -> None:
 
 
 def signalled(group: int, number: int) -> bool:
-    """Send to a process group; False when it is gone."""
+    """Send to a process group (0: only look for it); False when it is gone."""
     try:
         os.killpg(group, number)
     except (ProcessLookupError, PermissionError):

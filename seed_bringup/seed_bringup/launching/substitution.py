@@ -1,22 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""$(var x), $(env X default), $(find-pkg-share p), $(dirname) and $(eval '...') in attribute values."""
+"""Attribute values: $(var x), $(env X default), $(find-pkg-share p), $(dirname) and $(eval '...') replaced."""
 
 from __future__ import annotations
 
 import ast
-import operator
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from seed_bringup.launching.launch_xml import Element, LaunchError
 from seed_bringup.launching.packages import package_share
 
+TRUE, FALSE = ("true", "1"), ("false", "0")
 
-class SubstitutionError(Exception):
+
+class SubstitutionError(LaunchError):
     """What is wrong with a value; whoever knows the line adds it."""
 
 
-def substitute(text: str, variables: Mapping[str, str], environment: Mapping[str, str], file: Path) -> str:
+@dataclass
+class Scope:
+    """What is set where an element stands. Not strict: an attribute that cannot be resolved counts as left out."""
+
+    variables: dict[str, str]
+    environment: dict[str, str]
+    namespace: str = ""
+    strict: bool = True
+
+    def copy(self) -> Scope:
+        """A scope of its own for a <group>."""
+        return replace(self, variables=dict(self.variables), environment=dict(self.environment))
+
+    def text(self, element: Element, name: str, default: str = "") -> str:
+        """An attribute's value with every substitution carried out."""
+        if name not in element.attributes:
+            return default
+        try:
+            return substitute(element.attributes[name], self.variables, self.environment, element.file)
+        except LaunchError as error:
+            if not self.strict:
+                return default
+            raise element.error(f"{name}: {error}") from error
+
+    def boolean(self, element: Element, name: str, default: bool) -> bool:
+        """An attribute that is true or false."""
+        text = self.text(element, name, str(default)).strip().lower()
+        if text not in TRUE + FALSE and self.strict:
+            raise element.error(f"{name}={text!r} must be true, false, 1 or 0")
+        return text in TRUE
+
+    def below(self, namespace: str) -> str:
+        """A namespace below this one, absolute; one that is absolute already replaces it."""
+        if not namespace:
+            return self.namespace
+        return namespace if namespace.startswith("/") else f"{self.namespace.rstrip('/')}/{namespace.rstrip('/')}"
+
+
+def substitute(text: str, variables: dict[str, str], environment: dict[str, str], file: Path) -> str:
     """The text with every substitution carried out."""
     return _Reader(text, variables, environment, file).template(end="")
 
@@ -24,7 +64,7 @@ def substitute(text: str, variables: Mapping[str, str], environment: Mapping[str
 class _Reader:
     """Reads a template from left to right; substitutions nest."""
 
-    def __init__(self, text: str, variables: Mapping[str, str], environment: Mapping[str, str], file: Path) -> None:
+    def __init__(self, text: str, variables: dict[str, str], environment: dict[str, str], file: Path) -> None:
         self.text = text
         self.variables = variables
         self.environment = environment
@@ -61,90 +101,64 @@ class _Reader:
         return self._evaluate(arguments)
 
     def _argument(self) -> str:
-        quote = self.text[self.at : self.at + 1]
-        if quote not in ("'", '"') or not quote:
+        if not self.text.startswith(("'", '"'), self.at):
             return self.template(end=" )")
+        quote = self.text[self.at]
         self.at += 1
         value = self.template(end=quote)
         self.at += 1
         return value
 
     def _evaluate(self, words: list[str]) -> str:
-        name, arguments = (words[0], words[1:]) if words else ("", [])
-        match name, arguments:
-            case "var", [variable]:
-                return self._variable(variable)
-            case "env", [variable, *default] if len(default) < 2:
-                return self._environment(variable, default)
-            case "find-pkg-share", [package]:
+        match words:
+            case ["var", name]:
+                if name in self.variables:
+                    return self.variables[name]
+                known = ", ".join(sorted(self.variables)) or "none"
+                raise SubstitutionError(
+                    f"$(var {name}): no <arg> or <let> of that name before this line; so far: {known}"
+                )
+            case ["env", name, *default] if len(default) < 2:
+                if name in self.environment or default:
+                    return self.environment.get(name, *default)
+                raise SubstitutionError(f"$(env {name}): the environment variable {name} is not set")
+            case ["find-pkg-share", package]:
                 return str(package_share(package))
-            case "dirname", []:
+            case ["dirname"]:
                 return str(self.file.resolve().parent)
-            case "eval", [expression]:
+            case ["eval", expression]:
                 return str(evaluate(expression))
         known = "var NAME, env NAME [DEFAULT], find-pkg-share PACKAGE, dirname, eval 'EXPRESSION'"
         raise SubstitutionError(f"$({' '.join(words)}) is not known; there are: {known}")
 
-    def _variable(self, name: str) -> str:
-        if name not in self.variables:
-            known = ", ".join(sorted(self.variables)) or "none"
-            raise SubstitutionError(f"$(var {name}): no <arg> or <let> of that name before this line; so far: {known}")
-        return self.variables[name]
 
-    def _environment(self, name: str, default: list[str]) -> str:
-        if name in self.environment:
-            return self.environment[name]
-        if not default:
-            raise SubstitutionError(f"$(env {name}): the environment variable {name} is not set")
-        return default[0]
-
-
-_OPERATIONS: dict[type, Callable[..., Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.In: lambda a, b: a in b,
-    ast.NotIn: lambda a, b: a not in b,
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Not: operator.not_,
-    ast.USub: operator.neg,
-}
+# Comparisons, and/or/not and arithmetic on literals: what launch files need. No names, calls or attributes.
+_EXPRESSIONS = (ast.List, ast.Tuple, ast.BoolOp, ast.UnaryOp, ast.BinOp, ast.Compare)
+_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn)
+_OPERATORS = (*_COMPARISONS, ast.And, ast.Or, ast.Not, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub, ast.Load)
 
 
 def evaluate(expression: str) -> Any:
-    """Comparisons, and/or/not and arithmetic on literals: what launch files need, and no code."""
+    """The value of a comparison or of arithmetic on literals; SubstitutionError for everything else."""
     if len(expression) > 1000:
         raise SubstitutionError("$(eval ...): longer than 1000 characters")
     try:
-        return _value(ast.parse(expression.strip(), mode="eval").body)
+        tree = ast.parse(expression.strip(), mode="eval")
+        for node in ast.walk(tree.body):
+            if isinstance(node, ast.expr) and not _is_harmless(node):
+                hint = " (text needs quotes)" if isinstance(node, ast.Name) else ""
+                wrong = ast.unparse(node)
+                raise SubstitutionError(f"$(eval ...): {wrong!r} is not a comparison or arithmetic on values{hint}")
+        return eval(compile(tree, "<launch file>", "eval"), {"__builtins__": {}})
     except SyntaxError as error:
         raise SubstitutionError(f"$(eval {expression}): {error.msg}") from error
     except (TypeError, ZeroDivisionError) as error:
         raise SubstitutionError(f"$(eval {expression}): {error}") from error
 
 
-def _value(node: ast.expr) -> Any:
-    match node:
-        case ast.Constant(value=value) if isinstance(value, str | int | float):
-            return value
-        case ast.List(elts=items) | ast.Tuple(elts=items):
-            return [_value(item) for item in items]
-        case ast.BoolOp(op=ast.And(), values=values):
-            return all(_value(v) for v in values)
-        case ast.BoolOp(op=ast.Or(), values=values):
-            return any(_value(v) for v in values)
-        case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATIONS:
-            return _OPERATIONS[type(op)](_value(operand))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-            return _OPERATIONS[type(op)](_value(left), _value(right))
-        case ast.Compare(left=left, ops=ops, comparators=rights) if all(type(o) in _OPERATIONS for o in ops):
-            values = [_value(left), *(_value(r) for r in rights)]
-            return all(_OPERATIONS[type(o)](a, b) for o, a, b in zip(ops, values, values[1:], strict=False))
-    hint = " (text needs quotes)" if isinstance(node, ast.Name) else ""
-    raise SubstitutionError(f"$(eval ...): {ast.unparse(node)!r} is not a comparison or arithmetic on values{hint}")
+def _is_harmless(node: ast.expr) -> bool:
+    """Whether an expression is a literal, or an operation that is allowed; its parts are looked at by themselves."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, str | int | float)
+    parts = [part for part in ast.iter_child_nodes(node) if not isinstance(part, ast.expr)]
+    return isinstance(node, _EXPRESSIONS) and all(isinstance(part, _OPERATORS) for part in parts)

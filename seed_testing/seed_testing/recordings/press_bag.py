@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_bringup.bags.writing import BagWriter
+from seed_bringup.bags.files import BagWriter
 from seed_core.command_line import command
 from seed_testing.recordings.press import Press, load
 

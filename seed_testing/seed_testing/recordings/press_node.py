@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from seed_msgs.msg import ContactPatches
 from std_srvs.srv import Trigger
 
-from seed_bringup.bags.messages import message_class
+from seed_bringup.bags.types import message_class
 from seed_core.config import load_file
 from seed_core.errors import FailedError
 from seed_estimation import ContactPatch, EstimatorParameters

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""XML with line numbers, and the tags and attributes that a launch file may use."""
+"""Launch files as XML elements with line numbers; the tags and attributes that they may use."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Element:
 
 
 COMMON = {"if", "unless"}
-# tag: (required attributes, further attributes, tags allowed inside)
 ACTIONS = {"arg", "let", "group", "include", "node", "set_env", "unset_env", "push_ros_namespace"}
+# tag: (required attributes, further attributes, tags allowed inside)
 GRAMMAR: dict[str, tuple[set[str], set[str], set[str]]] = {
     "launch": (set(), {"version"}, ACTIONS),
     "group": (set(), {"scoped"} | COMMON, ACTIONS),
@@ -104,12 +104,7 @@ def _check(element: Element) -> None:
         if child.tag not in inside:
             allowed = ", ".join(f"<{tag}>" for tag in sorted(inside)) or "nothing"
             raise child.error(f"<{child.tag}> is not known inside <{element.tag}>; allowed: {allowed}")
-        if element.tag == "include":
-            _check_include_argument(child)
-        else:
+        if element.tag != "include":
             _check(child)
-
-
-def _check_include_argument(child: Element) -> None:
-    if child.attributes.keys() != {"name", "value"}:
-        raise child.error("<arg> inside <include> takes name and value, and nothing else")
+        elif child.attributes.keys() != {"name", "value"}:
+            raise child.error("<arg> inside <include> takes name and value, and nothing else")
