@@ -170,7 +170,8 @@ def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:
         "import time\ntry:\n    print(0, flush=True)\n    time.sleep(60)\nexcept BaseException:\n    time.sleep(60)\n"
     )
     code = (
-        f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from seed_bringup.commands import dispatch; dispatch._run('slow', '', ['demo'])"
+        f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from seed_bringup.commands import dispatch;"
+        "dispatch._run('slow', '', ['demo'])"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
