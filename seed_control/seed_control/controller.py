@@ -32,7 +32,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
-from seed_core.vector3 import Triple, triple
+from seed_core.vector3 import Vector3, as_vector3
 
 __all__ = ["ControlOutput", "ControlRefusedError", "Controller", "ControllerParameters", "ControllerState"]
 
@@ -157,11 +157,11 @@ class Controller:
         p_WC = self.law.walk.target(hybrid, dt, lead, lead + t - m.stamp + 0.02)
         return self.law.limits + command.towards(p_WC, dt, self.parameters.max_speed)
 
-    def _relative_target(self) -> Triple:
+    def _relative_target(self) -> Vector3:
         assert isinstance(self._setpoint, RelativePoseSetpoint)  # all others the law follows
         tool, X_TC = self.law.tool, self._setpoint.X_TC
         self._command.turn_to(tool.R_WT @ X_TC[:3, :3])
-        return triple(tool.tip + tool.R_WT @ (X_TC[:3, 3] - self.gauge.p_Ttip))  # from the tip
+        return as_vector3(tool.tip + tool.R_WT @ (X_TC[:3, 3] - self.gauge.p_Ttip))  # from the tip
 
     def _digest(self, t: float) -> None:
         """Take in the newest estimate, once the kinematics of its moment are there."""

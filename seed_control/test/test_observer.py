@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.law.surface_observer import MAX_SHARE, ObserverTuning, SurfaceObserver
-from seed_core.vector3 import triple
+from seed_core.vector3 import as_vector3
 
 TUNING = ObserverTuning(2e-4, 2e-3, 2e-3, 0.03, 0.1)
 UP = np.array((0.0, 0.0, 1.0))
@@ -15,7 +15,7 @@ FRAME = 1.0 / 45.0
 
 def height(observer: SurfaceObserver, n: np.ndarray, tip: np.ndarray, deflection: float = -0.01) -> float:
     """Height [m] along n that the observer asks for with the tip at (3,)."""
-    offset, gradient = observer.course(triple(n), deflection)
+    offset, gradient = observer.course(as_vector3(n), deflection)
     return offset + float(np.dot(gradient, tip))
 
 

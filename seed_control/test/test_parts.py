@@ -18,7 +18,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.gravity import GRAVITY, weight_about_T
 from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.quaternion import quaternion
+from seed_core.quaternion import as_quaternion
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_log
 from seed_testing.bench.control import growth
 
@@ -99,7 +99,7 @@ def test_pose_limiter_stays_a_pose_over_an_hour_of_turning() -> None:
     body.reset(np.eye(4))
     for i in range(20_000):
         goal = rotation_from_rpy((0.3 * np.sin(0.01 * i), 0.2, 0.3))
-        body.advance((0.0, 0.0, 0.0), quaternion(goal), 0.004, 0.25)
+        body.advance((0.0, 0.0, 0.0), as_quaternion(goal), 0.004, 0.25)
     R = body.pose[:3, :3]
     assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
     assert np.linalg.norm(so3_log(R.T @ goal)) < 0.05

@@ -10,16 +10,15 @@ import numpy as np
 from seed_core.bushing import Stiffness
 from seed_core.config import field
 from seed_core.spatial import Array, pose_from_rpy
-
-Vector = tuple[float, float, float]
+from seed_core.vector3 import Vector3
 
 
 @dataclass(frozen=True)
 class Frame:
     """A fixed pose of a child frame in its parent."""
 
-    position: Vector = field((0.0, 0.0, 0.0), unit="m", low=-5.0, high=5.0, doc="origin of the child in the parent")
-    rpy_deg: Vector = field(
+    position: Vector3 = field((0.0, 0.0, 0.0), unit="m", low=-5.0, high=5.0, doc="origin of the child in the parent")
+    rpy_deg: Vector3 = field(
         (0.0, 0.0, 0.0), unit="deg", low=-360.0, high=360.0, doc="fixed-axis roll, pitch, yaw of the child"
     )
 
@@ -63,7 +62,7 @@ class Tool:
     name: str = field("squeegee", doc="name of this tool")
     T_tip: Frame = field(Frame((0.0, 0.0, 0.12)), doc="tip frame in T: where the tool works")
     mass: float = field(0.2, unit="kg", low=0.0, high=20.0, doc="mass of the tool")
-    center_of_mass: Vector = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="centre of mass in T")
+    center_of_mass: Vector3 = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="centre of mass in T")
 
     @property
     def X_Ttip(self) -> Array:

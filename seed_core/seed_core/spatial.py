@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
 
@@ -124,8 +123,10 @@ def so3_log(R: Array) -> Array:
     x, y, z = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
     s = sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r00 + r11 + r22 - 1.0)
-    if cosine < -0.99:  # the sine is ill-conditioned near pi
-        return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=float)
+    if cosine < -0.99:  # the sine is ill-conditioned near pi, the quaternion's is not
+        q = quaternion_from_rotation(R)
+        half_sine = sqrt(float(q[:3] @ q[:3]))
+        return np.asarray(q[:3] * (2.0 * atan2(half_sine, float(q[3])) / half_sine))
     k = 1.0 + s * s / 6.0 if s < _SMALL_ANGLE else atan2(s, cosine) / s
     return np.array((k * x, k * y, k * z))
 

@@ -12,8 +12,8 @@ import yaml
 
 from seed_core.bushing import MODELS, Stiffness
 from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.vector3 import Vector3
 
-Vector = tuple[float, float, float]
 HEADER = (
     "# SPDX-License-Identifier: Apache-2.0\n"
     "# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
@@ -26,10 +26,10 @@ class Grip:
 
     pressure_hpa: float = field(unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles")
     width_m: float = field(unit="m", low=0.0, high=1.0, doc="gripper width")
-    rotation: Vector = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
-    translation: Vector = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
-    rotation_std: Vector = field((0.0, 0.0, 0.0), unit="N m/rad", low=0.0, high=1e6, doc="standard deviations")
-    translation_std: Vector = field((0.0, 0.0, 0.0), unit="N/m", low=0.0, high=1e9, doc="standard deviations")
+    rotation: Vector3 = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
+    translation: Vector3 = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
+    rotation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N m/rad", low=0.0, high=1e6, doc="standard deviations")
+    translation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N/m", low=0.0, high=1e9, doc="standard deviations")
 
     @property
     def stiffness(self) -> Stiffness:

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot
 
 from seed_core.spatial import Array
 
-Triple = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 Rows = Sequence[Sequence[float]]  # of a matrix
+ZERO: Vector3 = (0.0, 0.0, 0.0)
 
 
-def triple(v: Array) -> Triple:
-    """The vector (3,) as a tuple."""
+def as_vector3(v: Array) -> Vector3:
+    """The array (3,) as a tuple."""
     x, y, z = v.tolist()
     return x, y, z
 
@@ -22,26 +24,42 @@ def dot(a: Sequence[float], b: Sequence[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def plus(a: Sequence[float], b: Sequence[float]) -> Triple:
+def norm(a: Sequence[float]) -> float:
+    """|a|"""
+    return hypot(a[0], a[1], a[2])
+
+
+def plus(a: Sequence[float], b: Sequence[float]) -> Vector3:
     """a + b"""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def minus(a: Sequence[float], b: Sequence[float]) -> Triple:
+def minus(a: Sequence[float], b: Sequence[float]) -> Vector3:
     """a - b"""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def along(a: Sequence[float], s: float, n: Sequence[float]) -> Triple:
-    """a + s n"""
-    return a[0] + s * n[0], a[1] + s * n[1], a[2] + s * n[2]
+def scaled(a: Sequence[float], s: float) -> Vector3:
+    """s a"""
+    return a[0] * s, a[1] * s, a[2] * s
 
 
-def turned(R: Rows, v: Sequence[float]) -> Triple:
+def plus_scaled(a: Sequence[float], s: float, b: Sequence[float]) -> Vector3:
+    """a + s b"""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+def capped(a: Vector3, longest: float) -> Vector3:
+    """a, shortened to the norm `longest` where it is longer."""
+    length = norm(a)
+    return a if length <= longest else scaled(a, longest / length)
+
+
+def rotated(R: Rows, v: Sequence[float]) -> Vector3:
     """R v"""
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
 
 
-def placed(X: Rows, v: Sequence[float]) -> Triple:
+def transformed(X: Rows, v: Sequence[float]) -> Vector3:
     """The point v in the frame of pose X, measured where X is."""
     return dot(X[0], v) + X[0][3], dot(X[1], v) + X[1][3], dot(X[2], v) + X[2][3]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from seed_core.config import ConfigError, checked, field, from_mapping, to_mapping
+from seed_core.vector3 import Vector3
 from seed_ur.models import MODELS
 
-Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than every 60 ms counts as lost
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from math import hypot, isfinite
 
 from seed_core.config import ConfigError, field
+from seed_core.quaternion import Quaternion
+from seed_core.vector3 import ZERO, Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.limiter import ZERO, Bounds, Follower, Reference
-from seed_driver.motion.rotation import Quaternion, Vector
+from seed_driver.motion.limiter import Bounds, Follower, Reference
 from seed_driver.target_checks import UNIT_TOLERANCE, Target, refusal
 
-Pose = tuple[Vector, Quaternion]
+Pose = tuple[Vector3, Quaternion]
 CORNER: tuple[float, float, float] = (1.4, 1.4, 1.6)
 
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
+from seed_core.quaternion import Quaternion, to_pose, turn_between
+from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import Quaternion, Vector, difference, pose_matrix
 from seed_ur.kinematics import KinematicsError, URKinematics
 
 UNIT_TOLERANCE = 1e-3  # a quaternion's length may be off by this
@@ -18,13 +19,13 @@ class Target(NamedTuple):
 
     frame: str
     age: float  # [s] since its stamp; negative: from the future
-    p: Vector  # [m]
+    p: Vector3  # [m]
     q: Quaternion
 
 
 def refusal(
     target: Target,
-    command: tuple[Vector, Quaternion],
+    command: tuple[Vector3, Quaternion],
     joints: list[float],
     arm: URKinematics | None,
     c: DriverConfig,
@@ -58,11 +59,11 @@ def _outside(target: Target, c: DriverConfig) -> str | None:
     return None
 
 
-def _jump(target: Target, command: tuple[Vector, Quaternion], c: DriverConfig) -> str | None:
+def _jump(target: Target, command: tuple[Vector3, Quaternion], c: DriverConfig) -> str | None:
     distance = hypot(*(a - b for a, b in zip(target.p, command[0], strict=True)))
     if distance > c.max_step:
         return f"target_frame jumps {distance:.4g} m from the command, limit {c.max_step} m"
-    turn = hypot(*difference(target.q, command[1]))
+    turn = hypot(*turn_between(target.q, command[1]))
     if turn > c.max_turning_step:
         limit = degrees(c.max_turning_step)
         return f"target_frame jumps {degrees(turn):.1f} degrees from the command, limit {limit:.1f}"
@@ -73,7 +74,7 @@ def _unreachable(target: Target, joints: list[float], arm: URKinematics | None) 
     if arm is None:
         return None
     try:
-        arm.follow(pose_matrix(target.p, target.q), joints)
+        arm.follow(to_pose(target.p, target.q), joints)
     except KinematicsError as error:
         return f"target_frame: {error}"
     return None

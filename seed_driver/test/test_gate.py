@@ -5,9 +5,9 @@ import math
 
 import pytest
 
+from seed_core.quaternion import from_rotation_vector
 from seed_driver.config import DriverConfig
 from seed_driver.guard import Guard, GuardConfig
-from seed_driver.motion.rotation import from_rotation_vector
 from seed_driver.target_checks import Target, refusal
 from seed_ur.kinematics import URKinematics
 

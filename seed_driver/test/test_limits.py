@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from seed_driver.motion.limiter import ZERO, Bounds, Follower, Reference
-from seed_driver.motion.rotation import difference, from_rotation_vector
+from seed_core.quaternion import from_rotation_vector, turn_between
+from seed_core.vector3 import ZERO
+from seed_driver.motion.limiter import Bounds, Follower, Reference
 
 DT = 0.002
 HERE = (0.4, -0.1, 0.3)
@@ -41,7 +42,7 @@ class Run:
     def check(self) -> None:
         """Speed, acceleration and jerk of the command, by finite differences."""
         p, b = np.array(self.p), self.bounds
-        w = np.array([difference(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / DT
+        w = np.array([turn_between(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / DT
         v = np.diff(p, axis=0) / DT
         a, alpha = np.diff(v, axis=0) / DT, np.diff(w, axis=0) / DT
         margin = 1.0 + 1e-6
@@ -58,7 +59,7 @@ def test_a_step_of_the_target_is_reached_within_bounds_without_overshoot() -> No
     run.steps(1500)
     run.check()
     assert_allclose(run.p[-1], (0.44, -0.1, 0.3), atol=1e-6)
-    assert_allclose(difference(run.q[-1], UPRIGHT), (0, 0, 0.15), atol=1e-6)
+    assert_allclose(turn_between(run.q[-1], UPRIGHT), (0, 0, 0.15), atol=1e-6)
     assert np.array(run.p)[:, 0].max() < 0.44 + 1e-5
 
 

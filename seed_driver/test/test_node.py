@@ -22,7 +22,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from std_srvs.srv import Trigger
 
-from seed_driver.motion.rotation import rotate, turned
+from seed_core.quaternion import rotate, turned
 from seed_testing.fault_bench.bench import leftover_processes
 from seed_testing.peer import Peer, SetBool
 from seed_ur.standin_client import StandIn

@@ -11,8 +11,8 @@ from collections import deque
 import numpy as np
 import pytest
 
+from seed_core.quaternion import from_rotation_vector, to_pose, turned
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import from_rotation_vector, pose_matrix, turned
 from seed_driver.process.deadlines import CLOSEST, Pace
 from seed_driver.process.shared_memory import NO_SAMPLE, Modes, SharedMemory, TargetSlot
 from seed_driver.servo import ServoProcess
@@ -94,7 +94,7 @@ class Robot:
 
     def servo(self, p, q, period: float) -> None:  # noqa: ARG002
         self.sent.append(self.now)
-        self.commands.append(self._carried(pose_from_matrix(pose_matrix(p, q))))
+        self.commands.append(self._carried(pose_from_matrix(to_pose(p, q))))
 
 
 def play(q, path, seed: int, **settings) -> Robot:

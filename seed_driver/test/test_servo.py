@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_driver.motion.rotation import pose_matrix, turned
+from seed_core.quaternion import to_pose, turned
 from seed_testing.fault_bench.bench import Rig
 from seed_ur.pose import pose_from_matrix
 
@@ -46,7 +46,7 @@ def test_the_arm_follows_a_target_to_a_tenth_of_a_millimetre(rig) -> None:
     rig.run(1.5)
     pose = rig.robot.ask("state")["tcp_pose"]
     assert_allclose(pose[:3], goal[0], atol=1e-4)
-    assert_allclose(pose, pose_from_matrix(pose_matrix(*goal)), atol=1e-3)
+    assert_allclose(pose, pose_from_matrix(to_pose(*goal)), atol=1e-3)
     assert_allclose(rig.state.sample.p, pose[:3], atol=1e-4)
 
 

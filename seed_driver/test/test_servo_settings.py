@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_core.quaternion import turned
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import turned
 from seed_driver.process.shared_memory import Stage
 from seed_driver.process.supervisor import Supervisor
 from seed_testing.fault_bench.bench import STEP, Rig, leftover_processes

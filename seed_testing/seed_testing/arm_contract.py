@@ -23,7 +23,8 @@ import numpy as np
 
 from seed_core.command_line import command
 from seed_core.errors import SeedError
-from seed_driver.motion.rotation import Vector, difference, turned
+from seed_core.quaternion import turn_between, turned
+from seed_core.vector3 import Vector3
 from seed_testing.peer import Peer
 
 STEP = 0.01  # [m] the largest motion asked for is twice this
@@ -145,15 +146,15 @@ def targets_are_reached(peer: Peer, limits: Limits) -> Verdict:
         start = peer.pose()
         peer.stream(lambda t, a=start, b=goal: _between(a, b, min(1.0, t)), 1.0 + SETTLE)
         p, turn = peer.pose()
-        errors.append((math.dist(p, goal[0]), math.hypot(*difference(turn, goal[1]))))
+        errors.append((math.dist(p, goal[0]), math.hypot(*turn_between(turn, goal[1]))))
     far, lean = max(e[0] for e in errors), max(e[1] for e in errors)
     text = f"missed by {1e3 * far:.2f} mm and {math.degrees(lean):.3f} degrees at most"
     return _verdict(targets_are_reached, far <= limits.accuracy and lean <= 0.01, text)
 
 
 def _between(a: tuple, b: tuple, share: float) -> tuple:
-    p: Vector = tuple(u + share * (v - u) for u, v in zip(a[0], b[0], strict=True))  # type: ignore[assignment]
-    turn = difference(b[1], a[1])
+    p: Vector3 = tuple(u + share * (v - u) for u, v in zip(a[0], b[0], strict=True))  # type: ignore[assignment]
+    turn = turn_between(b[1], a[1])
     return p, turned(a[1], (share * turn[0], share * turn[1], share * turn[2]))
 
 

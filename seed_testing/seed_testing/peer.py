@@ -19,10 +19,11 @@ from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import FailedError
-from seed_driver.motion.rotation import Quaternion, Vector
+from seed_core.quaternion import Quaternion
+from seed_core.vector3 import Vector3
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-Path = Callable[[float], tuple[Vector, Quaternion]]
+Path = Callable[[float], tuple[Vector3, Quaternion]]
 
 
 class Peer:
@@ -84,14 +85,14 @@ class Peer:
                 raise FailedError(f"{what}: not within {timeout} s")
         return time.monotonic() - start
 
-    def pose(self) -> tuple[Vector, Quaternion]:
+    def pose(self) -> tuple[Vector3, Quaternion]:
         """The newest pose of the flange, position [m] and quaternion."""
         if not self.poses:
             raise FailedError("no current_pose was received: is the arm running, and in this namespace and domain?")
         p, q = self.poses[-1][1].pose.position, self.poses[-1][1].pose.orientation
         return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 
-    def send(self, p: Vector, q: Quaternion, age: float = 0.0, frame: str | None = None) -> None:
+    def send(self, p: Vector3, q: Quaternion, age: float = 0.0, frame: str | None = None) -> None:
         """Publish one target, stamped `age` seconds ago."""
         message = PoseStamped()
         now = self.node.get_clock().now()

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UR's pose vectors, p[x, y, z, rx, ry, rz] with a rotation vector, to and from (4, 4) poses, at 500 Hz."""
+"""UR's pose vectors, p[x, y, z, rx, ry, rz] with a rotation vector; to and from (4, 4) poses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, hypot, isfinite, sin, sqrt
-
-import numpy as np
-from numpy.typing import NDArray
+from math import isfinite
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 
-Array = NDArray[np.float64]
 Pose6 = tuple[float, float, float, float, float, float]
 
 
@@ -26,46 +23,12 @@ def checked_pose(values: Sequence[float], name: str = "pose") -> Pose6:
 
 
 def matrix_from_pose(pose: Sequence[float] | Array) -> Array:
-    """(4, 4) from a pose vector (6,) [m, rad] (Rodrigues' formula)."""
-    x, y, z, rx, ry, rz = (float(v) for v in pose)
-    squared = rx * rx + ry * ry + rz * rz
-    angle = sqrt(squared)
-    if angle < 1e-5:
-        a, b, c = 1.0 - squared / 6.0, 0.5 - squared / 24.0, 1.0 - squared / 2.0
-    else:
-        a, b, c = sin(angle) / angle, (1.0 - cos(angle)) / squared, cos(angle)
-    return np.array(
-        (
-            (c + b * rx * rx, b * rx * ry - a * rz, b * rx * rz + a * ry, x),
-            (b * rx * ry + a * rz, c + b * ry * ry, b * ry * rz - a * rx, y),
-            (b * rx * rz - a * ry, b * ry * rz + a * rx, c + b * rz * rz, z),
-            (0.0, 0.0, 0.0, 1.0),
-        )
-    )
+    """(4, 4) from a pose vector (6,) [m, rad]."""
+    return make_pose(so3_exp(pose[3:]), pose[:3])
 
 
 def pose_from_matrix(X: Array) -> Pose6:
     """Pose vector (6,) of a (4, 4) pose, the rotation vector no longer than pi."""
-    (xx, yx, zx, px), (xy, yy, zy, py), (xz, yz, zz, pz), _ = X.tolist()
-    qx, qy, qz, qw = _quaternion(xx, yx, zx, xy, yy, zy, xz, yz, zz)
-    if qw < 0.0:
-        qx, qy, qz, qw = -qx, -qy, -qz, -qw
-    length = hypot(qx, qy, qz)
-    scale = 2.0 if length < 1e-9 else 2.0 * atan2(length, qw) / length
-    return px, py, pz, scale * qx, scale * qy, scale * qz
-
-
-def _quaternion(
-    xx: float, yx: float, zx: float, xy: float, yy: float, zy: float, xz: float, yz: float, zz: float
-) -> tuple[float, float, float, float]:
-    """x, y, z, w of the rotation with columns (xx, xy, xz), ..., by the largest component (Shepperd)."""
-    parts = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
-    largest = parts.index(max(parts))
-    s = 0.5 / sqrt(parts[largest])
-    if largest == 3:
-        return s * (yz - zy), s * (zx - xz), s * (xy - yx), s * parts[3]
-    if largest == 0:
-        return s * parts[0], s * (yx + xy), s * (zx + xz), s * (yz - zy)
-    if largest == 1:
-        return s * (yx + xy), s * parts[1], s * (zy + yz), s * (zx - xz)
-    return s * (zx + xz), s * (zy + yz), s * parts[2], s * (xy - yx)
+    x, y, z = X[:3, 3].tolist()
+    rx, ry, rz = so3_log(X[:3, :3]).tolist()
+    return x, y, z, rx, ry, rz

@@ -9,9 +9,9 @@ from seed_control.command.lag import LagEstimate
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
 from seed_control.command.workspace import Workspace
 from seed_control.parameters import ControllerParameters
-from seed_core.quaternion import NO_TURN, quaternion
+from seed_core.quaternion import IDENTITY, as_quaternion
 from seed_core.spatial import Array
-from seed_core.vector3 import Triple, placed, triple
+from seed_core.vector3 import Vector3, as_vector3, transformed
 
 BANDWIDTH = 80.0  # [rad/s] of the smoothing
 TRAIL = 2.0 / BANDWIDTH  # [s] by which a smoothed command trails in steady motion
@@ -26,7 +26,7 @@ class Command:
 
     def __init__(self, parameters: ControllerParameters, X_EC: Array) -> None:
         p = parameters
-        self._R_CE, self._p_EC = X_EC[:3, :3].T.copy(), triple(X_EC[:3, 3])
+        self._R_CE, self._p_EC = X_EC[:3, :3].T.copy(), as_vector3(X_EC[:3, 3])
         self._limiter = PoseLimiter(
             VectorLimiter(p.max_speed, p.max_acceleration, p.max_jerk, BANDWIDTH),
             VectorLimiter(p.max_angular_speed, p.max_angular_acceleration, p.max_angular_jerk, BANDWIDTH),
@@ -34,7 +34,7 @@ class Command:
         )
         self._workspace = Workspace(p, self._p_EC)
         self._lag = LagEstimate(p.servo_lag)
-        self._q_WE = NO_TURN  # wanted
+        self._q_WE = IDENTITY  # wanted
         self.started = False
 
     @property
@@ -43,7 +43,7 @@ class Command:
         return self._limiter.pose
 
     @property
-    def p_WC(self) -> Triple:
+    def p_WC(self) -> Vector3:
         """Where the command has C [m]."""
         return self._limiter.p
 
@@ -60,7 +60,7 @@ class Command:
 
     def turn_to(self, R_WC: Array) -> None:
         """Wanted rotation (3, 3) of the gripper from now on."""
-        self._q_WE = quaternion(R_WC @ self._R_CE)
+        self._q_WE = as_quaternion(R_WC @ self._R_CE)
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
@@ -68,9 +68,9 @@ class Command:
 
     def compare(self, X_WE: Array, dt: float) -> None:
         """Learn from where the arm is (4, 4), a step of dt [s] later, how far it trails."""
-        self._lag.update(self._limiter.p, placed(X_WE.tolist(), self._p_EC), self._limiter.linear.v, dt)
+        self._lag.update(self._limiter.p, transformed(X_WE.tolist(), self._p_EC), self._limiter.linear.v, dt)
 
-    def towards(self, p_WC: Triple, dt: float, speed: float) -> tuple[str, ...]:
+    def towards(self, p_WC: Vector3, dt: float, speed: float) -> tuple[str, ...]:
         """One step of dt [s] towards a place of C [m], at most at speed [m/s]; names the limits that it met."""
         limiter = self._limiter
         inside = self._workspace.within(p_WC, self._q_WE)

@@ -8,7 +8,7 @@ import numpy as np
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import Measurement
 from seed_core.spatial import Array, rpy_from_rotation
-from seed_core.vector3 import Triple, minus
+from seed_core.vector3 import Vector3, minus
 
 _IMAGES = 3  # in a row that must agree on an overload
 
@@ -19,7 +19,7 @@ class Guard:
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
         self._too_far = 0
-        self._free_from: Triple | None = None  # commanded position at which the approach without contact began
+        self._free_from: Vector3 | None = None  # commanded position at which the approach without contact began
 
     def overload(self, m: Measurement) -> str:
         """Per image: the grasp is deflected or loaded beyond what it endures, in three images in a row."""
@@ -43,7 +43,7 @@ class Guard:
         """The tool touches, or nothing is sought: the next approach is counted from its own start."""
         self._free_from = None
 
-    def free_travel(self, p_WC: Triple, normals: Array) -> str:
+    def free_travel(self, p_WC: Vector3, normals: Array) -> str:
         """Per step of an approach: the command p_WC [m] has gone too far along the force directions normals (m, 3)."""
         if self._free_from is None:
             self._free_from = p_WC

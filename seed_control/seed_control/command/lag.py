@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from seed_core.vector3 import Triple
+from seed_core.vector3 import Vector3
 
 _FORGET = 2.0  # [s] of motion
 _GUESS = 0.05**2 * 0.2  # [m^2/s]; the first guess weighs as much as 0.2 s at 50 mm/s
@@ -17,7 +17,7 @@ class LagEstimate:
         self._top, self._bottom = guess * _GUESS, _GUESS
         self.lag = guess
 
-    def update(self, command: Triple, measured: Triple, velocity: Triple, dt: float) -> None:
+    def update(self, command: Vector3, measured: Vector3, velocity: Vector3, dt: float) -> None:
         """One step: commanded and measured position [m], velocity of the command [m/s]."""
         (u, v, w), (a, b, c), (x, y, z) = velocity, command, measured
         square = u * u + v * v + w * w

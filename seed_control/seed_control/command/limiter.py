@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from math import sqrt
 
-from seed_core.quaternion import NO_TURN, Quaternion, pose_of, quaternion, turn_between, turned_on
+from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
 from seed_core.spatial import Array
-from seed_core.vector3 import Triple, placed, plus
+from seed_core.vector3 import Vector3, plus, transformed
 
 
 class VectorLimiter:
@@ -19,8 +19,8 @@ class VectorLimiter:
 
     def __init__(self, speed: float, acceleration: float, jerk: float, bandwidth: float) -> None:
         self.speed, self.acceleration, self.jerk, self.bandwidth = speed, acceleration, jerk, bandwidth
-        self.v: Triple = (0.0, 0.0, 0.0)
-        self.a: Triple = (0.0, 0.0, 0.0)
+        self.v: Vector3 = (0.0, 0.0, 0.0)
+        self.a: Vector3 = (0.0, 0.0, 0.0)
         self.limited = False
 
     def reset(self) -> None:
@@ -28,7 +28,7 @@ class VectorLimiter:
         self.v = self.a = (0.0, 0.0, 0.0)
         self.limited = False
 
-    def advance(self, dx: float, dy: float, dz: float, dt: float, speed: float) -> Triple:
+    def advance(self, dx: float, dy: float, dz: float, dt: float, speed: float) -> Vector3:
         """Step (3,) of the point in dt [s] towards a target that lies (dx, dy, dz) away; speed [m/s] bounds it now."""
         w = self.bandwidth
         distance = sqrt(dx * dx + dy * dy + dz * dz)
@@ -38,11 +38,11 @@ class VectorLimiter:
         self.limited = wanted > min(self.speed, speed)
         return self._towards(dx * scale, dy * scale, dz * scale, dt)
 
-    def stop(self, dt: float) -> Triple:
+    def stop(self, dt: float) -> Vector3:
         """Step (3,) of the point in dt [s] while it comes to rest."""
         return self._towards(0.0, 0.0, 0.0, dt)
 
-    def _towards(self, vx: float, vy: float, vz: float, dt: float) -> Triple:
+    def _towards(self, vx: float, vy: float, vz: float, dt: float) -> Vector3:
         """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds."""
         gain = min(2.0 * self.bandwidth, 1.0 / dt)
         (ux, uy, uz), (bx, by, bz) = self.v, self.a
@@ -68,30 +68,30 @@ class PoseLimiter:
         point: (3,) [m] in the body, whose speed `linear` limits.
     """
 
-    def __init__(self, linear: VectorLimiter, angular: VectorLimiter, point: Triple = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, linear: VectorLimiter, angular: VectorLimiter, point: Vector3 = (0.0, 0.0, 0.0)) -> None:
         self.linear, self.angular, self.point = linear, angular, point
-        self.p: Triple = point  # of the point, in the parent frame
-        self.q: Quaternion = NO_TURN  # of the body
+        self.p: Vector3 = point  # of the point, in the parent frame
+        self.q: Quaternion = IDENTITY  # of the body
 
     def reset(self, X: Array) -> None:
         """At rest with the body at X (4, 4)."""
-        self.p, self.q = placed(X.tolist(), self.point), quaternion(X[:3, :3])
+        self.p, self.q = transformed(X.tolist(), self.point), as_quaternion(X[:3, :3])
         self.linear.reset()
         self.angular.reset()
 
-    def advance(self, p: Triple, q: Quaternion, dt: float, speed: float) -> None:
+    def advance(self, p: Vector3, q: Quaternion, dt: float, speed: float) -> None:
         """One step of dt [s] towards the point's place p [m] and rotation q; speed [m/s] bounds it now."""
         (x, y, z), (a, b, c) = self.p, p
         u, v, w = self.linear.advance(a - x, b - y, c - z, dt, speed)
         self.p = x + u, y + v, z + w
-        self.q = turned_on(self.q, self.angular.advance(*turn_between(q, self.q), dt, self.angular.speed))
+        self.q = turned(self.q, self.angular.advance(*turn_towards(q, self.q), dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
         self.p = plus(self.p, self.linear.stop(dt))
-        self.q = turned_on(self.q, self.angular.stop(dt))
+        self.q = turned(self.q, self.angular.stop(dt))
 
     @property
     def pose(self) -> Array:
         """The commanded pose (4, 4), a copy."""
-        return pose_of(self.q, self.p, self.point)
+        return to_pose(self.p, self.q, self.point)

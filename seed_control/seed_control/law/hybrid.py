@@ -20,7 +20,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Gauge, Measurement
 from seed_control.wrench.filters import ToolFilter
 from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
-from seed_core.vector3 import Triple, triple
+from seed_core.vector3 import Vector3, as_vector3
 
 
 class HybridLaw:
@@ -50,7 +50,7 @@ class HybridLaw:
         return self.touch.made
 
     # --- set-point ---------------------------------------------------------------------------------------------
-    def adopt(self, setpoint: HybridSetpoint, p_WC: Triple) -> None:
+    def adopt(self, setpoint: HybridSetpoint, p_WC: Vector3) -> None:
         """Follow a set-point from now on; p_WC is the commanded gripper position [m], for a start without a jump."""
         before = self.setpoint
         self.setpoint = setpoint
@@ -69,12 +69,12 @@ class HybridLaw:
     def _task_axes(self, s: HybridSetpoint) -> None:
         self.R_W_task = self.tool.R_WT @ self.R_tipT.T if s.task_frame == "tool" else s.R_W_task
 
-    def _new_directions(self, s: HybridSetpoint, p_WC: Triple) -> None:
+    def _new_directions(self, s: HybridSetpoint, p_WC: Vector3) -> None:
         """Other force directions than before: contact is to be found anew."""
         p = self.parameters
         tuning = ObserverTuning(1e-3 * p.surface_noise, p.slope_noise, 2e-3, p.slope_prior, p.compliance_prior)
         self.walk.observers = [SurfaceObserver(tuning) for _ in range(round(float(s.force_projector.trace())))]
-        self.walk.undeflected = triple(np.array(p_WC) + self.tool.R_WT @ self.gauge.p_Ttip)
+        self.walk.undeflected = as_vector3(np.array(p_WC) + self.tool.R_WT @ self.gauge.p_Ttip)
         self.touch.reset()
 
     def release(self) -> None:
@@ -147,13 +147,13 @@ class HybridLaw:
         if not self.features.feedforward:
             tip_to_C = -(s.X_W_tip[:3, :3] @ self.R_tipT @ self.gauge.p_Ttip)
         return Plan(
-            normals=[triple(n) for n in self.normals],
+            normals=[as_vector3(n) for n in self.normals],
             wanted=self._wanted.tolist(),
             deflections=(self.normals @ d).tolist(),
             softness=1.0 / self.gauge.mean_stiffness,
-            tip=triple(self.tool.tip),
-            lever=triple(self.tool.R_WT @ self.gauge.p_Ttip),
-            tip_to_C=triple(tip_to_C),
+            tip=as_vector3(self.tool.tip),
+            lever=as_vector3(self.tool.R_WT @ self.gauge.p_Ttip),
+            tip_to_C=as_vector3(tip_to_C),
             approach_speed=s.approach_speed or self.parameters.approach_speed,
         )
 
@@ -168,7 +168,7 @@ class HybridLaw:
         torque = self._gimbal_torque(s, P)
         k = self.gauge.bushing.stiffness.rotation
         try:
-            wanted = partial_angles(k, triple(torque), triple(angles), s.torque_axes, float(angles[1]))
+            wanted = partial_angles(k, as_vector3(torque), as_vector3(angles), s.torque_axes, float(angles[1]))
         except PartialInverseError:
             self.limits += ("torque domain",)
             return

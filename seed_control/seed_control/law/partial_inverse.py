@@ -15,8 +15,8 @@ from scipy.optimize import brentq
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
+from seed_core.vector3 import Vector3
 
-Triple = tuple[float, float, float]
 Selection = tuple[bool, bool, bool]
 PITCH_RANGE = np.deg2rad(60.0)  # [rad]; twice of what the grasp endures before slip
 
@@ -26,8 +26,8 @@ class PartialInverseError(SeedError):
 
 
 def partial_angles(
-    k: Triple, torque: Triple, angles: Triple, is_torque: Selection, near_pitch: float | None = None
-) -> Triple:
+    k: Vector3, torque: Vector3, angles: Vector3, is_torque: Selection, near_pitch: float | None = None
+) -> Vector3:
     """Roll, pitch, yaw [rad] with torque[i] where is_torque[i], and equal to angles[i] where not.
 
     Args:
@@ -82,7 +82,7 @@ def _within(pitch: float, torque: float) -> float:
     return pitch
 
 
-def _pitch_by_root(k: Triple, ty: float, roll: float, tz: float, c2: float, s2: float, near: float | None) -> float:
+def _pitch_by_root(k: Vector3, ty: float, roll: float, tz: float, c2: float, s2: float, near: float | None) -> float:
     """Root in p of F(p) = s2 (kr r + tz sin p) / cos p + c2 kp p - ty within PITCH_RANGE."""
     kp, a = k[1], k[0] * roll
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_core.vector3 import Triple, along, dot, triple
+from seed_core.vector3 import Vector3, as_vector3, dot, plus_scaled
 
 MAX_SHARE = 0.85  # of beta: beyond it the environment gives way more than the grasp and 1 / (1 - beta) is mostly noise
 _GATE = 9.0  # squared innovation over its variance (3 sigma)
@@ -86,14 +86,14 @@ class SurfaceObserver:
         self.P -= np.outer(gain, Ph)
         return innovation
 
-    def course(self, n: Triple, deflection: float) -> tuple[float, Triple]:
+    def course(self, n: Vector3, deflection: float) -> tuple[float, Vector3]:
         """Height c along n at which c - y is the deflection [m] wanted, wherever the tip is going to be.
 
         Returns offset [m] and gradient (3,): with the tip at (3,) in W, c = offset + gradient . tip.
         """
         height, *g, share = self.x.tolist()
-        gain, place = 1.0 / (1.0 - share), triple(self.anchor)
-        x, y, z = along(g, -dot(g, n), n)  # across n
+        gain, place = 1.0 / (1.0 - share), as_vector3(self.anchor)
+        x, y, z = plus_scaled(g, -dot(g, n), n)  # across n
         gradient = gain * x, gain * y, gain * z
         start = self._c0 + gain * (height - self._c0 + deflection)
         return dot(n, place) + start - dot(gradient, place), gradient

@@ -11,7 +11,7 @@ from seed_control.law.features import Features
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_core.vector3 import Triple, along, dot, minus, plus
+from seed_core.vector3 import Vector3, dot, minus, plus, plus_scaled
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
@@ -33,13 +33,13 @@ class Plan(NamedTuple):
         approach_speed: towards contact [m/s].
     """
 
-    normals: Sequence[Triple]
+    normals: Sequence[Vector3]
     wanted: Sequence[float]
     deflections: Sequence[float]
     softness: float
-    tip: Triple
-    lever: Triple
-    tip_to_C: Triple
+    tip: Vector3
+    lever: Vector3
+    tip_to_C: Vector3
     approach_speed: float
 
 
@@ -53,9 +53,9 @@ class Course(NamedTuple):
         reach: [m] that may be covered within one loop time.
     """
 
-    normal: Triple
+    normal: Vector3
     offset: float
-    gradient: Triple
+    gradient: Vector3
     speed: float
     reach: float
 
@@ -70,7 +70,7 @@ class Walk:
     def reset(self) -> None:
         """No set-point, no force direction."""
         self.observers: list[SurfaceObserver] = []  # one per force direction
-        self.undeflected: Triple = _ORIGIN  # commanded place of the tip if the grasp were not deflected
+        self.undeflected: Vector3 = _ORIGIN  # commanded place of the tip if the grasp were not deflected
         self._courses: list[Course] = []
         self._lever = self._tip_to_undeflected = _ORIGIN
 
@@ -79,7 +79,7 @@ class Walk:
         self._lever, self._tip_to_undeflected = plan.lever, plus(plan.tip_to_C, plan.lever)
         self._courses = [self._course(i, plan, contact) for i in range(len(self.observers))]
 
-    def target(self, s: HybridSetpoint, dt: float, lead: float, loop_time: float) -> Triple:
+    def target(self, s: HybridSetpoint, dt: float, lead: float, loop_time: float) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
 
         Args:
@@ -93,7 +93,7 @@ class Walk:
             now = dot(n, self.undeflected)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             step = min(max(offset + dot(gradient, tip) - now, -bound), bound)
-            goal = along(goal, now + step - dot(n, path), n)
+            goal = plus_scaled(goal, now + step - dot(n, path), n)
         self.undeflected = goal
         return minus(goal, self._lever)
 
@@ -108,7 +108,7 @@ class Walk:
         # before contact the grasp must not deflect further within a loop than wanted
         return Course(n, offset, gradient, v, _APPROACH_SHARE * needed)
 
-    def _height(self, i: int, plan: Plan, contact: bool) -> tuple[float, Triple]:
+    def _height(self, i: int, plan: Plan, contact: bool) -> tuple[float, Vector3]:
         """Wanted height along normal i as offset and gradient over the tip's place."""
         n = plan.normals[i]
         if contact and self.features.observer:

@@ -14,7 +14,7 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, SpatialError, Wrench, check_pose
-from seed_core.vector3 import Triple, triple
+from seed_core.vector3 import Vector3, as_vector3
 
 TaskFrame = Literal["world", "tool", "surface"]
 TASK_FRAMES = ("world", "tool", "surface")
@@ -93,7 +93,7 @@ class HybridSetpoint:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
     stamp: float | None = None
-    motion: tuple[Triple, Triple] = field(init=False, repr=False)  # tip's place and velocity once more, for each step
+    motion: tuple[Vector3, Vector3] = field(init=False, repr=False)  # tip's place and velocity once more, for each step
 
     def __post_init__(self) -> None:
         _check_frame(self.task_frame, TASK_FRAMES)
@@ -113,7 +113,7 @@ class HybridSetpoint:
 
     def _put_motion(self, X_W_tip: Array, velocity: Array) -> None:
         X, v = _checked_pose(X_W_tip, "X_W_tip"), _checked_vector(velocity, "velocity", "m/s")
-        self.__dict__.update(X_W_tip=X, velocity=v, motion=(triple(X[:3, 3]), triple(v)))
+        self.__dict__.update(X_W_tip=X, velocity=v, motion=(as_vector3(X[:3, 3]), as_vector3(v)))
 
     def _check_selection(self) -> None:
         stray = self.wrench.force - self.force_projector @ self.wrench.force

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import ceil, hypot, sqrt
+from math import ceil, sqrt
 
-from seed_driver.motion.rotation import Quaternion, Vector, difference, turned
+from seed_core.quaternion import Quaternion, turn_between, turned
+from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled
 
-ZERO: Vector = (0.0, 0.0, 0.0)
 APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate
 BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest is margin
 
@@ -31,14 +31,14 @@ class Bounds:
     acceleration: float
     turning_acceleration: float
     jerk: float
-    low: Vector  # workspace corner [m]
-    high: Vector
+    low: Vector3  # workspace corner [m]
+    high: Vector3
 
 
 class Reference:
     """Stage 1: joins targets of any rate by straight lines."""
 
-    def __init__(self, p: Vector, q: Quaternion) -> None:
+    def __init__(self, p: Vector3, q: Quaternion) -> None:
         self.p, self.q = p, q
         self.velocity, self.turning = ZERO, ZERO
         self._goal = (p, q)
@@ -47,18 +47,18 @@ class Reference:
         self._last = float("-inf")
         self._feed = (ZERO, ZERO)
 
-    def set_goal(self, p: Vector, q: Quaternion, now: float, longest: float) -> None:
+    def set_goal(self, p: Vector3, q: Quaternion, now: float, longest: float) -> None:
         """A new target at time `now` [s]; targets are taken to come at most `longest` [s] apart."""
         gap = min(longest, now - self._last)
         self._interval = gap if gap >= longest or not self._interval else 0.8 * self._interval + 0.2 * gap
         self._last, self._goal = now, (p, q)
         self._left = max(1e-4, min(longest, 1.25 * self._interval))
-        velocity = _scaled(_minus(p, self.p), 1.0 / self._left)
-        turning = _scaled(difference(q, self.q), 1.0 / self._left)
-        self._feed = _no_longer(velocity, _length(self.velocity)), _no_longer(turning, _length(self.turning))
+        velocity = scaled(minus(p, self.p), 1.0 / self._left)
+        turning = scaled(turn_between(q, self.q), 1.0 / self._left)
+        self._feed = capped(velocity, norm(self.velocity)), capped(turning, norm(self.turning))
         self.velocity, self.turning = velocity, turning
 
-    def step(self, dt: float) -> tuple[Vector, Vector]:
+    def step(self, dt: float) -> tuple[Vector3, Vector3]:
         """Advance; returns the velocity and angular velocity to feed forward (no more than the last line had)."""
         if self._left <= 0.0:
             self.velocity = self.turning = ZERO
@@ -68,32 +68,32 @@ class Reference:
         if self._left <= 1e-9:
             (self.p, self.q), self._left = self._goal, 0.0
         else:
-            self.p = _plus(self.p, _scaled(self.velocity, share))
-            self.q = turned(self.q, _scaled(self.turning, share))
+            self.p = plus(self.p, scaled(self.velocity, share))
+            self.q = turned(self.q, scaled(self.turning, share))
         return self._feed
 
 
 class Follower:
     """Stages 2 and 3. `p`, `q` is the command [m, quaternion]; `velocity`, `turning` belong to stage 2."""
 
-    def __init__(self, p: Vector, q: Quaternion, dt: float) -> None:
+    def __init__(self, p: Vector3, q: Quaternion, dt: float) -> None:
         self.dt = dt
         self.restart(p, q)
 
-    def restart(self, p: Vector, q: Quaternion) -> None:
+    def restart(self, p: Vector3, q: Quaternion) -> None:
         """Stand still at a pose."""
         self.inner_p, self.inner_q, self.p, self.q = p, q, p, q
         self.velocity, self.turning = ZERO, ZERO
-        self._steps: deque[tuple[Vector, Vector]] = deque()  # newest first
+        self._steps: deque[tuple[Vector3, Vector3]] = deque()  # newest first
 
-    def propose(self, reference: Reference | None, feed: tuple[Vector, Vector], b: Bounds) -> None:
+    def propose(self, reference: Reference | None, feed: tuple[Vector3, Vector3], b: Bounds) -> None:
         """Stage 2: choose the velocity of this step; with no reference, brake."""
         dt = self.dt
         if reference is None:
             goal = turning_goal = ZERO
         else:
-            gap = _minus(reference.p, self.inner_p)
-            lean = difference(reference.q, self.inner_q)
+            gap = minus(reference.p, self.inner_p)
+            lean = turn_between(reference.q, self.inner_q)
             goal = _chase(gap, feed[0], b.speed, b.acceleration)
             turning_goal = _chase(lean, feed[1], b.turning, b.turning_acceleration)
         self.velocity = _towards(self.velocity, goal, b.acceleration * dt)
@@ -101,13 +101,13 @@ class Follower:
 
     def slow(self, share: float) -> None:
         """Scale this step's velocity, e.g. because a joint would be too fast."""
-        self.velocity, self.turning = _scaled(self.velocity, share), _scaled(self.turning, share)
+        self.velocity, self.turning = scaled(self.velocity, share), scaled(self.turning, share)
 
-    def next_pose(self) -> tuple[Vector, Quaternion]:
+    def next_pose(self) -> tuple[Vector3, Quaternion]:
         """Where stage 2 would be after this step."""
         return (
-            _plus(self.inner_p, _scaled(self.velocity, self.dt)),
-            turned(self.inner_q, _scaled(self.turning, self.dt)),
+            plus(self.inner_p, scaled(self.velocity, self.dt)),
+            turned(self.inner_q, scaled(self.turning, self.dt)),
         )
 
     def advance(self, b: Bounds) -> None:
@@ -122,7 +122,7 @@ class Follower:
             self.p, self.q = p, q  # at rest, and nothing of the past left
             return
         length = max(1, ceil(2.0 * b.acceleration / (b.jerk * self.dt)))
-        self._steps.appendleft((_minus(p, old), _scaled(self.turning, self.dt)))
+        self._steps.appendleft((minus(p, old), scaled(self.turning, self.dt)))
         while len(self._steps) >= length and self._steps:
             self._steps.pop()
         self._smooth(length)
@@ -139,7 +139,7 @@ class Follower:
             weight = (length - 1 - i) / length
             back = back[0] + weight * step[0], back[1] + weight * step[1], back[2] + weight * step[2]
             lean = lean[0] - weight * turn[0], lean[1] - weight * turn[1], lean[2] - weight * turn[2]
-        self.p = _minus(self.inner_p, back)
+        self.p = minus(self.inner_p, back)
         self.q = turned(self.inner_q, lean)
 
     @property
@@ -148,34 +148,13 @@ class Follower:
         return not any(self.velocity) and not any(self.turning) and not any(any(p) or any(r) for p, r in self._steps)
 
 
-def _chase(error: Vector, feed: Vector, top: float, acceleration: float) -> Vector:
-    distance = _length(error)
+def _chase(error: Vector3, feed: Vector3, top: float, acceleration: float) -> Vector3:
+    distance = norm(error)
     if distance == 0.0:
-        return _no_longer(feed, top)
+        return capped(feed, top)
     speed = min(sqrt(2.0 * BRAKE_SHARE * acceleration * distance), APPROACH * distance)
-    return _no_longer(_plus(feed, _scaled(error, speed / distance)), top)
+    return capped(plus(feed, scaled(error, speed / distance)), top)
 
 
-def _towards(start: Vector, goal: Vector, step: float) -> Vector:
-    return _plus(start, _no_longer(_minus(goal, start), step))
-
-
-def _no_longer(v: Vector, top: float) -> Vector:
-    length = _length(v)
-    return v if length <= top else _scaled(v, top / length)
-
-
-def _length(v: Vector) -> float:
-    return hypot(v[0], v[1], v[2])
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _scaled(v: Vector, s: float) -> Vector:
-    return v[0] * s, v[1] * s, v[2] * s
+def _towards(start: Vector3, goal: Vector3, step: float) -> Vector3:
+    return plus(start, capped(minus(goal, start), step))

@@ -6,9 +6,10 @@ Knows neither robot nor node; `look` and `step` are called once per servo cycle 
 
 from __future__ import annotations
 
+from seed_core.quaternion import to_pose
+from seed_core.vector3 import ZERO
 from seed_driver.config import DriverConfig
-from seed_driver.motion.limiter import ZERO, Bounds, Follower, Reference
-from seed_driver.motion.rotation import pose_matrix
+from seed_driver.motion.limiter import Bounds, Follower, Reference
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 from seed_ur.kinematics import KinematicsError, URKinematics
 
@@ -94,12 +95,12 @@ class Motion:
         """Slow down where a joint would be too fast (near singularities); stop where there is no way."""
         f = self.follower
         try:
-            q = self.arm.follow(pose_matrix(*f.next_pose()), self._guard_q)
+            q = self.arm.follow(to_pose(*f.next_pose()), self._guard_q)
             share = self._joint_share(q, dt)
             self._calm = 3 if share > 8.0 else int(share > 3.0)
             if share < 1.0:
                 f.slow(share)
-                q = self.arm.follow(pose_matrix(*f.next_pose()), self._guard_q)
+                q = self.arm.follow(to_pose(*f.next_pose()), self._guard_q)
                 if self._joint_share(q, dt) < 0.9:
                     f.slow(0.0)  # a branch ends here
                     return ""

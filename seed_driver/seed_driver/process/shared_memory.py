@@ -14,7 +14,8 @@ import struct
 from enum import IntEnum
 from typing import NamedTuple
 
-from seed_driver.motion.rotation import Quaternion, Vector
+from seed_core.quaternion import Quaternion
+from seed_core.vector3 import Vector3
 
 _TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
 _COUNTER = struct.Struct("<Q")
@@ -57,7 +58,7 @@ class Sample(NamedTuple):
     q: tuple[float, ...]  # [rad]
     qd: tuple[float, ...]  # [rad/s]
     current: tuple[float, ...]  # [A]
-    p: Vector  # of the flange [m]
+    p: Vector3  # of the flange [m]
     orientation: Quaternion
     twist: tuple[float, ...]  # of the flange's origin: linear, angular
     wrench: tuple[float, ...]  # of the environment on the tool about the TCP: force, torque

@@ -11,8 +11,9 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from seed_core.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
+from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import Quaternion, Vector, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_driver.process.shared_memory import Modes, Sample
 from seed_driver.robot import link, probe
 from seed_driver.robot.probe import LinkError
@@ -151,7 +152,7 @@ class Robot:
             self._slider.ask("I", b"speed_slider_mask,speed_slider_fraction")
         self._slider.send(struct.pack(">BId", 1, 1, fraction))
 
-    def servo(self, p: Vector, q: Quaternion, period: float) -> None:
+    def servo(self, p: Vector3, q: Quaternion, period: float) -> None:
         """Stream one flange pose."""
         c = self.config
         if not any(c.tcp):
@@ -169,7 +170,7 @@ class Robot:
             self.control.stopScript()
 
 
-def _split(pose: Sequence[float]) -> tuple[Vector, Quaternion]:
+def _split(pose: Sequence[float]) -> tuple[Vector3, Quaternion]:
     """Position and quaternion of a pose vector."""
     return (pose[0], pose[1], pose[2]), from_rotation_vector((pose[3], pose[4], pose[5]))
 

@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from tf2_msgs.msg import TFMessage
 
+from seed_core.quaternion import rotate
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import rotate
 from seed_driver.process.shared_memory import Sample, Stage, State
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.loop import QUIET_OUT

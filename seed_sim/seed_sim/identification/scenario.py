@@ -9,7 +9,8 @@ from pathlib import Path
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.files import shared_path
-from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool, Vector
+from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.vector3 import Vector3
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sysid.parameters import Procedure
 from seed_sysid.stiffness_map import AXES
@@ -60,7 +61,7 @@ class Weight:
     """The calibrated weight of the procedure without a force sensor."""
 
     mass: float = field(0.5, unit="kg", low=0.01, high=10.0, doc="known mass")
-    center_of_mass: Vector = field((0.0, 0.0, 0.0), unit="m", low=-0.5, high=0.5, doc="known centre of mass in T")
+    center_of_mass: Vector3 = field((0.0, 0.0, 0.0), unit="m", low=-0.5, high=0.5, doc="known centre of mass in T")
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class IdentificationScenario:
     repeatability: float = field(6e-5, unit="m", low=0.0, high=0.01, doc="of the arm, per axis and pose")
     repeatability_deg: float = field(0.02, unit="deg", low=0.0, high=5.0, doc="of the arm, per axis and pose")
     rate: float = field(10.0, unit="1/s", low=2.0, high=1000.0, doc="readings per second")
-    sensor_position: Vector = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="nominal sensor frame in T")
-    sensor_rpy_deg: Vector = field((180.0, 0.0, 30.0), unit="deg", low=-360.0, high=360.0, doc="its nominal turn")
+    sensor_position: Vector3 = field((0.0, 0.0, 0.06), unit="m", low=-1.0, high=1.0, doc="nominal sensor frame in T")
+    sensor_rpy_deg: Vector3 = field((180.0, 0.0, 30.0), unit="deg", low=-360.0, high=360.0, doc="its nominal turn")
     estimator: str = field("rigid_fit", doc="method of the pose estimator, for --poses estimator")
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images, for --poses estimator")
     hand: Hand = field(Hand())

@@ -10,12 +10,11 @@ import numpy as np
 
 from seed_core.config import field
 from seed_core.spatial import Array, pose_from_rpy
+from seed_core.vector3 import Vector3
 
 _PERIODS = (2.9, 4.7, 7.3)  # [s]; no two have a common multiple within a run
 _STEP_OF_AXIS = 0.071  # each axis has periods of its own
 _SOFT_START = 1.0  # [s]
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,9 @@ class TrajectorySection:
 
     duration: float = field(25.0, unit="s", low=1.0, high=3600.0, doc="of the motion")
     rate: float = field(45.0, unit="Hz", low=1.0, high=200.0, doc="pairs of images per second")
-    translation_mm: Vector = field((4.5, 2.1, 3.0), unit="mm rms", low=0.0, high=20.0, doc="x, y, z")
-    rotation_deg: Vector = field((8.0, 6.0, 6.0), unit="deg rms", low=0.0, high=30.0, doc="roll, pitch, yaw")
-    peak_deg: Vector | None = field(None, unit="deg", low=0.0, high=60.0, doc="largest roll, pitch, yaw, not rms")
+    translation_mm: Vector3 = field((4.5, 2.1, 3.0), unit="mm rms", low=0.0, high=20.0, doc="x, y, z")
+    rotation_deg: Vector3 = field((8.0, 6.0, 6.0), unit="deg rms", low=0.0, high=30.0, doc="roll, pitch, yaw")
+    peak_deg: Vector3 | None = field(None, unit="deg", low=0.0, high=60.0, doc="largest roll, pitch, yaw, not rms")
     score_from: float = field(0.0, unit="s", low=0.0, high=600.0, doc="frames before it are not scored")
 
 

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
+from seed_core.quaternion import Quaternion
+from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.rotation import Quaternion, Vector
 from seed_driver.process.shared_memory import State
 from seed_driver.process.supervisor import Reply, Supervisor
 from seed_ur.standin_client import StandIn, private_host
 
-Path = Callable[[float], tuple[Vector, Quaternion]]
+Path = Callable[[float], tuple[Vector3, Quaternion]]
 STEP = 0.004  # [s] between targets: a 250 Hz controller
 
 
@@ -120,7 +121,7 @@ class Rig:
         x, y, z, *q = self.state.command
         turn: Quaternion = (q[0], q[1], q[2], q[3])
 
-        def path(t: float) -> tuple[Vector, Quaternion]:
+        def path(t: float) -> tuple[Vector3, Quaternion]:
             return (x, y + amplitude * (1.0 - math.cos(rate * t)), z), turn
 
         self.follow(path)
