@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from seed_core.bushing import MODELS, Model, Stiffness
 from seed_core.config import field
-from seed_core.hand import DEFAULT_STIFFNESS, Vector
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.vector3 import Vector3
 
 
 @dataclass(frozen=True)
@@ -15,8 +16,8 @@ class ExcitationParameters:
     """Which poses are visited around the grasp."""
 
     poses: int = field(60, low=12, high=1000, doc="poses at each grip, repeats of the centre included")
-    translation: Vector = field((0.006, 0.005, 0.006), unit="m", low=1e-4, high=0.03, doc="largest along x, y, z")
-    rotation_deg: Vector = field((12.0, 12.0, 12.0), unit="deg", low=0.1, high=30.0, doc="largest roll, pitch, yaw")
+    translation: Vector3 = field((0.006, 0.005, 0.006), unit="m", low=1e-4, high=0.03, doc="largest along x, y, z")
+    rotation_deg: Vector3 = field((12.0, 12.0, 12.0), unit="deg", low=0.1, high=30.0, doc="largest roll, pitch, yaw")
     combined: float = field(0.8, low=0.1, high=1.0, doc="share of these when several are moved at once")
     guess: Stiffness = field(DEFAULT_STIFFNESS, doc="rough stiffness, for planning within the wrench limit only")
     homes: int = field(4, low=2, high=50, doc="visits of the centre, spread over the poses: they show drift")
