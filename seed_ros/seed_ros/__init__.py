@@ -1,2 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers at the ROS edge: conversions, parameters, TF, images, diagnostics."""
+"""Base of the suite's nodes, and what they share at the ROS edge. Images are in `seed_ros.images`."""
+
+from seed_ros import conversions, diagnostics
+from seed_ros.conversions import MessageError
+from seed_ros.diagnostics import Counters, Diagnostics
+from seed_ros.frames import FrameNames
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import SeedNode, TransformBroadcaster, run
+from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR
+
+__all__ = [
+    "CLOCK",
+    "COMMAND",
+    "LATCHED",
+    "QUEUE",
+    "SENSOR",
+    "Counters",
+    "Diagnostics",
+    "FixedRateLoop",
+    "FrameNames",
+    "MessageError",
+    "SeedNode",
+    "TransformBroadcaster",
+    "conversions",
+    "diagnostics",
+    "run",
+]

@@ -14,25 +14,27 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from math import inf
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import ROSClock
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import (
     ExternalShutdownException,
     ShutdownException,
     SingleThreadedExecutor,
     TimeoutException,
 )
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 
+from seed_ros import private_rclpy
 from seed_ros.qos import CLOCK
 
 PERIODS = 2500  # of the last ten seconds, for percentiles
@@ -46,8 +48,7 @@ BUSY = 0.5  # [s]
 CALLBACKS = 4  # of these per look
 MOST = 50  # messages taken from one stream per period
 
-QUIET_OUT = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
-QUIET_IN = SubscriptionEventCallbacks(use_default_callbacks=False)
+QUIET = SubscriptionEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
 
 
 class _Polled(CallbackGroup):
@@ -66,10 +67,10 @@ class _Polled(CallbackGroup):
 class RestExecutor(SingleThreadedExecutor):
     """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
 
-    def run_some(self) -> bool:
+    def run_some(self, most: int = CALLBACKS) -> bool:
         """Run the callbacks that are ready now, a few at most; whether one was more than a timer's."""
         called = False
-        for _ in range(CALLBACKS):
+        for _ in range(most):
             entity = self._run_one()
             if entity is None:
                 break
@@ -133,8 +134,10 @@ class FixedRateLoop:
         self._priority, self._idle_rest = priority, rest
         self._next_rest = self._busy_until = 0.0
         self._extra = inf
-        self._group = _Polled()
-        self._polled: list[tuple[Any, Callable[[Any, Any], None]]] = []
+        self._callbacks: dict[Subscription, Callable[[Any, Any], None]] = {}
+        self._group = _Polled() if private_rclpy.can_poll() else None  # None: the executor takes these as well
+        if self._group is None:
+            self._idle_rest = 0.0
         self._unheard = bool(node.get_parameter("use_sim_time").value)  # of a simulated clock
         self._simulated = self._unheard and not steady
         if self._unheard:
@@ -160,9 +163,9 @@ class FixedRateLoop:
 
     def _poll(self, kind: Any, topic: str, callback: Callable[[Any, Any], None], qos: QoSProfile, raw: bool) -> None:
         subscription = self.node.create_subscription(
-            kind, topic, callback, qos, callback_group=self._group, event_callbacks=QUIET_IN, raw=raw
+            kind, topic, callback, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
         )
-        self._polled.append((subscription, callback))
+        self._callbacks[subscription] = callback
 
     def also_at(self, at: float) -> None:
         """A period between the regular ones of a steady loop, at time.monotonic() = at [s]."""
@@ -170,12 +173,11 @@ class FixedRateLoop:
 
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Until the context ends, or `ended()`."""
-        executor = self.executor()
         self._await_clock(ended)
         with _realtime(self._priority):
-            self._run(executor, ended)
+            self._run(ended)
 
-    def _run(self, executor: RestExecutor, ended: Callable[[], bool]) -> None:
+    def _run(self, ended: Callable[[], bool]) -> None:
         due, last = self._now(), time.monotonic()
         while self.node.context.ok() and not ended():
             if self._await(min(due, self._extra)):
@@ -186,17 +188,20 @@ class FixedRateLoop:
                 self.take()
                 self._tick()
                 last, due = now, due if extra else self._next(due)
-            self._rest(executor)
+            self._rest()
 
     def _await_clock(self, ended: Callable[[], bool]) -> None:
         """A simulated clock that is not heard yet shows zero: no deadline could be kept by it."""
         started, warned = time.monotonic(), False
         while self._unheard and self.node.context.ok() and not ended():
             time.sleep(CLOCK_LOOK)
-            self._take(self._polled[0])
+            self._take_clock()
             if not warned and time.monotonic() - started > CLOCK_PATIENCE:
                 warned = True
                 self.node.get_logger().warning("use_sim_time is set, and nothing comes on /clock: waiting for it")
+
+    def _take_clock(self) -> None:
+        self._take(next(iter(self._callbacks)))
 
     def _await(self, due: float) -> bool:
         """Sleep until `due`, or for one look at the simulated clock; whether it is time."""
@@ -208,23 +213,17 @@ class FixedRateLoop:
             return True
         if not self._has_come(due):
             time.sleep(CLOCK_LOOK)
-            self._take(self._polled[0])
+            self._take_clock()
         return self._has_come(due)
 
     def _take_what_comes(self, within: float) -> None:
         """Sleep until a message comes, and take it: an executor would build a wait set of everything each time."""
-        handles = [subscription.handle for subscription, _ in self._polled]
-        with contextlib.ExitStack() as stack:
-            for handle in (self.node.context.handle, *handles):
-                stack.enter_context(handle)
-            wait_set = _rclpy.WaitSet(len(handles), 0, 0, 0, 0, 0, self.node.context.handle)
-            wait_set.clear_entities()
-            for handle in handles:
-                wait_set.add_subscription(handle)
-            wait_set.wait(max(int(within * 1e9), 0))
-            ready = [polled for i, polled in enumerate(self._polled) if wait_set.is_ready("subscription", i)]
-        for polled in ready:
-            self._take(polled)
+        if self._group is None:
+            time.sleep(min(max(within, 0.0), CLOCK_LOOK))
+            self.take()
+            return
+        for subscription in private_rclpy.wait_for(self.node.context, list(self._callbacks), within):
+            self._take(subscription)
 
     def _has_come(self, due: float) -> bool:
         """By a simulated clock, which may be set back."""
@@ -238,35 +237,34 @@ class FixedRateLoop:
         self.overruns += late > 0.0
         return due + self.period if -TURNED_BACK < late < LATE * self.period else now
 
-    def _rest(self, executor: RestExecutor) -> None:
+    def _rest(self) -> None:
         now = time.monotonic()
         if now >= self._next_rest:
-            if executor.run_some():
+            if self._executor.run_some():
                 self._busy_until = now + BUSY
             self._next_rest = now + (BUSY_REST if now < self._busy_until else self._idle_rest)
 
-    def executor(self) -> RestExecutor:
+    @cached_property
+    def _executor(self) -> RestExecutor:
         """Of everything but the polled streams."""
         executor = RestExecutor(context=self.node.context)
         executor.add_node(self.node)
         return executor
 
-    def once(self, executor: RestExecutor) -> None:
+    def once(self) -> None:
         """One period without its waiting, for callers with a loop of their own."""
         self.take()
         self._tick()
-        executor.run_some()
+        self._executor.run_some()
 
     def take(self) -> None:
         """Give every polled message that has come to its callback."""
-        for polled in self._polled:
-            self._take(polled)
+        for subscription in tuple(self._callbacks):
+            self._take(subscription)
 
-    def _take(self, polled: tuple[Any, Callable[[Any, Any], None]]) -> None:
-        subscription, callback = polled
-        with subscription.handle:
-            for _ in range(MOST):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                callback(*taken)
+    def _take(self, subscription: Subscription) -> None:
+        if self._group is None:
+            self._executor.run_some(MOST)
+            return
+        for message, information in private_rclpy.take(subscription, MOST):
+            self._callbacks[subscription](message, information)

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from seed_core.config import ConfigError, from_mapping
+from seed_ros.private_rclpy import given_parameters
 
 T = TypeVar("T")
 
@@ -29,23 +30,23 @@ def _leaves(value: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
             yield name, item, spec
 
 
-def _descriptor(spec: Any, read_only: bool) -> ParameterDescriptor:
+def _descriptor(spec: dataclasses.Field[Any], read_only: bool) -> ParameterDescriptor:
+    """Any type is let in: the check of the whole says what would have been right, and takes 1 for 1.0."""
     meta = spec.metadata
     low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
     unit = f" [{meta['unit']}]" if meta.get("unit") else ""
     bounds = "" if math.isinf(low) and math.isinf(high) else f", {low:g} to {high:g}"
-    words = f"{meta.get('doc', '')}{unit}{bounds}"
     choices = meta.get("choices") or ()
-    descriptor = ParameterDescriptor(description=words, read_only=read_only)
-    if choices:
-        descriptor.additional_constraints = f"one of: {', '.join(choices)}"
-    return descriptor
+    return ParameterDescriptor(
+        description=f"{meta.get('doc', '')}{unit}{bounds}",
+        additional_constraints=f"one of: {', '.join(choices)}" if choices else "",
+        read_only=read_only,
+        dynamic_typing=True,
+    )
 
 
 def _ros_value(item: Any) -> Any:
-    if isinstance(item, tuple | list):
-        return [_ros_value(v) for v in item]
-    return float(item) if isinstance(item, float) else item
+    return [_ros_value(v) for v in item] if isinstance(item, tuple | list) else item
 
 
 def _nested(values: dict[str, Any]) -> dict[str, Any]:
@@ -78,7 +79,9 @@ def declare(
     dot = f"{prefix}." if prefix else ""
     leaves = [leaf for leaf in _leaves(defaults) if leaf[1] is not None]
     for name, item, spec in leaves:
-        _declare_one(node, f"{dot}{name}", _ros_value(item), _descriptor(spec, name.split(".")[0] not in live))
+        descriptor = _descriptor(spec, name.split(".")[0] not in live)
+        if node.declare_parameter(f"{dot}{name}", _ros_value(item), descriptor).value is None:
+            raise ConfigError(f"parameter '{dot}{name}' of {node.get_name()} has no value; default: {item!r}")
 
     def read(changes: dict[str, Any]) -> T:
         values = {n: changes.get(f"{dot}{n}", node.get_parameter(f"{dot}{n}").value) for n, _, _ in leaves}
@@ -106,19 +109,6 @@ def declare(
     return value
 
 
-def _declare_one(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
-    """Declare with the default's type; a whole number given for a float is taken, other mismatches are named."""
-    dynamic = ParameterDescriptor(
-        description=descriptor.description,
-        additional_constraints=descriptor.additional_constraints,
-        read_only=descriptor.read_only,
-        dynamic_typing=True,
-    )
-    value = node.declare_parameter(name, default, dynamic).value
-    if value is None:
-        raise ConfigError(f"parameter '{name}' of {node.get_name()} has no value; default: {default!r}")
-
-
 def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     """Called once everything is declared: a parameter given from outside that nobody declared is a mistake.
 
@@ -127,8 +117,7 @@ def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     Raises:
         ConfigError: naming the parameter, and the nearest known ones.
     """
-    given = getattr(node, "_parameter_overrides", {})
-    for name in given:
+    for name in given_parameters(node):
         if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
             known = node.get_parameters_by_prefix("")
             near = difflib.get_close_matches(name, known, n=3) or sorted(known)

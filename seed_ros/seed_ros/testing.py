@@ -26,7 +26,7 @@ class Bench:
         self.client = Node("client", context=self.context, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.client)
-        self._loops: list[tuple[FixedRateLoop, Any]] = []
+        self._loops: list[FixedRateLoop] = []
         self._nodes: list[Node] = [self.client]
         self.every: list[Callable[[], None]] = []  # called once per turn
 
@@ -35,15 +35,15 @@ class Bench:
         given = [Parameter(name.replace("__", "."), value=value) for name, value in parameters.items()]
         node = kind(context=self.context, parameter_overrides=given)
         self._nodes.append(node)
-        self._loops.append((node.loop, node.loop.executor()))
+        self._loops.append(node.loop)
         return node
 
     def turn(self) -> None:
         """One period of everything."""
         for call in self.every:
             call()
-        for loop, executor in self._loops:
-            loop.once(executor)
+        for loop in self._loops:
+            loop.once()
         for _ in range(3):
             self._executor.spin_once(timeout_sec=0.0)
         time.sleep(0.002)

@@ -1,1 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Image streams: messages to arrays and back, calibration, pairing by stamp."""
+
+from seed_ros.images.arrays import depth_from_message, gray_from_message, image_message
+from seed_ros.images.camera_info import Intrinsics, camera_info, intrinsics
+from seed_ros.images.pairing import Pairing
+from seed_ros.images.serialized import ImageWriter, SerializedImage, read_image
+
+__all__ = [
+    "ImageWriter",
+    "Intrinsics",
+    "Pairing",
+    "SerializedImage",
+    "camera_info",
+    "depth_from_message",
+    "gray_from_message",
+    "image_message",
+    "intrinsics",
+    "read_image",
+]

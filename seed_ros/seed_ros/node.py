@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Base class of the suite's nodes: parameters, clock, counters, topics, services, transforms, diagnostics, main.
+
+A node reads from top to bottom: parameters, outputs, inputs, services, then what it does at each tick of its loop.
+Mathematics is in the cores, which know nothing of ROS.
+"""
+
+from __future__ import annotations
+
+import gc
+import inspect
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from seed_core.errors import SeedError
+from seed_ros import parameters
+from seed_ros.diagnostics import Counters, Diagnostics, Report
+from seed_ros.loop import FixedRateLoop
+from seed_ros.qos import LATCHED, TF
+
+QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
+
+
+class SeedNode(Node):
+    """A node of the suite. One with a `loop` is run by that, any other by an executor."""
+
+    loop: FixedRateLoop
+
+    def __init__(self, name: str, **arguments: Any) -> None:
+        """Arguments are those of rclpy's Node."""
+        super().__init__(name, **arguments)
+        self.counters = Counters(self)
+
+    declare = parameters.declare
+    refuse_unknown = parameters.refuse_unknown
+
+    def now(self) -> float:
+        """ROS time [s]."""
+        return float(self.get_clock().now().nanoseconds * 1e-9)
+
+    # topics
+    def publisher(self, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
+        """As create_publisher, without handlers of its events."""
+        return self.create_publisher(kind, topic, qos, event_callbacks=QUIET)
+
+    def listen(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile, refused: str) -> None:
+        """Poll a topic in the node's loop; a SeedError of the callback counts under `refused`."""
+
+        def receive(message: Any) -> None:
+            try:
+                callback(message)
+            except SeedError as error:
+                self.counters.add(refused, str(error))
+
+        self.loop.poll(kind, topic, receive, qos)
+
+    # services and actions
+    def serve(
+        self, kind: Any, name: str, method: Callable[..., Any], group: CallbackGroup | None = None, log_as: str = ""
+    ) -> None:
+        """Offer a service whose response has `success` and `message`, such as Trigger and SetBool.
+
+        Args:
+            kind: its type.
+            name: its name.
+            method: gets the request's fields and returns the message, or raises SeedError with the words of a
+                refusal; a coroutine may wait for both, and others are served meanwhile if the group is reentrant.
+            group: callback group.
+            log_as: what the answer is logged under; empty: not logged.
+        """
+
+        async def answer(request: Any, response: Any) -> Any:
+            try:
+                words = method(*(getattr(request, field) for field in request.get_fields_and_field_types()))
+                response.message = await words if isinstance(words, Awaitable) else words
+                response.success = True
+            except SeedError as error:
+                response.success, response.message = False, str(error)
+            if log_as:
+                self.tell(response.success, f"{log_as}: {response.message}")
+            return response
+
+        self.create_service(kind, name, answer, callback_group=group)
+
+    def act(self, kind: Any, name: str, execute: Callable[[Any], Awaitable[Any]]) -> ActionServer:
+        """Offer an action. Every goal is accepted, as a refusal needs words, which only a result has."""
+        return ActionServer(
+            self,
+            kind,
+            name,
+            execute_callback=execute,
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def tell(self, success: bool, words: str) -> None:
+        """Log how something ended. rclpy wants one severity per line of code."""
+        if success:
+            self.get_logger().info(words)
+        else:
+            self.get_logger().error(words)
+
+    # health
+    def diagnose(self, hardware_id: str, report: Callable[[], Report]) -> None:
+        """Publish level, message and values that `report()` returns on /diagnostics, once a second."""
+        self._diagnostics = Diagnostics(self, hardware_id, report)
+
+    @classmethod
+    def main(cls) -> int:
+        """Run a node of this class until it is interrupted; the exit code."""
+        return run(cls)
+
+
+class TransformBroadcaster:
+    """Transforms on /tf and /tf_static, which are only topics of type tf2_msgs/TFMessage: tf2_ros is not needed."""
+
+    def __init__(self, node: SeedNode) -> None:
+        self._moving = node.publisher(TFMessage, "/tf", TF)
+        self._fixed = node.publisher(TFMessage, "/tf_static", LATCHED)
+        self._kept: dict[str, TransformStamped] = {}
+
+    def send(self, *transforms: TransformStamped) -> None:
+        """Moving transforms."""
+        self._moving.publish(TFMessage(transforms=list(transforms)))
+
+    def send_static(self, *transforms: TransformStamped) -> None:
+        """Fixed transforms; those sent before stay."""
+        self._kept.update({t.child_frame_id: t for t in transforms})
+        self._fixed.publish(TFMessage(transforms=list(self._kept.values())))
+
+
+def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
+    """Create a node, spin it (or its `loop`) until the end, and say in one line why it could not start.
+
+    Returns:
+        The exit code.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        rclpy.init(args=argv)
+    except RuntimeError as error:  # a file of parameters that cannot be read, a remapping that is none
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    node: Node | None = None
+    try:
+        node = create()
+        inspect.getframeinfo(sys._getframe())  # each logger's first line looks up all modules' files, 0.1 s: do it now
+        gc.freeze()  # what was loaded so far stays: the collector need not walk it in a control loop
+        loop = getattr(node, "loop", None)
+        if isinstance(loop, FixedRateLoop):
+            loop.run()
+        else:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:  # an interrupt in the middle of taking or publishing a message; RCLError is one
+        if rclpy.ok():
+            raise
+    except SeedError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C comes twice below `ros2 launch`: the node is ending
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
