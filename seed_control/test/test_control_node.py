@@ -172,7 +172,7 @@ def test_a_bad_setpoint_is_refused_with_its_reason_and_counted_and_the_arm_holds
     before = cell.X_WE.copy()
     cell.setpoint.publish(spoiled(cell.hold_here(), how))
     assert cell.bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
-    assert words in cell.node.complaints.last
+    assert words in cell.node.counters.last
     cell.bench.spin(0.2)
     np.testing.assert_allclose(cell.X_WE, before, atol=1e-4)
     assert cell.state.setpoint_kind == ""
@@ -220,7 +220,7 @@ def test_invalid_or_foreign_estimates_are_counted_and_make_it_hold(cell: Cell) -
     before = cell.state.ignored_estimates
     cell.change = lambda message: setattr(message.header, "frame_id", "elsewhere")
     assert cell.bench.until(lambda: cell.state.ignored_estimates > before)
-    assert "'elsewhere' is unknown here; known: compliance" in cell.node.complaints.last
+    assert "'elsewhere' is unknown here; known: compliance" in cell.node.counters.last
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     weighed = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
     assert "a task or another weighing is under way" in weighed.message
     cell.setpoint.publish(cell.hold_here())
-    assert cell.bench.until(lambda: "while a task is played" in cell.node.complaints.last)
+    assert cell.bench.until(lambda: "while a task is played" in cell.node.counters.last)
     before = cell.state.tip.position.z
     handle.cancel_goal_async()
     answer = cell.bench.result(handle)

@@ -249,7 +249,7 @@ def test_bad_images_give_a_reason_and_are_counted_and_good_ones_go_on(
     rig = Rig(bench, renderer, **QUICK).grasped()
     rig.hooks.append(spoil)
     assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
-    assert rig.node.complaints.total() > 0
+    assert rig.node.counters.total() > 0
     rig.hooks.clear()
     assert bench.until(lambda: rig.poses[-1].valid)
 

@@ -128,9 +128,9 @@ class SeedNode(Node):
 class TransformBroadcaster:
     """Transforms on /tf and /tf_static, which are only topics of type tf2_msgs/TFMessage: tf2_ros is not needed."""
 
-    def __init__(self, node: SeedNode) -> None:
-        self._moving = node.publisher(TFMessage, "/tf", TF)
-        self._fixed = node.publisher(TFMessage, "/tf_static", LATCHED)
+    def __init__(self, node: Node) -> None:
+        self._moving = node.create_publisher(TFMessage, "/tf", TF, event_callbacks=QUIET)
+        self._fixed = node.create_publisher(TFMessage, "/tf_static", LATCHED, event_callbacks=QUIET)
         self._kept: dict[str, TransformStamped] = {}
 
     def send(self, *transforms: TransformStamped) -> None:

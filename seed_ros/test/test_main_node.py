@@ -10,7 +10,7 @@ NODE = """
 import sys
 from rclpy.node import Node
 from std_msgs.msg import String
-from seed_ros.main import run
+from seed_ros.node import run
 
 def create():
     node = Node("interrupted")

@@ -105,8 +105,8 @@ def test_a_bad_target_is_refused_and_the_arm_holds(world: World, how: str) -> No
     if how == "stale":
         message.header.stamp.sec -= 10
     world.target.publish(message)
-    assert world.bench.until(lambda: world.node.complaints["targets_refused"] == 1)
-    assert words[how] in world.node.complaints.last
+    assert world.bench.until(lambda: world.node.counters["targets_refused"] == 1)
+    assert words[how] in world.node.counters.last
     world.bench.spin(0.2)
     np.testing.assert_allclose(world.flange(), before, atol=1e-6)
 
@@ -123,14 +123,14 @@ def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
 
     assert world.bench.until(raised)
     world.send(far)
-    assert world.bench.until(lambda: "limit 0.05 m" in world.node.complaints.last)
+    assert world.bench.until(lambda: "limit 0.05 m" in world.node.counters.last)
     held = world.flange()
     goal[2, 3] += 0.005
     for _ in range(20):
         world.send(goal)
         world.bench.turn()
     np.testing.assert_allclose(world.flange(), held, atol=1e-4)  # [m] it was this close to its goal when it held
-    assert "not followed: target_frame is 0.2" in world.node.complaints.last
+    assert "not followed: target_frame is 0.2" in world.node.counters.last
     assert world.trigger("resend_robot_program").success
     assert world.bench.until(raised)
 

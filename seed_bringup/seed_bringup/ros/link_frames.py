@@ -24,10 +24,9 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp
 from seed_ros.conversions import seconds, transform_stamped
 from seed_ros.loop import FixedRateLoop
-from seed_ros.main import run
+from seed_ros.node import TransformBroadcaster, run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED
-from seed_ros.tf import TransformBroadcaster
 from seed_ur.models import MODELS
 
 OTHERS = ("tool0", "compliance", "tool", "tip")  # frames that arm, estimator and controller publish

@@ -42,13 +42,12 @@ from seed_ros.conversions import (
     transform_stamped,
     wrench_stamped,
 )
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.frames import FrameNames
-from seed_ros.loop import QUIET_OUT, FixedRateLoop
-from seed_ros.main import run
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import QUIET, TransformBroadcaster, run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE
-from seed_ros.tf import TransformBroadcaster
 
 AWAY = 0.02  # [m] an arm at rest this far from its command was moved by something else
 
@@ -77,7 +76,7 @@ class ControllerNode(Node):
         self.core = Controller(self.parameters, declare(self, Hand(), "hand"), self.tool, stiffness)
         grip = declare(self, GripSettings(), "grip")
         refuse_unknown(self)
-        self.complaints = Complaints(self)
+        self.counters = Counters(self)
         self.steps = 0
         self._was_enabled = False
         self._here = np.eye(4)  # the newest flange pose
@@ -85,7 +84,7 @@ class ControllerNode(Node):
         self._wire()
         self.follow = FollowServer(self, self.core, self.now, lambda: self.weigh.busy)
         self.weigh = WeighServer(self, self.core, self.now, lambda: self.follow.busy)
-        GripListener(self, grip, self.complaints, self._on_stiffness)
+        GripListener(self, grip, self.counters, self._on_stiffness)
         self._publish_tip()
         self._every = max(1, round(self.parameters.rate / self.settings.state_rate))
         self._diagnostics = diagnostics.Diagnostics(self, "controller", self._report)
@@ -95,10 +94,10 @@ class ControllerNode(Node):
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _wire(self) -> None:
-        self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND, event_callbacks=QUIET_OUT)
-        self._wrench = self.create_publisher(WrenchStamped, "wrench_estimate", COMMAND, event_callbacks=QUIET_OUT)
-        self._state = self.create_publisher(StateMsg, "~/state", COMMAND, event_callbacks=QUIET_OUT)
-        self._reference = self.create_publisher(PoseStamped, "~/reference", COMMAND, event_callbacks=QUIET_OUT)
+        self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND, event_callbacks=QUIET)
+        self._wrench = self.create_publisher(WrenchStamped, "wrench_estimate", COMMAND, event_callbacks=QUIET)
+        self._state = self.create_publisher(StateMsg, "~/state", COMMAND, event_callbacks=QUIET)
+        self._reference = self.create_publisher(PoseStamped, "~/reference", COMMAND, event_callbacks=QUIET)
         self._tf = TransformBroadcaster(self)
         self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
@@ -114,7 +113,7 @@ class ControllerNode(Node):
             check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
             X_WE = pose_to_matrix(message.pose, "current_pose")
         except SeedError as error:
-            self.complaints.add("poses_refused", str(error))
+            self.counters.add("poses_refused", str(error))
             return
         if self.core.add_kinematics(seconds(message.header.stamp), X_WE):
             self._here = X_WE
@@ -125,7 +124,7 @@ class ControllerNode(Node):
             check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
             estimate = estimate_from_message(message)
         except SeedError as error:
-            self.complaints.add("estimates_refused", str(error))
+            self.counters.add("estimates_refused", str(error))
             return
         self.core.add_estimate(estimate)
 
@@ -143,17 +142,15 @@ class ControllerNode(Node):
         try:
             setpoint = read()
         except SeedError as error:
-            self.complaints.add("setpoints_unreadable", str(error))
+            self.counters.add("setpoints_unreadable", str(error))
             return
         if self.follow.busy or self.weigh.busy:
-            self.complaints.add(
-                "setpoints_during_task", "a set-point came while a task is played: cancel the task first"
-            )
+            self.counters.add("setpoints_during_task", "a set-point came while a task is played: cancel the task first")
             return
         try:
             self.core.set_setpoint(setpoint, self.now())
         except SeedError as error:
-            self.complaints.add("setpoints_refused", str(error))
+            self.counters.add("setpoints_refused", str(error))
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if not request.data:
@@ -192,7 +189,7 @@ class ControllerNode(Node):
             self._was_enabled = True
         elif self._was_enabled and away:
             self._was_enabled = False
-            self.complaints.add(
+            self.counters.add(
                 "moved_by_others", "the arm was moved by something else; target_frame pauses until enable"
             )
         return self._was_enabled
@@ -201,10 +198,10 @@ class ControllerNode(Node):
         message = convert.fill_state(StateMsg(), output.state, self.core.law.setpoint)
         message.header.stamp, message.header.frame_id = stamp_from_seconds(now), self.frames.base
         message.steps = self.steps
-        message.ignored_poses += self.complaints["poses_refused"]
-        message.ignored_estimates += self.complaints["estimates_refused"]
-        message.refused_setpoints += self.complaints["setpoints_unreadable"] + self.complaints["setpoints_during_task"]
-        message.estimator_reason = self.complaints.last
+        message.ignored_poses += self.counters["poses_refused"]
+        message.ignored_estimates += self.counters["estimates_refused"]
+        message.refused_setpoints += self.counters["setpoints_unreadable"] + self.counters["setpoints_during_task"]
+        message.estimator_reason = self.counters.last
         self._state.publish(message)
         if self.core.law.setpoint is not None:
             self._reference.publish(pose_stamped(self.core.law.setpoint.X_W_tip, now, self.frames.base))
@@ -218,7 +215,7 @@ class ControllerNode(Node):
             self._tf.send_static(transform_stamped(self.tool.X_Ttip, self.now(), self.frames.tool, self.frames.tip))
 
     def _report(self) -> diagnostics.Report:
-        values: dict[str, object] = {"steps": self.steps, **self.complaints.values()}
+        values: dict[str, object] = {"steps": self.steps, **self.counters.values()}
         if self._output is None:
             return diagnostics.STALE, "no step yet", values
         state = self._output.state

@@ -12,7 +12,7 @@ from seed_control.wrench.stiffness_schedule import GripFollower, GripSettings
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
 from seed_core.stiffness_file import GripStiffness, load_stiffness
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.qos import QUEUE, SENSOR
 
 
@@ -20,9 +20,9 @@ class GripListener:
     """Subscribes to what tells the grip and calls `apply` with each new stiffness."""
 
     def __init__(
-        self, node: Node, settings: GripSettings, complaints: Complaints, apply: Callable[[Stiffness], None]
+        self, node: Node, settings: GripSettings, counters: Counters, apply: Callable[[Stiffness], None]
     ) -> None:
-        self._complaints, self._apply = complaints, apply
+        self._counters, self._apply = counters, apply
         self._pressures: dict[str, float] = {}
         if not settings.file:
             return
@@ -52,7 +52,7 @@ class GripListener:
         try:
             stiffness = self._follower.update(value)
         except SeedError as error:
-            self._complaints.add("grip_unreadable", str(error))
+            self._counters.add("grip_unreadable", str(error))
             return
         if stiffness is not None:
             self._apply(stiffness)

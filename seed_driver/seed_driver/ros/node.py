@@ -27,7 +27,7 @@ from seed_driver.ros.outputs import Outputs
 from seed_driver.target_checks import Target, refusal
 from seed_ros.conversions import seconds
 from seed_ros.loop import FixedRateLoop
-from seed_ros.main import run
+from seed_ros.node import run
 from seed_ros.parameters import refuse_unknown
 from seed_ros.qos import COMMAND
 

@@ -20,7 +20,7 @@ from seed_core.quaternion import rotate
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Sample, Stage, State
 from seed_ros.conversions import stamp_from_seconds
-from seed_ros.loop import QUIET_OUT
+from seed_ros.node import QUIET
 from seed_ros.qos import LATCHED
 from seed_ur.models import JOINT_NAMES
 
@@ -34,7 +34,7 @@ class Outputs:
     def __init__(self, node: LifecycleNode, config: DriverConfig) -> None:
         self.node, self.config = node, config
         self.names = [config.joint_prefix + n for n in JOINT_NAMES]
-        create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
+        create = partial(node.create_publisher, event_callbacks=QUIET)
         self.pose = create(PoseStamped, "current_pose", STATE_QOS)
         self.twist = create(TwistStamped, "current_twist", STATE_QOS)
         self.wrench = create(WrenchStamped, "wrench", STATE_QOS)

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from seed_driver.guard import Guard, GuardConfig, Pose
 from seed_driver.target_checks import Target
 from seed_ros.conversions import seconds
-from seed_ros.main import run
+from seed_ros.node import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED, QUEUE
 

@@ -17,7 +17,7 @@ from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import TactileImages
 from seed_ros.conversions import MessageError
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.images.arrays import depth_from_message, gray_from_message
 from seed_ros.images.camera_info import intrinsics
 from seed_ros.images.pairing import Pairing
@@ -56,7 +56,7 @@ class ImageInputs:
         self,
         loop: FixedRateLoop,
         settings: InputSettings,
-        complaints: Complaints,
+        counters: Counters,
         now: Callable[[], float],
         ready: Ready,
         problem: Problem,
@@ -68,7 +68,7 @@ class ImageInputs:
         self.bubbles = identity.Bubbles("", {})
         self.camera_problem = ""
         self.on_calibration: Callable[[], None] = lambda: None
-        self._complaints = complaints
+        self._counters = counters
         self._now, self._ready, self._problem = now, ready, problem
         self.arrived = 0.0  # [s] when the images that are being worked on were complete
         self._images = {f: Pairing[SerializedImage](KINDS, settings.pair_tolerance) for f in self.fingers}
@@ -109,7 +109,7 @@ class ImageInputs:
             _refuse(identity.other_lens(finger, camera.K, self.bubbles.known))
         except SeedError as error:
             self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
-            self._complaints.add("camera_info_refused", self.camera_problem)
+            self._counters.add("camera_info_refused", self.camera_problem)
             return
         known = self.cameras.get(finger)
         if known is None or not known.matches(camera):
@@ -122,7 +122,7 @@ class ImageInputs:
         if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
             self._unanswered = 0
             reason = self._why_unpaired()
-            self._complaints.add("images_without_partner", reason)
+            self._counters.add("images_without_partner", reason)
             self._problem(max(self._latest.values()), reason)
 
     def _why_unpaired(self) -> str:
@@ -141,7 +141,7 @@ class ImageInputs:
         try:
             message = read_image(serialized)
         except SeedError as error:
-            self._complaints.add("images_refused", f"bubble_{finger}/{kind}: {error}")
+            self._counters.add("images_refused", f"bubble_{finger}/{kind}: {error}")
             return
         stamp = message.stamp - self.settings.clock_offset
         self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
@@ -151,7 +151,7 @@ class ImageInputs:
         self._heard[finger] = done[0]
         silent = [f for f in self.fingers if done[0] - self._heard.get(f, done[0]) > self.settings.silence]
         if silent:
-            self._complaints.add("finger_silent", f"no images of bubble_{silent[0]} for {self.settings.silence:g} s")
+            self._counters.add("finger_silent", f"no images of bubble_{silent[0]} for {self.settings.silence:g} s")
             self._convert(done[0], {finger: done[1]})
             return
         together = self._both.add(finger, done[0], done[1])
@@ -163,14 +163,14 @@ class ImageInputs:
         try:
             images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
         except SeedError as error:
-            self._complaints.add("images_refused", str(error))
+            self._counters.add("images_refused", str(error))
             self._problem(stamp, str(error))
             return
         missing = [f for f in self.fingers if f not in self.cameras]
         if missing:
             where = f"bubble_{missing[0]}/depth/camera_info"
             reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
-            self._complaints.add("images_without_camera_info", reason)
+            self._counters.add("images_without_camera_info", reason)
             self._problem(stamp, reason)
             return
         self._ready(stamp, images)

@@ -31,14 +31,13 @@ from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.ros.inputs import ImageInputs, InputSettings
 from seed_ros import diagnostics
 from seed_ros.conversions import estimate_to_message, stamp_from_seconds, transform_stamped
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.frames import FrameNames
 from seed_ros.images.arrays import image_message
-from seed_ros.loop import QUIET_OUT, FixedRateLoop
-from seed_ros.main import run
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import QUIET, TransformBroadcaster, run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, SENSOR
-from seed_ros.tf import TransformBroadcaster
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
@@ -86,20 +85,20 @@ class EstimatorNode(Node):
         live = tuple(EstimatorParameters.__dataclass_fields__)
         self.parameters = declare(self, EstimatorParameters(), live=live, on_change=self._on_parameters)
         refuse_unknown(self, shared=("tool.", "grasp."))
-        self.complaints = Complaints(self)
+        self.counters = Counters(self)
         self.core: Estimator | None = None
         self._collection: _Collection | None = None
         self._regrasp = Regrasp()
         self._answer: tuple[_Collection, bool, str] | None = None  # given once poses may be used again
         self._latencies: deque[tuple[float, float]] = deque(maxlen=LATENCIES)
         self._last: RelativePoseEstimate | None = None
-        self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET_OUT)
-        self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET_OUT)
-        self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET_OUT)
+        self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET)
+        self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET)
+        self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET)
         self._tf = TransformBroadcaster(self)
         priority = self.settings.realtime_priority
         self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
-        self.inputs = ImageInputs(self.loop, inputs, self.complaints, self._now, self._on_images, self._publish_invalid)
+        self.inputs = ImageInputs(self.loop, inputs, self.counters, self._now, self._on_images, self._publish_invalid)
         self.inputs.on_calibration = self._restart
         names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}
         self.bubbles = self.inputs.bubbles = identity.Bubbles(self.settings.identity_file, names)
@@ -119,13 +118,13 @@ class EstimatorNode(Node):
         if not self.inputs.calibrated:
             return
         if self.core is not None:
-            self.complaints.add("camera_changed", "camera_info has changed: capture the reference again")
+            self.counters.add("camera_changed", "camera_info has changed: capture the reference again")
         try:
             self.core = Estimator(self.parameters, self.hand, dict(self.inputs.cameras))
             self.core.patterns.update({f: known.pattern for f, known in self.bubbles.known.items()})
         except SeedError as error:
             self.core = None
-            self.complaints.add("camera_info_refused", str(error))
+            self.counters.add("camera_info_refused", str(error))
             self.inputs.camera_problem = str(error)
 
     def _on_parameters(self, parameters: EstimatorParameters) -> None:
@@ -141,7 +140,7 @@ class EstimatorNode(Node):
             return  # a new reference or grasp begins with the next images
         estimate = self.core.update(images, stamp)
         if not estimate.valid:
-            self.complaints.add("estimates_invalid", estimate.reason)
+            self.counters.add("estimates_invalid", estimate.reason)
         elif self.bubbles.status == identity.Bubbles.UNVERIFIED:
             doubt = "which bubble is which, and which way is up, is unverified"
             estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
@@ -251,14 +250,14 @@ class EstimatorNode(Node):
         try:
             self.bubbles.judge(seen)
         except SeedError as error:
-            self.complaints.add("identity_not_saved", str(error))
+            self.counters.add("identity_not_saved", str(error))
 
     def _watch(self) -> None:
         """Give up on a service whose images do not come, and say why images are of no use."""
         self.inputs.watch()
         collection = self._collection
         if collection is not None and self._now() > collection.deadline:
-            why = self.complaints.last or "no images arrive on bubble_left/... and bubble_right/..."
+            why = self.counters.last or "no images arrive on bubble_left/... and bubble_right/..."
             got = f"{len(collection.frames)} of {collection.count} images within {COLLECT_TIMEOUT:g} s"
             self._finish(collection, False, f"{got}; {why}")
         if self._answer is not None and self._now() > self._answer[0].deadline:  # no images any more
@@ -268,7 +267,7 @@ class EstimatorNode(Node):
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
         values["identity"] = self.bubbles.status
         values["clock_compared"] = self.inputs.settings.clock_compared
-        values |= self.complaints.values()
+        values |= self.counters.values()
         if self._latencies:
             for name, ms in zip(("arrival", "latency"), 1e3 * np.array(self._latencies).T, strict=True):
                 p50, p99 = np.percentile(ms, (50, 99))

@@ -26,10 +26,10 @@ from seed_ros.conversions import (
     pose_to_matrix,
     wrench_stamped,
 )
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
-from seed_ros.main import run
+from seed_ros.node import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_sim.identification.cell import SimulatedCell
@@ -57,7 +57,7 @@ class CellNode(Node):
         self.frames = declare(self, FrameNames(), "frames")
         refuse_unknown(self)
         self.scenario = replace(load(self.settings.scenario), rate=self.settings.rate)
-        self.cell, self.complaints = SimulatedCell(self.scenario, self.settings.seed), Complaints(self)
+        self.cell, self.counters = SimulatedCell(self.scenario, self.settings.seed), Counters(self)
         self.widths = np.array(self.scenario.procedure.widths)
         self.width = float(np.median(self.widths))
         self._last, self._zero = np.zeros(6), np.zeros(6)
@@ -82,10 +82,10 @@ class CellNode(Node):
             check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
             X_WE = pose_to_matrix(message.pose, "target_frame")
         except SeedError as error:
-            self.complaints.add("targets_refused", f"{error}; the arm holds")
+            self.counters.add("targets_refused", f"{error}; the arm holds")
             return
         if float(np.abs(X_WE[:3, 3] - self.X_WE[:3, 3]).max()) > 0.02:
-            self.complaints.add("targets_refused", "target_frame jumps by more than 20 mm; the arm holds")
+            self.counters.add("targets_refused", "target_frame jumps by more than 20 mm; the arm holds")
             return
         self.X_WE = X_WE
 

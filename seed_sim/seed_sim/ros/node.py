@@ -25,10 +25,10 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_ros import diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
-from seed_ros.main import run
+from seed_ros.node import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.closed_loop.run import start_pose
@@ -79,7 +79,7 @@ class SimNode(Node):
         self.settings = declare(self, SimSettings())
         self.frames = declare(self, FrameNames(), "frames")
         refuse_unknown(self)
-        self.complaints = Complaints(self)
+        self.counters = Counters(self)
         self.scenario = load_scenario(self.settings.scenario)
         self._meshcat = _meshcat() if self.settings.replay else None
         task = load_task(self.settings.task)
@@ -243,7 +243,7 @@ class SimNode(Node):
             self.real_time_factor = (now[1] - then[1]) / (now[0] - then[0])
             self._outputs.publish_slow(self.stamp, self.real_time_factor)
             if self.real_time_factor < SLOW:
-                self.complaints.add("slow", f"real-time factor {self.real_time_factor:.3f} is below {SLOW}")
+                self.counters.add("slow", f"real-time factor {self.real_time_factor:.3f} is below {SLOW}")
 
     # in
     def _on_target(self, message: PoseStamped) -> None:
@@ -251,10 +251,10 @@ class SimNode(Node):
             X_WE, age = self._checked(message), self._age(message)
         except SeedError as error:
             self._latch.refused(str(error))
-            self.complaints.add("targets_refused", f"{error}; the arm holds")
+            self.counters.add("targets_refused", f"{error}; the arm holds")
             return
         if age or self._latch.reason:
-            self.complaints.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
+            self.counters.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
             return
         self._latch.heard(self.stamp)
         self._awaited["target_frame"].hear(seconds(message.header.stamp))
@@ -322,7 +322,7 @@ class SimNode(Node):
     def _on_width(self, message: Float64) -> None:
         done, words = self._close_to(message.data)
         if not done:
-            self.complaints.add("widths_refused", words)
+            self.counters.add("widths_refused", words)
 
     def _close_to(self, width: float) -> tuple[bool, str]:
         if not np.isfinite(width) or width < 0.0:
@@ -350,14 +350,14 @@ class SimNode(Node):
             "real_time_factor": round(self.real_time_factor, 4),
             "lost_seconds": round(self._lost, 3),
             "grasped": self.grasped,
-            **self.complaints.values(),
+            **self.counters.values(),
         }
         if self.real_time_factor < SLOW:
             return diagnostics.WARN, f"slower than real time: {self.real_time_factor:.3f}", values
         if self._latch.reason:
             return diagnostics.WARN, f"holds: {self._latch.reason}{REMEDY}", values
         if not self._latch.following:
-            return diagnostics.OK, self.complaints.last or "no target_frame yet: the arm holds", values
+            return diagnostics.OK, self.counters.last or "no target_frame yet: the arm holds", values
         return diagnostics.OK, "following target_frame", values
 
 

@@ -24,9 +24,8 @@ from seed_ros.conversions import (
     wrench_stamped,
 )
 from seed_ros.frames import FrameNames
-from seed_ros.loop import QUIET_OUT
+from seed_ros.node import QUIET, TransformBroadcaster
 from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR
-from seed_ros.tf import TransformBroadcaster
 from seed_sim.plant.plant import Plant
 from seed_ur.models import JOINT_NAMES
 
@@ -44,7 +43,7 @@ class Outputs:
         """
         self._own_arm = own_arm
         self._plant, self._frames = plant, frames
-        create = partial(node.create_publisher, event_callbacks=QUIET_OUT)
+        create = partial(node.create_publisher, event_callbacks=QUIET)
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
         self._next_image = 0.0
         self._regrasp = Regrasp()

@@ -23,8 +23,8 @@ from seed_ros.conversions import pose_to_matrix, seconds, stamp_from_seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.images.serialized import ImageWriter
-from seed_ros.loop import QUIET_OUT, FixedRateLoop
-from seed_ros.main import run
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import QUIET, run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import SENSOR
 from seed_sim.scenario import load_scenario, tactile_of
@@ -73,7 +73,7 @@ class BubblesNode(Node):
 
     def _finger_publishers(self, finger: str) -> tuple[ImageWriter, ImageWriter, Any]:
         create, prefix, frame = (
-            partial(self.create_publisher, event_callbacks=QUIET_OUT),
+            partial(self.create_publisher, event_callbacks=QUIET),
             f"bubble_{finger}",
             self.frames.camera(finger),
         )

@@ -37,10 +37,10 @@ from seed_ros.conversions import (
     seconds,
     wrench_to_core,
 )
-from seed_ros.counters import Complaints
+from seed_ros.diagnostics import Counters
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
-from seed_ros.main import run
+from seed_ros.node import run
 from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_sysid.data.bag import TOPIC
@@ -103,7 +103,7 @@ class SysidNode(Node):
         self.hand = declare(self, Hand(), "hand")
         self.frames = declare(self, FrameNames(), "frames")
         refuse_unknown(self)
-        self.streams, self.complaints = Streams(), Complaints(self)
+        self.streams, self.counters = Streams(), Counters(self)
         self._active: _Active | None = None
         self._worker = ThreadPoolExecutor(1)
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
@@ -148,14 +148,14 @@ class SysidNode(Node):
                 X_TC = inverse_pose(self._moving.live.X_WT) @ X_WE @ self.hand.X_EC
                 self._moving.clocks.robot(seconds(message.header.stamp), X_TC)
         except SeedError as error:
-            self.complaints.add("poses_refused", str(error))
+            self.counters.add("poses_refused", str(error))
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         try:
             self.streams.wrenches.append(wrench_to_core(message.wrench, "ft_sensor/wrench").vector())
             self.streams.wrench_stamp = self.now()
         except SeedError as error:
-            self.complaints.add("wrenches_refused", str(error))
+            self.counters.add("wrenches_refused", str(error))
 
     def _on_estimate(self, message: RelativePose) -> None:
         try:
@@ -166,7 +166,7 @@ class SysidNode(Node):
             if self._moving is not None and estimate.valid:
                 self._moving.clocks.camera(estimate.stamp, inverse_pose(estimate.X_CT))
         except SeedError as error:
-            self.complaints.add("estimates_refused", str(error))
+            self.counters.add("estimates_refused", str(error))
 
     def _on_width(self, message: Float64) -> None:
         if np.isfinite(message.data):

@@ -21,8 +21,8 @@ from seed_ros.conversions import stamp_from_seconds
 from seed_ros.frames import FrameNames
 from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.images.serialized import ImageWriter
-from seed_ros.loop import QUIET_OUT, FixedRateLoop
-from seed_ros.main import run
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import QUIET, run
 from seed_ros.qos import SENSOR
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
@@ -59,7 +59,7 @@ class PlayedCamerasNode(Node):
     def _camera(self, finger: str, renderer: TactileRenderer) -> tuple[ImageWriter, ImageWriter, Any, CameraInfo]:
         frame, c = FrameNames().camera(finger), renderer.cameras[finger]
         depth, ir, info = (
-            self.create_publisher(kind, f"bubble_{finger}/{name}", SENSOR, event_callbacks=QUIET_OUT)
+            self.create_publisher(kind, f"bubble_{finger}/{name}", SENSOR, event_callbacks=QUIET)
             for kind, name in (
                 (Image, "depth/image_rect_raw"),
                 (Image, "ir/image_rect_raw"),
