@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servo process (`python -m seed_driver.servo`, started by supervisor.py): owns ur_rtde and streams to the robot.
+"""The servo process (`python -m seed_driver.servo`, started by the supervisor): owns ur_rtde and streams to the robot.
 
 A process of its own because ur_rtde may hold the GIL, hang or crash (docs/driver.md). It ends itself when the link
 is dead, before ur_rtde tries to reconnect; the node sees the end, reports it and starts a new one.
@@ -20,30 +20,38 @@ from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json
 from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import Motion
-from seed_driver.process.deadlines import Pace
-from seed_driver.process.period_histogram import Periods
-from seed_driver.process.realtime import die_with_parent, no_collector, realtime, silence, stay_in_memory, threads_above
-from seed_driver.process.shared_memory import NO_SAMPLE, SharedMemory, Stage, State, TargetSlot
-from seed_driver.robot.connection import Robot, load
-from seed_driver.robot.probe import LinkError
+from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
+from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above
+from seed_driver.process.shared_memory import (
+    CRASHED,
+    LOST,
+    NO_SAMPLE,
+    ORPHANED,
+    SharedMemory,
+    Stage,
+    State,
+    TargetSlot,
+)
+from seed_driver.robot.connection import Robot
+from seed_driver.robot.link import LinkError
 from seed_driver.session import WAITING, Session
 
-LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes
 RETRY = 0.5  # [s] between looks at an address where nobody is
 CHECK_EVERY = 5  # cycles between looks at messages
 PUBLISH_EVERY = 2  # cycles between states for the node
-LARGEST = 65_536  # [byte] of a message
+LARGEST_MESSAGE = 65_536  # [byte]
 
 
 class ServoProcess:
     """One life of the servo process."""
 
     def __init__(self, memory: SharedMemory, wire: socket.socket, config: DriverConfig, start: bool) -> None:
+        """wire: requests from the node, replies to it; start: whether the robot program is wanted at once."""
         self.memory, self.wire = memory, wire
         self.motion = Motion(memory, arm_kinematics(config), config)
         self.session = Session(self.motion, config, start)
-        self.periods = Periods()
-        self.ticks = self.sent = 0
+        self.periods = PeriodHistogram()
+        self.cycles = self.sent = 0
         self.latency = 0.0  # [s] from receipt of a target to the first command that uses it
         self._timed_target: TargetSlot | None = None
         self._quitting = False
@@ -54,59 +62,49 @@ class ServoProcess:
     def run(self) -> None:
         """Search, then stream until the process ends."""
         self.publish(Stage.STARTING)
-        self._require_library()
         robot = self._search()
         self.session.robot = robot
-        self._version = "{}.{}.{}.{}".format(*robot.look.version)
+        self._version = "{}.{}.{}.{}".format(*robot.version)
         self.session.reason = WAITING
         self.motion.follower.dt = 1.0 / robot.rate
         self._stream(robot)
 
-    def _require_library(self) -> None:
-        while True:
-            try:
-                load()
-                return
-            except LinkError as error:
-                self._wait(str(error), 2.0)
-
     def _search(self) -> Robot:
         while True:
-            self.publish(Stage.SEARCHING)
-            self._hear()
+            config = self.session.config
+            self._listen_while_searching()
             try:
-                with threads_above(self.session.config):
-                    return Robot(self.session.config)
+                with threads_above(config):
+                    return Robot(config)
             except (LinkError, RuntimeError) as error:
-                self._wait(str(error), RETRY)
+                self.session.reason = str(error)
             except (struct.error, ValueError, KeyError) as error:
-                self._wait(f"{self.session.config.robot_ip} answers like no UR controller: {error}", RETRY)
+                self.session.reason = f"{config.robot_ip} answers like no UR controller: {error}"
+            until = time.monotonic() + RETRY
+            while time.monotonic() < until:
+                self._listen_while_searching()
+                time.sleep(0.02)
 
-    def _wait(self, reason: str, seconds: float) -> None:
-        """Wait, with a heart that beats."""
-        self.session.reason = reason
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
-            self.publish(Stage.SEARCHING)
-            self._hear()
-            time.sleep(0.02)
+    def _listen_while_searching(self) -> None:
+        self.publish(Stage.SEARCHING)
+        self._hear()
 
     def _stream(self, robot: Robot) -> None:
         start = time.monotonic()
-        pace = Pace(self.motion.follower.dt, start)
+        deadlines = Deadlines(self.motion.follower.dt, start)
         self.session.watch.restart(robot.timestamp, start)
         while True:
             self.tick(robot, time.monotonic())
-            deadline = pace.next(time.monotonic())
+            deadline = deadlines.next(time.monotonic())
             time.sleep(max(0.0, deadline - time.monotonic()))
 
     def tick(self, robot: Robot, now: float) -> None:
-        """One cycle."""
+        """One cycle: the robot's state, the node's requests, the newest target, the command, our state."""
         s = self.session
-        self.ticks += 1
+        self.cycles += 1
         if end := s.listen(robot, now):
             self.end(LOST, end)
-        if self.ticks % CHECK_EVERY == 0:
+        if self.cycles % CHECK_EVERY == 0:
             self._hear()
             if s.wants_start(now):
                 self._start_by_itself()
@@ -117,7 +115,7 @@ class ServoProcess:
             self._command(robot, now)
         elif self._quitting:
             os._exit(0)
-        if self.ticks % PUBLISH_EVERY == 0 or s.reason != self._published_reason:
+        if self.cycles % PUBLISH_EVERY == 0 or s.reason != self._published_reason:
             self.publish(Stage.SERVOING if s.running else Stage.MONITORING)
 
     def _command(self, robot: Robot, now: float) -> None:
@@ -136,11 +134,11 @@ class ServoProcess:
             robot.close()
             os._exit(0)
 
-    # what the node says
+    # requests of the node
     def _hear(self) -> None:
         while True:
             try:
-                data = self.wire.recv(LARGEST, socket.MSG_DONTWAIT)
+                data = self.wire.recv(LARGEST_MESSAGE, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
             except OSError:
@@ -170,7 +168,7 @@ class ServoProcess:
             case "config":
                 return s.set_config(from_json(message["config"]))
             case "periods":
-                return json.dumps(self.periods.histogram())
+                return json.dumps(self.periods.counts())
             case "quit":
                 return self._quit()
         raise SeedError(f"unknown request {message['do']!r}")
@@ -202,14 +200,13 @@ class ServoProcess:
             robot.control.servoStop()
         self.end(ORPHANED, "the node is gone")
 
-    # what the node gets
+    # our state, for the node
     def publish(self, stage: Stage) -> None:
         """Write the state, and that we live."""
         s, m, now = self.session, self.motion, time.monotonic()
         state = State(
             heartbeat=now,
             sample_time=s.sample_time,
-            ticks=self.ticks,
             stage=stage,
             armed=m.armed and stage == Stage.SERVOING,
             linked=s.linked,
@@ -238,17 +235,23 @@ class ServoProcess:
         os._exit(code)
 
 
+def discard_output() -> None:
+    """ur_rtde prints a line per failed call: nothing is printed, unless SEED_DRIVER_DEBUG is set."""
+    if not os.environ.get("SEED_DRIVER_DEBUG"):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+
+
 def main() -> int:
     """Arguments: file descriptors of the shared memory and of the message socket; the first message is the set-up."""
     die_with_parent()
     memory, wire = SharedMemory(int(sys.argv[1])), socket.socket(fileno=int(sys.argv[2]))
-    setup = json.loads(wire.recv(LARGEST))
+    setup = json.loads(wire.recv(LARGEST_MESSAGE))
     config = from_json(setup["config"])
     os.environ.setdefault("RES_OPTIONS", "timeout:1 attempts:1")  # a name server may be silent for longer than we are
-    no_collector()
-    stay_in_memory()
-    realtime(config)
-    silence()
+    become_realtime(config)
+    discard_output()
     process = ServoProcess(memory, wire, config, bool(setup["start"]))
     try:
         process.run()

@@ -12,7 +12,7 @@ from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import Sample
 from seed_driver.robot import link
 from seed_driver.robot.connection import Robot, demand
-from seed_driver.robot.probe import LinkError
+from seed_driver.robot.link import LinkError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 AHEAD = 2  # steps of motion beyond the newest state of the robot

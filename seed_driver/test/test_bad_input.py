@@ -12,7 +12,7 @@ import pytest
 
 from seed_driver.config import DriverConfig
 from seed_driver.process.supervisor import Supervisor
-from seed_testing.fault_bench.bench import Rig
+from seed_testing.fault_bench.bench import FaultBench
 from seed_ur.standin_client import StandIn, private_host
 
 NAMED_WITHIN = 3.0  # [s]
@@ -123,17 +123,17 @@ def test_local_control_is_named_and_remote_control_starts() -> None:
 
 
 def test_protective_stop_at_start_is_named_and_needs_a_request_afterwards() -> None:
-    with Rig("--protective-stop", "--unlock-after", "0") as rig:
-        rig.wait(lambda s: s.reason == "protective stop", NAMED_WITHIN, "protective stop named")
-        refused = rig.ask("start")
+    with FaultBench("--protective-stop", "--unlock-after", "0") as bench:
+        bench.wait(lambda s: s.reason == "protective stop", NAMED_WITHIN, "protective stop named")
+        refused = bench.ask("start")
         assert not refused.ok
         assert "protective stop" in refused.text
-        from seed_driver.robot.probe import dashboard
+        from seed_driver.robot.dashboard import dashboard
 
-        assert "releasing" in dashboard(rig.robot.host, "unlock protective stop")
-        rig.run(0.5)
-        assert not rig.state.armed
-        rig.recover(3.0)
+        assert "releasing" in dashboard(bench.robot.host, "unlock protective stop")
+        bench.run(0.5)
+        assert not bench.state.armed
+        bench.recover(3.0)
 
 
 @pytest.mark.parametrize("version", ["3.5.4", "5.0.2", "10.7.0"])
@@ -143,7 +143,7 @@ def test_unsupported_polyscope(version: str) -> None:
 
 
 def test_a_second_client_is_told_who_holds_the_registers() -> None:
-    with Rig() as first:
+    with FaultBench() as first:
         first.ready()
         assert "another RTDE client holds the input registers" in complaint("another RTDE client", first.robot.host)
         first.run(0.2)

@@ -13,7 +13,7 @@ import pytest
 
 from seed_core.quaternion import from_rotation_vector, to_pose, turned
 from seed_driver.config import DriverConfig
-from seed_driver.process.deadlines import CLOSEST, Pace
+from seed_driver.process.cycle_timing import CLOSEST, Deadlines
 from seed_driver.process.shared_memory import NO_SAMPLE, Modes, SharedMemory, TargetSlot
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
@@ -55,7 +55,7 @@ class Robot:
     def _sample(self):
         *p, rx, ry, rz = self.arm.tcp_pose()
         orientation = from_rotation_vector((rx, ry, rz))
-        return NO_SAMPLE._replace(q=tuple(self.arm.q), p=tuple(p), orientation=orientation, modes=Modes(7, 1, 2, 1, 3))
+        return NO_SAMPLE._replace(q=tuple(self.arm.q), p=tuple(p), orientation=orientation, modes=Modes(7, 1, 2, 1))
 
     def _carried(self, content):
         return self.pauses["network"].over(self.now) + PATH_TIME, content
@@ -107,7 +107,7 @@ def play(q, path, seed: int, **settings) -> Robot:
     session.robot, session.linked, session.sample = robot, True, robot.sample()
     session.start()
     session.watch.restart(robot.timestamp, 0.0)
-    pace, due, targets = Pace(PERIOD, 0.0), 0.0, 0
+    deadlines, due, targets = Deadlines(PERIOD, 0.0), 0.0, 0
     *start, orientation = (*session.sample.p, session.sample.orientation)
     while due < 3.0:
         now = pauses["process"].over(due)
@@ -118,7 +118,7 @@ def play(q, path, seed: int, **settings) -> Robot:
         if session.linked and not process.motion.armed:
             session.start()  # after a hold, for a pause that was too long
         process.tick(robot, now)
-        due = pace.next(now + 1e-4)
+        due = deadlines.next(now + 1e-4)
     for wire in (ours, theirs):
         wire.close()
     memory.close()
@@ -145,8 +145,8 @@ def test_no_two_commands_come_within_one_cycle_of_the_robot() -> None:
     assert np.diff(robot.sent).min() >= CLOSEST * PERIOD
 
 
-def test_the_pace_is_exact_while_nothing_is_late() -> None:
-    pace, due = Pace(PERIOD, 0.0), 0.0
+def test_the_deadlines_are_exact_while_nothing_is_late() -> None:
+    deadlines, due = Deadlines(PERIOD, 0.0), 0.0
     for i in range(1000):
         assert due == pytest.approx(i * PERIOD, abs=1e-9)
-        due = pace.next(due + (i % 3) * 1e-4)
+        due = deadlines.next(due + (i % 3) * 1e-4)

@@ -13,7 +13,7 @@ from seed_core.quaternion import turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Stage
 from seed_driver.process.supervisor import Supervisor
-from seed_testing.fault_bench.bench import STEP, Rig, leftover_processes
+from seed_testing.fault_bench.bench import STEP, FaultBench, leftover_processes
 from seed_ur.kinematics import URKinematics
 from seed_ur.plant_link import PlantLink
 from seed_ur.standin.controller import HOME
@@ -23,28 +23,28 @@ pytestmark = pytest.mark.realtime
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
 
-def command(rig):
-    x, y, z, *q = rig.state.command
+def command(bench):
+    x, y, z, *q = bench.state.command
     return (x, y, z), tuple(q)
 
 
 def test_joints_stay_below_their_limit_at_a_singularity() -> None:
     """Pushing the wrist axis through the axis of joint 4 would need joints of any speed."""
     home = [0.0, -1.6, 1.9, -1.9, -0.12, 0.0]
-    with Rig("--home", *(str(math.degrees(t)) for t in home), max_joint_speed=0.6) as rig:
-        rig.ready()
-        rig.robot.ask("reset_stats")
-        (x, y, z), q = command(rig)
-        rig.follow(lambda t: ((x, y, z), turned(q, (0.0, 0.0, min(0.5, 0.4 * t)))))
-        rig.run(2.5)
-        stats = rig.robot.ask("stats")
+    with FaultBench("--home", *(str(math.degrees(t)) for t in home), max_joint_speed=0.6) as bench:
+        bench.ready()
+        bench.robot.ask("reset_stats")
+        (x, y, z), q = command(bench)
+        bench.follow(lambda t: ((x, y, z), turned(q, (0.0, 0.0, min(0.5, 0.4 * t)))))
+        bench.run(2.5)
+        stats = bench.robot.ask("stats")
         assert 0.5 < stats["top_joint_speed"] <= 0.6 * 1.05
-        assert rig.robot.ask("state")["safety_mode"] == 1
+        assert bench.robot.ask("state")["safety_mode"] == 1
 
 
 def test_an_arm_whose_clock_stands_still_for_its_plant_is_waited_for() -> None:
     """Longer than ur_rtde puts up with silence; then it goes on as if nothing had been."""
-    with Rig("--await-plant", simulated=True) as rig, PlantLink(rig.robot.host) as plant:
+    with FaultBench("--await-plant", simulated=True) as bench, PlantLink(bench.robot.host) as plant:
         plant.place(URKinematics.for_model("ur5e").forward(HOME), HOME, clock=1000.0)
         clock = [1000.0]
 
@@ -53,93 +53,93 @@ def test_an_arm_whose_clock_stands_still_for_its_plant_is_waited_for() -> None:
             while time.monotonic() < until:
                 clock[0] += pace * STEP
                 plant.report(np.zeros(3), np.zeros(3), clock[0])
-                rig.step()
+                bench.step()
 
-        while rig.state.stage != Stage.BUSY:
+        while bench.state.stage != Stage.BUSY:
             run(STEP, 0.5)
         run(1.0, 0.0)  # a start that takes long is no hang
-        while not rig.state.armed:
+        while not bench.state.armed:
             run(0.1, 0.5)
-        assert rig.supervisor.deaths == 0
-        rig.sway(amplitude=0.05)
+        assert bench.supervisor.deaths == 0
+        bench.sway(amplitude=0.05)
         run(0.5, 0.5)
         run(0.1, 0.0)
-        before, sent = rig.state, rig.state.sent
+        before, sent = bench.state, bench.state.sent
         run(3.0, 0.0)
-        assert rig.state.armed
-        assert rig.state.timestamp == before.timestamp
-        assert rig.state.command == before.command
-        assert rig.state.sent > sent + 500
+        assert bench.state.armed
+        assert bench.state.timestamp == before.timestamp
+        assert bench.state.command == before.command
+        assert bench.state.sent > sent + 500
         run(0.3, 0.5)
-        assert rig.state.armed
-        assert rig.state.timestamp > before.timestamp + 0.05
+        assert bench.state.armed
+        assert bench.state.timestamp > before.timestamp + 0.05
 
 
 def test_a_tcp_moves_the_robots_pose_not_ours() -> None:
-    with Rig(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
-        rig.ready()
-        (x, y, z), q = command(rig)
-        robot = rig.robot.ask("state")
+    with FaultBench(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as bench:
+        bench.ready()
+        (x, y, z), q = command(bench)
+        robot = bench.robot.ask("state")
         assert np.linalg.norm(np.subtract(robot["tcp_pose"][:3], (x, y, z))) == pytest.approx(
             math.hypot(0.01, 0.15), abs=1e-4
         )
-        rig.follow(lambda _: ((x, y, z + 0.02), q))
-        rig.run(1.0)
-        moved = np.subtract(rig.robot.ask("state")["tcp_pose"][:3], robot["tcp_pose"][:3])
+        bench.follow(lambda _: ((x, y, z + 0.02), q))
+        bench.run(1.0)
+        moved = np.subtract(bench.robot.ask("state")["tcp_pose"][:3], robot["tcp_pose"][:3])
         assert_allclose(moved, (0, 0, 0.02), atol=1e-4)
-        assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
+        assert_allclose(bench.state.sample.p, (x, y, z + 0.02), atol=1e-4)
 
 
 def test_poses_are_those_of_the_flange_whatever_tcp_another_program_left() -> None:
     """Before our program runs, the TCP is the pendant's."""
-    with Rig(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
-        rig.ready()
-        flange = rig.state.sample.p
-        rig.supervisor.close()
-        rig.robot.ask("option", name="remote_control", value=False)
-        rig.supervisor = Supervisor(DriverConfig(robot_ip=rig.robot.host))
-        rig.supervisor.start(start_program=True)
-        rig.wait(lambda s: "local control" in s.reason, 10.0, "local control named")
-        assert np.linalg.norm(np.subtract(rig.robot.ask("state")["tcp_pose"][:3], flange)) > 0.1
-        assert_allclose(rig.state.sample.p, flange, atol=1e-6)
+    with FaultBench(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as bench:
+        bench.ready()
+        flange = bench.state.sample.p
+        bench.supervisor.close()
+        bench.robot.ask("option", name="remote_control", value=False)
+        bench.supervisor = Supervisor(DriverConfig(robot_ip=bench.robot.host))
+        bench.supervisor.start(start_program=True)
+        bench.wait(lambda s: "local control" in s.reason, 10.0, "local control named")
+        assert np.linalg.norm(np.subtract(bench.robot.ask("state")["tcp_pose"][:3], flange)) > 0.1
+        assert_allclose(bench.state.sample.p, flange, atol=1e-6)
 
 
 @pytest.mark.parametrize(("version", "rate"), [("3.15.8", 125), ("5.4.2", 500)])
 def test_old_controllers_are_followed_too(version: str, rate: int) -> None:
     """3.15 is a CB3 with its slower cycle; 5.4 does not tell its TCP."""
-    with Rig("--version", version, tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as rig:
-        rig.ready()
-        (x, y, z), q = command(rig)
-        sent = rig.state.sent
-        rig.follow(lambda t: ((x, y, z + 0.02 * min(1.0, t)), q))
-        rig.run(2.0)
-        assert rig.state.sent - sent == pytest.approx(2.0 * rate, rel=0.1)
-        assert_allclose(rig.state.sample.p, (x, y, z + 0.02), atol=1e-4)
+    with FaultBench("--version", version, tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as bench:
+        bench.ready()
+        (x, y, z), q = command(bench)
+        sent = bench.state.sent
+        bench.follow(lambda t: ((x, y, z + 0.02 * min(1.0, t)), q))
+        bench.run(2.0)
+        assert bench.state.sent - sent == pytest.approx(2.0 * rate, rel=0.1)
+        assert_allclose(bench.state.sample.p, (x, y, z + 0.02), atol=1e-4)
 
 
 def test_closing_in_freedrive_ends_it_and_the_program() -> None:
-    with Rig() as rig:
-        rig.ready()
-        assert rig.ask("freedrive", on=True).ok
-        rig.run(0.2)
+    with FaultBench() as bench:
+        bench.ready()
+        assert bench.ask("freedrive", on=True).ok
+        bench.run(0.2)
         start = time.monotonic()
-        rig.supervisor.close()
+        bench.supervisor.close()
         assert time.monotonic() - start < 1.5  # the process is killed after 2 s
-        state = rig.robot.ask("state")
+        state = bench.robot.ask("state")
         assert (state["freedrive"], state["runtime_state"], state["messages"]) == (False, 1, [])
 
 
 def test_closing_leaves_the_robot_at_rest_and_no_process() -> None:
     descriptors, others = len(os.listdir("/proc/self/fd")), leftover_processes(os.getpid())
-    with Rig() as rig:
-        rig.ready()
-        rig.sway()
-        rig.run(0.4)
+    with FaultBench() as bench:
+        bench.ready()
+        bench.sway()
+        bench.run(0.4)
         start = time.monotonic()
-        rig.supervisor.close()
+        bench.supervisor.close()
         assert time.monotonic() - start < 2.5
-        assert rig.robot.ask("state")["runtime_state"] == 1
+        assert bench.robot.ask("state")["runtime_state"] == 1
         time.sleep(0.1)
-        assert rig.motion(start)[-1, 4] < 1e-3
+        assert bench.motion(start)[-1, 4] < 1e-3
     assert leftover_processes(os.getpid()) == others
     assert len(os.listdir("/proc/self/fd")) == descriptors

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scheduling of the servo process, as far as the system allows it."""
+"""Scheduling of the servo process, as far as the system allows it; its timing is measured, whether or not it does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 
 from seed_driver.config import DriverConfig
 
-HASTE = -15  # niceness
+NICENESS = -15
 _PR_SET_PDEATHSIG = 1
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
@@ -23,25 +23,17 @@ def die_with_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def no_collector() -> None:
-    """No pauses for garbage: the loop makes none in cycles."""
-    gc.freeze()
-    gc.disable()
-
-
-def stay_in_memory() -> None:
-    """No pauses for pages that the system has taken away, when it lets us keep them."""
-    ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
-
-
-def hasten(pid: int) -> None:
-    """Have a process start before ordinary ones, when the system allows it: a robot without one holds."""
+def raise_niceness(pid: int) -> None:
+    """Have a process start before ordinary ones: a robot without one holds."""
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, pid, HASTE)
+        os.setpriority(os.PRIO_PROCESS, pid, NICENESS)
 
 
-def realtime(config: DriverConfig) -> None:
-    """Real-time priority and one processor, when the system allows it; timing is measured, whether or not it does."""
+def become_realtime(config: DriverConfig) -> None:
+    """No pauses for garbage or swapped pages; real-time priority and one processor, if configured and allowed."""
+    gc.freeze()
+    gc.disable()  # the loop makes no garbage in cycles
+    ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     if config.cpu >= 0:
         with suppress(OSError):
             os.sched_setaffinity(0, {config.cpu})
@@ -64,11 +56,3 @@ def threads_above(config: DriverConfig) -> Iterator[None]:
         yield
     finally:
         os.sched_setscheduler(0, *before)
-
-
-def silence() -> None:
-    """ur_rtde prints a line per failed call: nothing is printed, unless SEED_DRIVER_DEBUG is set."""
-    if not os.environ.get("SEED_DRIVER_DEBUG"):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)

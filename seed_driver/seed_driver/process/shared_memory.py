@@ -12,15 +12,17 @@ import mmap
 import os
 import struct
 from enum import IntEnum
-from typing import NamedTuple
+from itertools import islice
+from typing import Any, NamedTuple
 
 from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 
 _TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
 _COUNTER = struct.Struct("<Q")
-_STATE = struct.Struct("<ddQIIIiiiII6d6d6d7d6d6dd7ddQQddddI64s256s")
+_STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s256s")  # the fields of State in their order
 _HALF = 4096
+LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes of the servo process
 
 
 class Stage(IntEnum):
@@ -49,7 +51,6 @@ class Modes(NamedTuple):
     safety_mode: int = 0
     runtime_state: int = 0
     safety_bits: int = 0
-    status_bits: int = 0
 
 
 class Sample(NamedTuple):
@@ -76,7 +77,6 @@ class State(NamedTuple):
 
     heartbeat: float = 0.0
     sample_time: float = 0.0  # when the newest sample came from the robot
-    ticks: int = 0
     stage: Stage = Stage.STARTING
     armed: bool = False  # targets are followed
     linked: bool = False
@@ -131,23 +131,10 @@ class SharedMemory:
 
     def write_state(self, state: State) -> None:
         """Servo process: publish the state; before it lives, the node does."""
-        sample = state.sample
-        data = _STATE.pack(
-            *state[:6],
-            *sample.modes,
-            *sample.q,
-            *sample.qd,
-            *sample.current,
-            *sample.p,
-            *sample.orientation,
-            *sample.twist,
-            *sample.wrench,
-            sample.speed_scaling,
-            *state.command,
-            *state[8:16],
-            state.version.encode()[:64],
-            state.reason.encode()[:256],
-        )
+        s = state.sample
+        vectors = *s.q, *s.qd, *s.current, *s.p, *s.orientation, *s.twist, *s.wrench
+        texts = state.version.encode(), state.reason.encode()  # cut to their room by pack
+        data = _STATE.pack(*state[:5], *vectors, *s.modes, s.speed_scaling, *state.command, *state[7:15], *texts)
         self._write(_HALF, data)
 
     def read_state(self) -> State | None:
@@ -155,21 +142,17 @@ class SharedMemory:
         data = self._read(_HALF, _STATE.size)
         if data is None:
             return None
-        v = _STATE.unpack(data)
-        sample = Sample(
-            q=v[11:17],
-            qd=v[17:23],
-            current=v[23:29],
-            p=(v[29], v[30], v[31]),
-            orientation=(v[32], v[33], v[34], v[35]),
-            twist=v[36:42],
-            wrench=v[42:48],
-            modes=Modes(*v[6:11]),
-            speed_scaling=v[48],
-        )
-        version, reason = (t.rstrip(b"\0").decode("utf-8", "replace") for t in v[64:66])
-        head = (*v[:3], Stage(v[3]), bool(v[4]), bool(v[5]))
-        return State._make((*head, sample, v[49:56], *v[56:63], bool(v[63]), version, reason))
+        values = iter(_STATE.unpack(data))
+
+        def take(count: int) -> Any:
+            return tuple(islice(values, count))
+
+        heartbeat, sample_time, stage, armed, linked = take(5)
+        vectors = [take(n) for n in (6, 6, 6, 3, 4, 6, 6)]
+        sample = Sample._make((*vectors, Modes._make(take(4)), next(values)))
+        command, numbers = take(7), take(8)
+        texts = (text.rstrip(b"\0").decode("utf-8", "replace") for text in values)
+        return State._make((heartbeat, sample_time, Stage(stage), armed, linked, sample, command, *numbers, *texts))
 
     def _write(self, at: int, data: bytes) -> None:
         (count,) = _COUNTER.unpack_from(self._map, at)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts the servo process, listens to its heartbeat, puts it down when it hangs, starts it again when it died.
+"""Starts the servo process, listens to its heartbeat, kills it when it hangs, starts it again when it died.
 
 Nothing here blocks or sleeps: `step` is called often (100 Hz or more) with the time.
 """
@@ -12,13 +12,13 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, to_json
-from seed_driver.process.realtime import hasten
-from seed_driver.process.shared_memory import SharedMemory, Stage, State, TargetSlot
-from seed_driver.process.start_watch import Start
+from seed_driver.process.realtime import raise_niceness
+from seed_driver.process.shared_memory import CRASHED, LOST, SharedMemory, Stage, State, TargetSlot
 
 LONGEST_START = 40.0  # [s] without a heartbeat while the process starts, from a cold disk of a busy machine
 IDLE = 1.5, 3.0  # [s] of no work in it after which the process counts as gone, and then is killed
@@ -30,6 +30,9 @@ SILENT = {  # [s] without a heartbeat after which the process counts as gone, an
 }
 ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
+LARGEST_MESSAGE = 65_536  # [byte]
+MOST_REPLIES = 200  # kept for those who ask
+WORKING = "RD"  # states of a process that waits for a processor or a disk
 
 
 class Reply(NamedTuple):
@@ -37,6 +40,35 @@ class Reply(NamedTuple):
 
     ok: bool
     text: str
+
+
+class StartWatch:
+    """Progress of a process that has not spoken yet: a start may be slow, from a cold disk of a busy machine."""
+
+    def __init__(self, pid: int, now: float) -> None:
+        """pid: process number; now: [s]."""
+        self._file = Path(f"/proc/{pid}/stat")
+        self.began = self._worked_at = now
+        self._used = 0  # [ticks] of processor time
+
+    def idle(self, now: float) -> float:
+        """Time [s] in which it has neither worked nor waited for its turn: it is stopped, or in a deadlock."""
+        try:
+            state, *numbers = self._file.read_text().rpartition(")")[2].split()
+        except OSError:  # it has ended
+            return 0.0
+        used = int(numbers[10]) + int(numbers[11])
+        if state in WORKING or used > self._used:
+            self._used, self._worked_at = used, now
+        return now - self._worked_at
+
+
+class _Life(NamedTuple):
+    """One servo process."""
+
+    process: subprocess.Popen[bytes]
+    wire: socket.socket  # requests to it, replies from it
+    start: StartWatch
 
 
 class Supervisor:
@@ -47,93 +79,88 @@ class Supervisor:
         self.state = State()
         self.replies: dict[int, Reply] = {}
         self.deaths = 0
-        self._memory: SharedMemory | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._wire: socket.socket | None = None
+        self.memory: SharedMemory | None = None  # while the driver is active
+        self._life: _Life | None = None
         self._requests = 0
+        self._unanswered: set[int] = set()
         self._targets = 0
         self._restart_at = 0.0
         self._start_program = False  # until a life has done so, or was told not to
-        self._starting: Start | None = None
         self._longest_start = LONGEST_START
-        self._waiting: dict[int, float] = {}
 
     def start(self, start_program: bool) -> None:
         """Start the process; with `start_program` it sends the robot program as soon as the robot allows."""
-        self._memory = SharedMemory.create()
+        self.memory = SharedMemory.create()
         self._start_program = start_program
-        self._spawn(time.monotonic())
+        self._spawn(self.memory, time.monotonic())
 
-    def _spawn(self, now: float) -> None:
-        assert self._memory is not None
+    def _spawn(self, memory: SharedMemory, now: float) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        reason = self.state.reason if self.deaths else "starting"
-        self._memory.write_state(State(heartbeat=now, reason=reason))
-        command = [sys.executable, "-m", "seed_driver.servo", str(self._memory.fd), str(theirs.fileno())]
-        self._process = subprocess.Popen(
-            command, pass_fds=(self._memory.fd, theirs.fileno()), stdin=subprocess.DEVNULL, close_fds=True
+        memory.write_state(State(heartbeat=now, reason=self.state.reason if self.deaths else "starting"))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "seed_driver.servo", str(memory.fd), str(theirs.fileno())],
+            pass_fds=(memory.fd, theirs.fileno()),
+            stdin=subprocess.DEVNULL,
         )
         if self.config.realtime_priority > 0:
-            hasten(self._process.pid)
+            raise_niceness(process.pid)
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
         theirs.close()
-        self._wire, self._starting = ours, Start(self._process.pid, now)
+        self._life = _Life(process, ours, StartWatch(process.pid, now))
         self.state = self.state._replace(stage=Stage.STARTING)
 
     @property
     def pid(self) -> int | None:
         """Process number of the servo process."""
-        return self._process.pid if self._process is not None else None
+        return self._life.process.pid if self._life is not None else None
 
     def step(self, now: float) -> State:
         """Look after the process; the newest state."""
-        if self._memory is None:
+        if self.memory is None:
             return self.state
-        self._read_replies()
-        if self._process is None:
+        if self._life is None:
             if now >= self._restart_at:
-                self._spawn(now)
+                self._spawn(self.memory, now)
             return self.state
-        code = self._process.poll()  # before its state, so that this is the last one when it has ended
-        fresh = self._memory.read_state()
-        state = fresh if fresh is not None else self.state
-        gone, hopeless = self._doubts(now, state)
+        self._read_replies(self._life.wire)
+        code = self._life.process.poll()  # before its state, so that this is the last one when it has ended
+        state = self.memory.read_state() or self.state
+        gone, hopeless = self._doubts(self._life.start, now, state)
         if code is not None:
-            self._buried(now, state, code)
+            said = state.reason if code in (0, LOST, CRASHED) else ""
+            self._ended(self._life, now, state, said or exit_reason(code))
         elif hopeless:
-            self._process.kill()
-            self._process.wait()
-            self._buried(now, state._replace(reason="servo process hung and was killed"), 0)
+            self._life.process.kill()
+            self._life.process.wait()
+            self._ended(self._life, now, state, "servo process hung and was killed")
         elif gone:
             self.state = state._replace(linked=False, armed=False, reason="servo process does not answer")
         else:
             self.state = state
         return self.state
 
-    def _doubts(self, now: float, state: State) -> tuple[bool, bool]:
+    def _doubts(self, start: StartWatch, now: float, state: State) -> tuple[bool, bool]:
         """Whether the process counts as gone, and whether it is to be killed."""
-        if state.stage != Stage.STARTING or self._starting is None:
+        if state.stage != Stage.STARTING:
             self._start_program &= state.wants_start  # of the next life
             silent, (gone, hopeless) = now - state.heartbeat, SILENT[state.stage]
             return silent > gone, silent > hopeless
-        idle = self._starting.idle(now)
-        if now - self._starting.began > self._longest_start:
+        if now - start.began > self._longest_start:
             self._longest_start *= 2.0  # a slow machine gets there in the end
             return True, True
+        idle = start.idle(now)
         return idle > IDLE[0], idle > IDLE[1]
 
-    def _buried(self, now: float, last: State, code: int) -> None:
+    def _ended(self, life: _Life, now: float, last: State, reason: str) -> None:
+        life.wire.close()
+        self._life = None
         self.deaths += 1
-        reason = last.reason if code in (0, 3, 4) and last.reason else _obituary(code)
-        self.state = last._replace(linked=False, armed=False, stage=Stage.SEARCHING, reason=reason)
-        if self._wire is not None:
-            self._wire.close()
-        self._process, self._wire = None, None
         self._restart_at = now + RESTART_AFTER
-        for number in list(self._waiting):
+        self.state = last._replace(linked=False, armed=False, stage=Stage.SEARCHING, reason=reason)
+        for number in self._unanswered:
             self.replies[number] = Reply(False, f"link lost meanwhile: {reason}")
-        self._waiting.clear()
+        self._unanswered.clear()
 
     # requests
     def send(self, do: str, **arguments: Any) -> int:
@@ -143,62 +170,63 @@ class Supervisor:
         number = self._requests
         message = json.dumps({"do": do, "id": number, **arguments}).encode()
         try:
-            if self._wire is None or (do in ROBOTS_OWN and self.state.stage == Stage.STARTING):
+            if self._life is None or (do in ROBOTS_OWN and self.state.stage == Stage.STARTING):
                 raise OSError("no servo process that could do it")
-            self._wire.send(message)
-            self._waiting[number] = time.monotonic()
+            self._life.wire.send(message)
+            self._unanswered.add(number)
         except OSError:
             self.replies[number] = Reply(False, f"no link to the robot: {self.state.reason}")
         return number
 
-    def _read_replies(self) -> None:
-        while self._wire is not None:
+    def _read_replies(self, wire: socket.socket) -> None:
+        while True:
             try:
-                data = self._wire.recv(65_536)
+                data = wire.recv(LARGEST_MESSAGE)
             except OSError:
                 return
             if not data:
                 return
             reply = json.loads(data)
-            self._waiting.pop(reply["id"], None)
+            self._unanswered.discard(reply["id"])
             self.replies[reply["id"]] = Reply(reply["ok"], reply["text"])
-            while len(self.replies) > 200:
+            while len(self.replies) > MOST_REPLIES:
                 self.replies.pop(next(iter(self.replies)))
 
     def write_target(self, p: tuple[float, float, float], q: tuple[float, float, float, float], now: float) -> int:
-        """Hand over a target that has passed the gate; its number."""
-        if self._memory is None:
+        """Hand over a target that has passed the target checks; its number."""
+        if self.memory is None:
             raise SeedError("the driver is not active")
         self._targets += 1
-        self._memory.write_target(TargetSlot(self._targets, now, p, q))
+        self.memory.write_target(TargetSlot(self._targets, now, p, q))
         return self._targets
 
     def set_config(self, config: DriverConfig) -> None:
         """Change settings while running."""
         self.config = config
-        if self._memory is not None:
+        if self.memory is not None:
             self.send("config", config=to_json(config))
 
     def close(self, patience: float = 2.0) -> None:
         """Let the arm come to rest, end the program and the process."""
-        process, self._process = self._process, None
-        if process is not None and process.poll() is None:
-            self.send("quit")
-            try:
-                process.wait(patience)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        if self._wire is not None:
-            self._wire.close()
-            self._wire = None
-        if self._memory is not None:
-            self._memory.close()
-            self._memory = None
+        if self._life is not None:
+            process = self._life.process
+            if process.poll() is None:
+                self.send("quit")
+                try:
+                    process.wait(patience)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+            self._life.wire.close()
+            self._life = None
+        if self.memory is not None:
+            self.memory.close()
+            self.memory = None
         self.state = State(reason="not active")
 
 
-def _obituary(code: int) -> str:
+def exit_reason(code: int) -> str:
+    """The end of a process, in words, from its return code."""
     if code < 0:
         return f"servo process died of {signal.Signals(-code).name}"
     return f"servo process ended with code {code}"

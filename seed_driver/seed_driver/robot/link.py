@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the link to the robot is alive and the robot able to move, judged from measurements alone.
+"""Judgement of the link to the robot, and of the robot's ability to move, from measurements alone.
 
 ur_rtde's return values say nothing about the link (a dead one accepts commands for ever), so they are not used.
 """
@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from seed_core.errors import FailedError
+
 LOST_AFTER = 0.06  # [s] without an advancing controller clock
 AWAKE = 0.04  # [s] of it we must have been awake, so that our own pause is not taken for the robot's
 CYCLE = 0.01  # [s] a longer one is a pause
 GIVE_UP_AFTER = 0.5  # [s] ur_rtde would reconnect by itself, and crash, at 2.5 s
-PLAYING = 2
-RUNNING = 7
-_SAFETY_STOPS = {
+PLAYING = 2  # runtime state of a program that runs
+RUNNING = 7  # robot mode of an arm that can move
+_SAFETY_STOPS = {  # by their bit in safety_status_bits, the most telling first
     2: "protective stop",
     7: "emergency stop",
     6: "emergency stop (robot)",
@@ -25,7 +27,6 @@ _SAFETY_STOPS = {
     9: "safety fault",
     10: "stopped by safety",
 }
-_ANY_STOP = sum(1 << bit for bit in _SAFETY_STOPS)
 _MODES = {
     -1: "no controller",
     0: "disconnected",
@@ -37,6 +38,10 @@ _MODES = {
     6: "in backdrive",
     8: "updating its firmware",
 }
+
+
+class LinkError(FailedError):
+    """The controller cannot be used as it is; the message says why and what to do."""
 
 
 @dataclass
@@ -75,14 +80,11 @@ class LinkWatch:
 
 def safety_stop(safety_bits: int) -> str:
     """Name of the safety stop in force, empty when the arm may move."""
-    if not safety_bits & _ANY_STOP:
-        return ""
     return next((name for bit, name in _SAFETY_STOPS.items() if safety_bits >> bit & 1), "")
 
 
 def unable(robot_mode: int, safety_bits: int) -> str:
     """Why the arm cannot move, empty when it can."""
-    stop = safety_stop(safety_bits)
-    if stop:
+    if stop := safety_stop(safety_bits):
         return stop
     return "" if robot_mode == RUNNING else f"robot is {_MODES.get(robot_mode, f'in mode {robot_mode}')}"

@@ -22,7 +22,7 @@ from seed_driver.config import FIXED, DriverConfig, from_json, to_json
 from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.process.shared_memory import State
 from seed_driver.process.supervisor import Supervisor
-from seed_driver.robot import probe
+from seed_driver.robot.dashboard import dashboard
 from seed_driver.ros.outputs import Outputs
 from seed_driver.target_checks import Target, refusal
 from seed_ros.conversions import seconds
@@ -231,7 +231,7 @@ class DriverNode(LifecycleNode):
                 response.success, response.message = False, "the driver is not active"
                 return response
             future = Future()
-            call = self._thread.submit(probe.dashboard, self.config.robot_ip, first, command)
+            call = self._thread.submit(dashboard, self.config.robot_ip, first, command)
             self._thread_calls.append((call, future))
             answer = await future
             response.success, response.message = expected in answer.lower(), answer

@@ -15,11 +15,13 @@ import sys
 import time
 from typing import Any
 
-from seed_driver.process.period_histogram import share_within
-from seed_testing.fault_bench.bench import Rig
-from seed_testing.fault_bench.faults import FAULTS, Outcome, suffer
+import numpy as np
+
+from seed_testing.fault_bench.bench import FaultBench
+from seed_testing.fault_bench.faults import FAULTS, Outcome, run_fault
 
 BUSY = "while True: sum(range(10000))"
+PERIOD, TOLERANCE = 0.002, 0.0003  # [s] of a servo cycle
 
 
 def run(seconds: float = 60.0, load: bool = True, faults: bool = True) -> dict[str, Any]:
@@ -34,75 +36,67 @@ def servo(seconds: float, load: bool) -> dict[str, Any]:
     """500 Hz streaming: periods, commands received, CPU share of the servo process, latency of targets."""
     busy = subprocess.Popen([sys.executable, "-c", BUSY]) if load else None
     try:
-        with Rig() as rig:
-            rig.ready()
-            rig.sway()
-            rig.run(1.0)
-            return _measure(rig, seconds)
+        with FaultBench() as bench:
+            bench.ready()
+            bench.sway()
+            bench.run(1.0)
+            return _measure(bench, seconds)
     finally:
         if busy is not None:
             busy.kill()
             busy.wait()
 
 
-def _measure(rig: Rig, seconds: float) -> dict[str, Any]:
-    before = json.loads(rig.ask("periods").text)
-    rig.robot.ask("reset_stats")
-    sent, pid = rig.state.sent, rig.supervisor.pid
-    robot_pid = rig.robot.process.pid if rig.robot.process else None
+def _measure(bench: FaultBench, seconds: float) -> dict[str, Any]:
+    before = json.loads(bench.ask("periods").text)
+    bench.robot.ask("reset_stats")
+    sent, pid = bench.state.sent, bench.supervisor.pid
+    robot_pid = bench.robot.process.pid if bench.robot.process else None
     cpu, robot_cpu, start = cpu_seconds(pid), cpu_seconds(robot_pid), time.monotonic()
-    latencies = _stream(rig, seconds)
+    latencies = _stream(bench, seconds)
     elapsed = time.monotonic() - start
     used, robot_used = cpu_seconds(pid) - cpu, cpu_seconds(robot_pid) - robot_cpu
-    stats = rig.robot.ask("stats")
-    sent = rig.state.sent - sent
-    after = json.loads(rig.ask("periods").text)
-    counts = [b - a for a, b in zip(before["counts"], after["counts"], strict=True)]
-    histogram = {**after, "counts": counts}
+    stats = bench.robot.ask("stats")
+    sent = bench.state.sent - sent
     return {
         "seconds": round(elapsed, 1),
-        "period_share_within_0.3_ms": round(share_within(histogram, 0.002, 0.0003), 5),
-        "period_max_ms": round(1e3 * _largest(histogram), 2),
+        **_period_figures(before, json.loads(bench.ask("periods").text)),
         "commands_sent": sent,
         "commands_received": stats["servo_count"],
         "received_period_ms": {k: round(1e3 * v, 3) for k, v in stats["servo_period"].items()},
         "cpu_share": round(used / elapsed, 4),
         "standin_cpu_share": round(robot_used / elapsed, 4),
         "latency_ms": {
-            "p50": quantile(latencies, 0.5),
-            "p99": quantile(latencies, 0.99),
-            "max": quantile(latencies, 1.0),
+            name: round(float(np.quantile(latencies, q, method="higher")), 3) if latencies else math.nan
+            for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
         },
         "realtime": os.sched_getscheduler(pid or 0) == os.SCHED_FIFO,
     }
 
 
-def _stream(rig: Rig, seconds: float) -> list[float]:
+def _stream(bench: FaultBench, seconds: float) -> list[float]:
     """Latency [ms] from handing over a target to the servo command that used it, for the targets seen."""
     latencies, last = [], -1
     until = time.monotonic() + seconds
     while time.monotonic() < until:
-        state = rig.step()
+        state = bench.step()
         if state.target_number != last:
             last = state.target_number
             latencies.append(1e3 * state.latency)
     return latencies
 
 
-def _largest(histogram: dict[str, Any]) -> float:
-    """Upper edge [s] of the last bin in use."""
-    used = [i for i, n in enumerate(histogram["counts"]) if n]
-    if not used:
-        return math.nan
-    return float(
-        histogram["max_s"] if used[-1] == len(histogram["counts"]) - 1 else (used[-1] + 1) * histogram["bin_s"]
-    )
-
-
-def quantile(values: list[float], share: float) -> float:
-    """Rounded to microseconds when in milliseconds."""
-    ordered = sorted(values)
-    return round(ordered[min(len(ordered) - 1, int(share * len(ordered)))], 3) if ordered else math.nan
+def _period_figures(before: dict[str, Any], after: dict[str, Any]) -> dict[str, float]:
+    """Share of the servo cycles near 2 ms, and the longest of them, from the counts before and after."""
+    counts, width = np.subtract(after["counts"], before["counts"]), after["bin_s"]
+    centres = (np.arange(len(counts)) + 0.5) * width
+    near = counts[np.abs(centres - PERIOD) <= TOLERANCE].sum()
+    last = np.flatnonzero(counts)[-1] if counts.any() else 0
+    longest = after["max_s"] if last == len(counts) - 1 else (last + 1) * width
+    return {
+        "period_share_within_0.3_ms": round(float(near / max(1, counts.sum())), 5),
+        "period_max_ms": round(1e3 * float(longest), 2) if counts.any() else math.nan,
+    }
 
 
 def cpu_seconds(pid: int | None) -> float:
@@ -117,11 +111,11 @@ def cpu_seconds(pid: int | None) -> float:
 
 
 def fault_times() -> dict[str, Any]:
-    """Report [s], recovery [s], coasting and jump [mm] of every fault, each on a fresh rig."""
+    """Report [s], recovery [s], coasting and jump [mm] of every fault, each on a fresh bench."""
     out = {}
     for fault in FAULTS:
-        with Rig("--unlock-after", "0.5") as rig:
-            outcome = suffer(rig, fault)
+        with FaultBench("--unlock-after", "0.5") as bench:
+            outcome = run_fault(bench, fault)
         out[fault.name] = {**_rounded(outcome), "report_bound_s": fault.report_within}
     return out
 

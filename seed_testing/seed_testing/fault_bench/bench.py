@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A test rig: the servo process and its supervisor against a stand-in controller, with a target stream and a log.
-
-Needs seed_sim. Used by the tests, `bench` and `fault_sequences`; nothing in the driver itself uses it.
-"""
+"""The fault bench: servo process and supervisor against a stand-in controller, with a target stream and a log."""
 
 from __future__ import annotations
 
@@ -26,6 +23,8 @@ from seed_ur.standin_client import StandIn, private_host
 
 Path = Callable[[float], tuple[Vector3, Quaternion]]
 STEP = 0.004  # [s] between targets: a 250 Hz controller
+AT_REST = 2e-3  # [m/s]
+JUMP = 1e-3  # [m] that the arm may move on recovery, without a target
 
 
 class Event(NamedTuple):
@@ -37,7 +36,7 @@ class Event(NamedTuple):
     reason: str
 
 
-class Rig:
+class FaultBench:
     """A context manager that leaves no process behind. Stand-in options as on its command line."""
 
     def __init__(self, *standin: str, **settings: Any) -> None:
@@ -48,7 +47,7 @@ class Rig:
         self.path: Path | None = None
         self._path_start = 0.0
 
-    def __enter__(self) -> Rig:
+    def __enter__(self) -> FaultBench:
         self.supervisor.start(start_program=True)
         return self
 
@@ -64,8 +63,8 @@ class Rig:
     @property
     def memory_inode(self) -> int:
         """Of the memory shared with the servo process, by which it is known in every process."""
-        assert self.supervisor._memory is not None
-        return os.fstat(self.supervisor._memory.fd).st_ino
+        assert self.supervisor.memory is not None
+        return os.fstat(self.supervisor.memory.fd).st_ino
 
     def step(self) -> State:
         """One turn: a target if there is a path and the driver follows, supervision, log."""
@@ -116,6 +115,17 @@ class Rig:
         self.ready(timeout)
         return time.monotonic() - start
 
+    def recover_in_place(self) -> tuple[float, float]:
+        """Recover without targets: the seconds that took, the metres that the arm moved. Raises SeedError at a jump."""
+        self.still()
+        place = self.position()
+        seconds = self.recover()
+        self.run(0.2)
+        jump = math.dist(self.position(), place)
+        if jump > JUMP:
+            raise SeedError(f"the arm jumped {jump:.4f} m on recovery, limit {JUMP} m")
+        return seconds, jump
+
     def sway(self, amplitude: float = 0.02, rate: float = 2.0) -> None:
         """Stream a sine along y about the present command, starting at rest there."""
         x, y, z, *q = self.state.command
@@ -134,10 +144,29 @@ class Rig:
         """No more targets."""
         self.path = None
 
+    def position(self) -> list[float]:
+        """Position [m] of the arm's TCP."""
+        place: list[float] = self.robot.ask("state")["tcp_pose"][:3]
+        return place
+
     def motion(self, since: float) -> NDArray[np.float64]:
         """(n, 6): time, position (3) [m], speed [m/s], turning [rad/s] of the arm at every controller cycle."""
         rows = self.robot.ask("motion", since=since)["motion"]
         return np.array(rows, dtype=float).reshape(-1, 6)
+
+    def travel(self, since: float, rest_from: float) -> float:
+        """Travel [m] of the arm since a time [s]; raises SeedError when it still moves from `rest_from` [s] on.
+
+        A dead controller has no arm to look at: 0.
+        """
+        try:
+            rows = self.motion(since)
+        except OSError:
+            return 0.0
+        speeds = rows[rows[:, 0] > rest_from, 4]
+        if len(speeds) and speeds.max() > AT_REST:
+            raise SeedError(f"the arm still moves at {speeds.max():.4f} m/s")
+        return math.dist(rows[-1, 1:4], rows[0, 1:4]) if len(rows) else 0.0
 
     def first_report(self, since: float) -> float:
         """Seconds from `since` until the driver said that it does not follow; inf if it never did."""
