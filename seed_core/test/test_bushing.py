@@ -152,3 +152,38 @@ def test_torque_beyond_the_map_is_refused_with_numbers(torque: tuple[float, ...]
 def test_stiffness_that_is_not_positive_is_refused(value: float) -> None:
     with pytest.raises(ConfigError, match=r"stiffness.rotation\[1\] = .* N m/rad"):
         Stiffness((4.0, value, 4.0), (800.0, 1200.0, 800.0))
+
+
+def test_refusals_tell_name_value_unit_and_bound() -> None:
+    hand, ones = Bushing(SOFT_HAND), (1.0, 1.0, 1.0)
+    too_far = Wrench(np.array((-2.4, 0.4, -0.1)), np.array((-23.0, 153.0, -19.0)))
+    refusals = {
+        "stiffness.translation[2] = 0.0 N/m must be finite and > 0": lambda: Stiffness(ones, (1.0, 1.0, 0.0)),
+        "stiffness.rotation[0] = -1.0 N m/rad must be finite and > 0": lambda: Stiffness((-1.0, 1.0, 1.0), ones),
+        "model = 'rubber' must be one of: midpoint, plain": lambda: Bushing(SOFT_HAND, "rubber"),  # type: ignore[arg-type]
+        "torque [0.    4.812 0.   ] N m needs a pitch of 92 degrees; this grasp's map ends at 90: ask for less torque "
+        "or a stiffer grip": lambda: hand.angles(np.array((0.0, 4.812346, 0.0))),
+        "wrench [-2.40e+00  4.00e-01 -1.00e-01 -2.30e+01  1.53e+02 -1.90e+01] (N m, N): the displacement does not settle; "
+        "the force bends the grasp too far: ask for less or grip more firmly": lambda: hand.pose(too_far),
+    }
+    for words, ask in refusals.items():
+        with pytest.raises((ConfigError, BushingError)) as refused:
+            ask()
+        assert str(refused.value) == words
+
+
+def test_a_stiffness_below_one_is_one() -> None:
+    assert Stiffness((0.01, 0.02, 0.03), (0.5, 0.6, 0.7)).scaled(10.0).translation == (5.0, 6.0, 7.0)
+
+
+def test_a_firmer_grip_scales_every_axis() -> None:
+    assert SOFT_HAND.scaled(2.0) == Stiffness((8.0, 6.0, 8.0), (1600.0, 2400.0, 1600.0))
+
+
+@pytest.mark.parametrize("model", ["midpoint", "plain"])
+def test_translation_and_its_stiffness_are_the_parts_of_the_map(model: str) -> None:
+    bushing = Bushing(SOFT_HAND, model)  # type: ignore[arg-type]
+    X_TC = pose_from_rpy((0.2, -0.3, 0.4), (3e-3, -2e-3, 4e-3))
+    force = bushing.wrench(X_TC).force
+    assert_allclose(bushing.translation(force, X_TC[:3, :3]), X_TC[:3, 3], atol=1e-15)
+    assert_allclose(bushing.translation_stiffness(X_TC[:3, :3]) @ X_TC[:3, 3], force, atol=1e-12)
