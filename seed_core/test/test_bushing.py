@@ -163,7 +163,8 @@ def test_refusals_tell_name_value_unit_and_bound() -> None:
         "model = 'rubber' must be one of: midpoint, plain": lambda: Bushing(SOFT_HAND, "rubber"),  # type: ignore[arg-type]
         "torque [0.    4.812 0.   ] N m needs a pitch of 92 degrees; this grasp's map ends at 90: ask for less torque "
         "or a stiffer grip": lambda: hand.angles(np.array((0.0, 4.812346, 0.0))),
-        "wrench [-2.40e+00  4.00e-01 -1.00e-01 -2.30e+01  1.53e+02 -1.90e+01] (N m, N): the displacement does not settle; "
+        "wrench [-2.40e+00  4.00e-01 -1.00e-01 -2.30e+01  1.53e+02 -1.90e+01] (N m, N): "
+        "the displacement does not settle; "
         "the force bends the grasp too far: ask for less or grip more firmly": lambda: hand.pose(too_far),
     }
     for words, ask in refusals.items():
