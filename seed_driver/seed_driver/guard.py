@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, isfinite
 
+from seed_core.arm.hold import HoldLatch
 from seed_core.config import ConfigError, field
 from seed_core.quaternion import Quaternion
 from seed_core.vector3 import ZERO, Vector3
@@ -55,17 +56,16 @@ class Guard:
             workspace_high=high,
             command_timeout=c.command_timeout,
         )
-        self.reason = "waiting for resend_robot_program"
+        self.latch = HoldLatch(c.command_timeout, "waiting for resend_robot_program")
         self._measured: Pose | None = None
         self._measured_at = float("-inf")
         self._follower: Follower | None = None
         self._reference: Reference | None = None
-        self._heard = float("-inf")
 
     @property
-    def following(self) -> bool:
-        """Whether targets are followed."""
-        return not self.reason
+    def reason(self) -> str:
+        """Why it holds; empty while targets are followed."""
+        return self.latch.reason
 
     def measured(self, pose: Pose, now: float) -> None:
         """Where the arm is, unless it is not finite or no rotation."""
@@ -77,28 +77,27 @@ class Guard:
         """Follow again from where the arm stands; the reason why not, or nothing."""
         if self._measured is None or now - self._measured_at > self.config.command_timeout:
             return "no current_pose from the arm: is it running?"
-        if self._follower is None or not self.following:
+        if self._follower is None or self.reason:
             self._follower = Follower(*self._measured, 1.0 / self.config.rate)
-        self._reference, self.reason = None, ""
+        self.latch.resume()
         return ""
 
     def hold(self, reason: str) -> None:
         """Decelerate and stay."""
-        self.reason, self._reference = reason, None
+        self.latch.hold(reason)
 
     def target(self, target: Target, now: float) -> str:
         """A wanted pose; why it is not followed, or nothing."""
-        if self._follower is None or not self.following:
+        if self._follower is None or self.reason:
             return self.reason
         why = refusal(target, (self._follower.p, self._follower.q), [], None, self._rules)
         if why is not None:
-            if self._reference is not None:
-                self.hold(why)
+            self.latch.refused(why)
             return why
-        if self._reference is None:
+        if self._reference is None or not self.latch.following:
             self._reference = Reference(self._follower.inner_p, self._follower.inner_q)
         self._reference.set_goal(target.p, target.q, now, self.config.command_timeout)
-        self._heard = now
+        self.latch.heard(now)
         return ""
 
     def step(self, now: float) -> Pose | None:
@@ -106,11 +105,10 @@ class Guard:
         f = self._follower
         if f is None:
             return None
-        if self._reference is not None and now - self._heard > self.config.command_timeout:
-            self.hold(f"no target_frame for {self.config.command_timeout} s")
-        if self.following and now - self._measured_at > self.config.command_timeout:
+        self.latch.check(now)
+        if not self.reason and now - self._measured_at > self.config.command_timeout:
             self.hold("no current_pose from the arm")
-        feed = self._reference.step(f.dt) if self._reference is not None else (ZERO, ZERO)
-        f.propose(self._reference, feed, self.bounds)
+        reference = self._reference if self.latch.following else None
+        f.propose(reference, reference.step(f.dt) if reference is not None else (ZERO, ZERO), self.bounds)
         f.advance(self.bounds)
         return f.p, f.q

@@ -20,7 +20,6 @@ from std_srvs.srv import Trigger
 from seed_ros.conversions import pose_stamped, pose_to_matrix
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
-from seed_sim.ros.hold_latch import Latch
 from seed_sim.ros.node import SimNode
 
 pytestmark = pytest.mark.ros
@@ -133,20 +132,6 @@ def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
     assert "not followed: target_frame is 0.2" in world.node.counters.last
     assert world.trigger("resend_robot_program").success
     assert world.bench.until(raised)
-
-
-def test_silence_is_a_hold() -> None:
-    latch = Latch(0.1)
-    latch.check(10.0)
-    assert not latch.reason  # nothing to follow yet
-    latch.heard(10.0)
-    latch.check(10.0 + 0.09)
-    assert not latch.reason
-    latch.check(10.0 + 0.11)
-    latch.heard(11.0)
-    assert "no target_frame" in latch.reason
-    latch.resume()
-    assert not latch.reason
 
 
 def test_a_firmer_grip_is_stiffer_and_an_impossible_one_is_refused(world: World) -> None:

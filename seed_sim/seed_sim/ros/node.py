@@ -20,6 +20,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from seed_control.tasks import load_task
+from seed_core.arm.hold import HoldLatch
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
@@ -35,7 +36,6 @@ from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.cell import GRAVITY
 from seed_sim.plant.plant import DT, Plant, PlantError, save_replay
-from seed_sim.ros.hold_latch import Latch
 from seed_sim.ros.late_stream import LONGEST, Awaited
 from seed_sim.ros.outputs import Outputs
 from seed_sim.scenario import load_scenario
@@ -89,7 +89,7 @@ class SimNode(Node):
         self.in_holder = True
         self._held_at = self._X_WE_start
         self._let_down = 0.0  # share of its weight that the holder has given to the grasp
-        self._latch, self._said = Latch(self.settings.target_timeout), ""
+        self._latch, self._said = HoldLatch(self.settings.target_timeout), ""
         self.real_time_factor = 1.0
         self._link = self._join_robot()
         own_arm = self._link is None
