@@ -304,7 +304,7 @@ def test_disabling_ends_a_weighing_where_it_is(cell: Cell) -> None:
     client = cell.bench.client.create_client(Trigger, "controller/weigh_tool")
     assert cell.bench.until(client.service_is_ready)
     answer = client.call_async(Trigger.Request())
-    disabled_while(cell, lambda: cell.node.weigh.busy)
+    disabled_while(cell, lambda: cell.node.payload.busy)
     assert cell.bench.until(answer.done)
     assert not answer.result().success
     assert "ended early: arm holds: disabled by ~/enable" in answer.result().message

@@ -69,12 +69,10 @@ def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoi
     """Everything but the header and the counts of the node itself."""
     message.enabled, message.mode, message.reason = state.enabled, state.mode, state.reason
     message.setpoint_kind, message.in_contact, message.settled = state.setpoint_kind, state.in_contact, state.settled
-    zero = Wrench.zero()
-    desired, estimated = state.desired or zero, state.estimated or zero
-    fill_wrench(message.desired, desired)
-    fill_wrench(message.estimated, estimated)
+    fill_wrench(message.desired, state.desired or Wrench.zero())
+    fill_wrench(message.estimated, state.estimated or Wrench.zero())
     if setpoint is not None and state.X_W_tip is not None:
-        fill_wrench(message.error, regulated_error(setpoint, desired, state.filtered or estimated, state))
+        fill_wrench(message.error, regulated_error(setpoint, state))
         message.lean = so3_log(setpoint.X_W_tip[:3, :3].T @ state.X_W_tip[:3, :3])
     if state.X_W_tip is not None:
         fill_pose(message.tip, state.X_W_tip)
@@ -88,9 +86,10 @@ def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoi
     return message
 
 
-def regulated_error(setpoint: HybridSetpoint, desired: Wrench, measured: Wrench, state: ControllerState) -> Wrench:
+def regulated_error(setpoint: HybridSetpoint, state: ControllerState) -> Wrench:
     """measured - desired on the force-controlled directions and the torque-controlled axes, in the task frame."""
-    off = measured.minus(desired)
+    measured = state.filtered or state.estimated or Wrench.zero()
+    off = measured.minus(state.desired or Wrench.zero())
     axes = (state.R_W_task.T @ state.X_W_tip[:3, :3]) if state.X_W_tip is not None else np.eye(3)
     about = axes @ np.diag(np.array(setpoint.torque_axes, dtype=float)) @ axes.T
     return Wrench(about @ off.torque, setpoint.force_projector @ off.force)

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 
@@ -20,7 +18,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.read import read_task
 from seed_core.errors import SeedError
-from seed_core.spatial import Wrench
+from seed_ros import SeedNode
 from seed_ros.conversions import fill_wrench
 
 FEEDBACK_PERIOD = 0.1  # [s]
@@ -32,30 +30,24 @@ class _Run:
 
     goal: ServerGoalHandle
     player: TaskPlayer
-    started: float
-    future: Future
-    fed_back: float = 0.0
+    started: float  # [s]
+    done: Future
+    fed_back: float = 0.0  # [s]
     phase: str = ""
     refusal: str = ""
     regulating: bool = False
-    squares: np.ndarray | None = None  # sums of squared force and torque error
+    squares: np.ndarray = field(default_factory=lambda: np.zeros(2))  # sums of squared force and torque error
     samples: int = 0
 
 
 class FollowServer:
     """Call before_step and after_step around each control step."""
 
-    def __init__(self, node: Node, core: Controller, now: Callable[[], float], others: Callable[[], bool]) -> None:
-        self._core, self._now, self._others, self._logger = core, now, others, node.get_logger()
+    def __init__(self, node: SeedNode, core: Controller, others: Callable[[], bool]) -> None:
+        """others: whether something else gives set-points."""
+        self._node, self._core, self._others = node, core, others
         self._run: _Run | None = None
-        self._server = ActionServer(
-            node,
-            FollowSetpoints,
-            "~/follow_setpoints",
-            execute_callback=self._execute,
-            goal_callback=lambda _: GoalResponse.ACCEPT,  # a refusal needs words, which only a result has
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._server = node.act(FollowSetpoints, "~/follow_setpoints", self._execute)
 
     @property
     def busy(self) -> bool:
@@ -64,17 +56,14 @@ class FollowServer:
 
     async def _execute(self, goal: ServerGoalHandle) -> FollowSetpoints.Result:
         try:
-            self._start(goal)
+            run = self._run = self._start(goal)
         except SeedError as error:
-            self._logger.error(f"follow_setpoints refused: {error}")
+            self._node.get_logger().error(f"follow_setpoints refused: {error}")
             goal.abort()
             return _result(False, str(error))
-        assert self._run is not None
-        run = self._run
-        status: TaskStatus = await run.future
-        return self._finish(run, status)
+        return self._finish(run, await run.done)
 
-    def _start(self, goal: ServerGoalHandle) -> None:
+    def _start(self, goal: ServerGoalHandle) -> _Run:
         if self._run is not None:
             raise SeedError(f"task '{self._run.player.task.name}' is being played: cancel it first")
         if self._others():
@@ -83,8 +72,9 @@ class FollowServer:
         state = self._core.state
         if not state.enabled or state.mode == "holding":
             raise SeedError(f"cannot play '{task.name}': {state.reason or 'not enabled'}; call ~/enable first")
-        self._run = _Run(goal, TaskPlayer(task), self._now(), Future())
-        self._logger.info(f"playing '{task.name}': {', '.join(self._run.player.phases)}")
+        player = TaskPlayer(task)
+        self._node.get_logger().info(f"playing '{task.name}': {', '.join(player.phases)}")
+        return _Run(goal, player, self._node.now(), Future())
 
     def before_step(self, now: float) -> None:
         """Give the controller the set-point of this moment."""
@@ -96,7 +86,7 @@ class FollowServer:
         status = run.player.step(now, self._core.state)
         if status.done:
             self._run = None
-            run.future.set_result(status)
+            run.done.set_result(status)
             return
         if status.setpoint is not None:
             try:
@@ -114,8 +104,8 @@ class FollowServer:
             run.player.cancel(str(error))
             return
         self._run = None  # not even the lift is possible
-        self._core.disable(self._now(), f"{run.refusal}; then {error}")
-        run.future.set_result(TaskStatus(None, run.player.phase, 0.0, True, True, False, run.refusal))
+        self._core.disable(self._node.now(), f"{run.refusal}; then {error}")
+        run.done.set_result(TaskStatus(None, run.player.phase, 0.0, True, True, False, run.refusal))
 
     def after_step(self, state: ControllerState) -> None:
         """Sum up the error while force is regulated, from the first time it has settled."""
@@ -125,9 +115,8 @@ class FollowServer:
         wants = bool(np.abs(state.desired.force).max() > 0.0)
         run.regulating = wants and (run.regulating or state.settled)
         if run.regulating:
-            error = regulated_error(setpoint, state.desired, state.filtered, state)
-            squares = np.array((error.force @ error.force, error.torque @ error.torque))
-            run.squares = squares if run.squares is None else run.squares + squares
+            error = regulated_error(setpoint, state)
+            run.squares += (error.force @ error.force, error.torque @ error.torque)
             run.samples += 1
 
     def _feed_back(self, run: _Run, status: TaskStatus) -> None:
@@ -137,9 +126,7 @@ class FollowServer:
         message.phase_index = phases.index(status.phase) if status.phase in phases else len(phases)
         state, setpoint = self._core.state, self._core.law.setpoint
         if setpoint is not None and state.desired is not None and state.filtered is not None:
-            fill_wrench(message.error, regulated_error(setpoint, state.desired, state.filtered, state))
-        else:
-            fill_wrench(message.error, Wrench.zero())
+            fill_wrench(message.error, regulated_error(setpoint, state))
         run.goal.publish_feedback(message)
 
     def _finish(self, run: _Run, status: TaskStatus) -> FollowSetpoints.Result:
@@ -152,13 +139,13 @@ class FollowServer:
         else:
             run.goal.abort()
         result = _result(success, text)
-        result.duration = self._now() - run.started
-        if run.samples and run.squares is not None:
+        result.duration = self._node.now() - run.started
+        if run.samples:
             result.force_rmse, result.torque_rmse = (float(v) for v in np.sqrt(run.squares / run.samples))
         if success:  # rclpy wants one severity per line of code
-            self._logger.info(f"'{run.player.task.name}': {text}")
+            self._node.get_logger().info(f"'{run.player.task.name}': {text}")
         else:
-            self._logger.warning(f"'{run.player.task.name}': {text}")
+            self._node.get_logger().warning(f"'{run.player.task.name}': {text}")
         return result
 
 

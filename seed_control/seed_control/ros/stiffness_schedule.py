@@ -1,58 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows the grip live: pressures or width in, a new stiffness for the controller out."""
+"""The stiffness follows the grip: pressures or width in, a new stiffness for the controller out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-from rclpy.node import Node
 from std_msgs.msg import Float32, Float64
 
 from seed_control.wrench.stiffness_schedule import GripFollower, GripSettings
 from seed_core.bushing import Stiffness
-from seed_core.errors import SeedError
 from seed_core.stiffness_file import GripStiffness, load_stiffness
-from seed_ros.diagnostics import Counters
-from seed_ros.qos import QUEUE, SENSOR
+from seed_ros import QUEUE, SENSOR, SeedNode
 
 
-class GripListener:
+class StiffnessScheduleInput:
     """Subscribes to what tells the grip and calls `apply` with each new stiffness."""
 
-    def __init__(
-        self, node: Node, settings: GripSettings, counters: Counters, apply: Callable[[Stiffness], None]
-    ) -> None:
-        self._counters, self._apply = counters, apply
-        self._pressures: dict[str, float] = {}
+    def __init__(self, node: SeedNode, settings: GripSettings, apply: Callable[[Stiffness], None]) -> None:
+        self._node, self._apply = node, apply
+        self._pressures: dict[str, float] = {}  # [hPa] by finger
         if not settings.file:
             return
-        self._follower = GripFollower(GripStiffness(load_stiffness(settings.file)), settings.follow)
+        self._schedule = GripFollower(GripStiffness(load_stiffness(settings.file)), settings.follow)
         if settings.follow == "width":
-            node.create_subscription(Float64, "gripper/width", self._on_width, QUEUE)
+            node.create_subscription(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
             return
-        node.create_subscription(Float32, "bubble_left/pressure", self._on_left, SENSOR)
-        node.create_subscription(Float32, "bubble_right/pressure", self._on_right, SENSOR)
+        for finger in ("left", "right"):
+            receive = partial(self._on_pressure, finger)
+            node.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
 
-    def _on_width(self, message: Float64) -> None:
-        self._take(message.data)
-
-    def _on_left(self, message: Float32) -> None:
-        self._on_pressure("left", message.data)
-
-    def _on_right(self, message: Float32) -> None:
-        self._on_pressure("right", message.data)
-
-    def _on_pressure(self, side: str, value: float) -> None:
+    def _on_pressure(self, finger: str, message: Float32) -> None:
         """The identification is over the mean of both bubbles."""
-        self._pressures[side] = value
+        self._pressures[finger] = message.data
         if len(self._pressures) == 2:
-            self._take(0.5 * (self._pressures["left"] + self._pressures["right"]))
+            self._update(0.5 * (self._pressures["left"] + self._pressures["right"]))
 
-    def _take(self, value: float) -> None:
-        try:
-            stiffness = self._follower.update(value)
-        except SeedError as error:
-            self._counters.add("grip_unreadable", str(error))
-            return
-        if stiffness is not None:
-            self._apply(stiffness)
+    def _update(self, value: float) -> None:
+        with self._node.counters.refusing("grip_unreadable"):
+            stiffness = self._schedule.update(value)
+            if stiffness is not None:
+                self._apply(stiffness)
