@@ -16,17 +16,9 @@ from seed_core.errors import SeedError
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import TactileImages
-from seed_ros.conversions import MessageError
-from seed_ros.diagnostics import Counters
-from seed_ros.images.arrays import depth_from_message, gray_from_message
-from seed_ros.images.camera_info import intrinsics
-from seed_ros.images.pairing import Pairing
-from seed_ros.images.serialized import SerializedImage, read_image
-from seed_ros.loop import FixedRateLoop
-from seed_ros.qos import SENSOR
+from seed_ros import SENSOR, MessageError, SeedNode
+from seed_ros.images import Pairing, SerializedImage, depth_from_message, gray_from_message, intrinsics, read_image
 
-Ready = Callable[[float, dict[str, TactileImages]], None]
-Problem = Callable[[float, str], None]
 TOPICS = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}
 KINDS = tuple(TOPICS)
 FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
@@ -54,22 +46,28 @@ class ImageInputs:
 
     def __init__(
         self,
-        loop: FixedRateLoop,
+        node: SeedNode,
         settings: InputSettings,
-        counters: Counters,
-        now: Callable[[], float],
-        ready: Ready,
-        problem: Problem,
+        bubbles: identity.Bubbles,
+        ready: Callable[[float, dict[str, TactileImages]], None],
+        problem: Callable[[float, str], None],
+        calibrated: Callable[[], None],
     ) -> None:
-        self.settings = settings
+        """Subscribe, in the loop of the node.
+
+        Args:
+            bubbles: tells the fingers apart.
+            ready: gets the stamp [s] and the images of one moment, by finger.
+            problem: gets the stamp [s] and the reason.
+            calibrated: called when every finger's camera is known, and when one is another.
+        """
+        self.settings, self._bubbles = settings, bubbles
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, PinholeCamera] = {}
         self.frame_ids: dict[str, str] = {}
-        self.bubbles = identity.Bubbles("", {})
         self.camera_problem = ""
-        self.on_calibration: Callable[[], None] = lambda: None
-        self._counters = counters
-        self._now, self._ready, self._problem = now, ready, problem
+        self._now, self._counters = node.now, node.counters
+        self._ready, self._problem, self._calibrated = ready, problem, calibrated
         self.arrived = 0.0  # [s] when the images that are being worked on were complete
         self._images = {f: Pairing[SerializedImage](KINDS, settings.pair_tolerance) for f in self.fingers}
         self._both = Pairing[dict[str, SerializedImage]](self.fingers, settings.finger_tolerance)
@@ -80,14 +78,9 @@ class ImageInputs:
         self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
             for kind, topic in TOPICS.items():
-                loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+                node.loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
             info = f"bubble_{finger}/depth/camera_info"
-            loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether every finger's camera is known."""
-        return all(f in self.cameras for f in self.fingers)
+            node.loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
 
     def counts(self) -> dict[str, int]:
         """Paired sets, and images that found no partner or came out of order."""
@@ -106,7 +99,7 @@ class ImageInputs:
         self._said[finger] = says
         try:
             camera = PinholeCamera.from_info(*intrinsics(message, self.settings.rectified))
-            _refuse(identity.other_lens(finger, camera.K, self.bubbles.known))
+            _refuse(identity.other_lens(finger, camera.K, self._bubbles.known))
         except SeedError as error:
             self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
             self._counters.add("camera_info_refused", self.camera_problem)
@@ -115,7 +108,8 @@ class ImageInputs:
         if known is None or not known.matches(camera):
             self.cameras[finger] = camera
             self.camera_problem = ""
-            self.on_calibration()
+            if set(self.cameras) == set(self.fingers):
+                self._calibrated()
 
     def watch(self) -> None:
         """Says why images come and none of them has its partners; to be called now and then."""
@@ -179,7 +173,7 @@ class ImageInputs:
         for kind, message in pair.items():
             self._check_size(finger, kind, message)
         self.frame_ids[finger] = pair["depth"].frame_id
-        _refuse(identity.misnamed(finger, self.frame_ids[finger], self.bubbles.names))
+        _refuse(identity.misnamed(finger, self.frame_ids[finger], self._bubbles.names))
         depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
         return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
 

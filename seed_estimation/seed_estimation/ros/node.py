@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,8 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
-from rclpy.task import Future
 from seed_msgs.msg import ContactPatch as PatchMsg
 from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import Image
@@ -22,26 +19,19 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
-from seed_core.regrasp import Regrasp
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
-from seed_estimation.ros.inputs import ImageInputs, InputSettings
-from seed_ros import diagnostics
+from seed_estimation.ros.gathering import Gathering, Images
+from seed_estimation.ros.inputs import FINGERS, ImageInputs, InputSettings
+from seed_ros import COMMAND, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import estimate_to_message, stamp_from_seconds, transform_stamped
-from seed_ros.diagnostics import Counters
-from seed_ros.frames import FrameNames
-from seed_ros.images.arrays import image_message
-from seed_ros.loop import FixedRateLoop
-from seed_ros.node import QUIET, TransformBroadcaster, run
-from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND, SENSOR
+from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
-COLLECT_TIMEOUT = 6.0  # [s] for the images of a reference or a grasp
 REMINDER = (
     "the cameras' clock was never compared with the robot's: do so before pressing on anything (a live identification "
     "tells the offset), then set clock_offset and clock_compared"
@@ -63,60 +53,48 @@ class NodeSettings:
     publish_tf: bool = field(True, doc="publish compliance to tool on /tf, and the hand's frames on /tf_static")
 
 
-class _Collection:
-    """Images gathered for a service that waits for them."""
-
-    def __init__(self, what: str, count: int, deadline: float) -> None:
-        self.what, self.count, self.deadline = what, count, deadline
-        self.frames: list[dict[str, TactileImages]] = []
-        self.future: Future = Future()
-
-
-class EstimatorNode(Node):
+class EstimatorNode(SeedNode):
     """See docs/interfaces.md."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("estimator", **arguments)
         cv2.setNumThreads(1)
-        self.settings = declare(self, NodeSettings())
-        inputs = declare(self, InputSettings())
-        self.frames = declare(self, FrameNames(), "frames")
-        self.hand = declare(self, Hand(), "hand")
+        self.settings = self.declare(NodeSettings())
+        inputs = self.declare(InputSettings())
+        self.frames = self.declare(FrameNames(), "frames")
+        self.hand = self.declare(Hand(), "hand")
         live = tuple(EstimatorParameters.__dataclass_fields__)
-        self.parameters = declare(self, EstimatorParameters(), live=live, on_change=self._on_parameters)
-        refuse_unknown(self, shared=("tool.", "grasp."))
-        self.counters = Counters(self)
+        self.parameters = self.declare(EstimatorParameters(), live=live, on_change=self._on_parameters)
+        self.refuse_unknown(shared=("tool.", "grasp."))
+
         self.core: Estimator | None = None
-        self._collection: _Collection | None = None
-        self._regrasp = Regrasp()
-        self._answer: tuple[_Collection, bool, str] | None = None  # given once poses may be used again
-        self._latencies: deque[tuple[float, float]] = deque(maxlen=LATENCIES)
+        names = {finger: self.frames.camera(finger) for finger in FINGERS[inputs.fingers]}
+        self.bubbles = identity.Bubbles(self.settings.identity_file, names)
+        self.gathering = Gathering(self)
+        self._arrivals: deque[float] = deque(maxlen=LATENCIES)
+        self._latencies: deque[float] = deque(maxlen=LATENCIES)
         self._last: RelativePoseEstimate | None = None
-        self._poses = self.create_publisher(RelativePose, "relative_pose", COMMAND, event_callbacks=QUIET)
-        self._patches = self.create_publisher(ContactPatches, "contact_patches", COMMAND, event_callbacks=QUIET)
-        self._debug = self.create_publisher(Image, "~/debug_image", SENSOR, event_callbacks=QUIET)
+
+        self._poses = self.publisher(RelativePose, "relative_pose", COMMAND)
+        self._patches = self.publisher(ContactPatches, "contact_patches", COMMAND)
+        self._debug = self.publisher(Image, "~/debug_image", SENSOR)
         self._tf = TransformBroadcaster(self)
+        if self.settings.publish_tf:
+            self._publish_hand()
+
         priority = self.settings.realtime_priority
         self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
-        self.inputs = ImageInputs(self.loop, inputs, self.counters, self._now, self._on_images, self._publish_invalid)
-        self.inputs.on_calibration = self._restart
-        names = {finger: self.frames.camera(finger) for finger in self.inputs.fingers}
-        self.bubbles = self.inputs.bubbles = identity.Bubbles(self.settings.identity_file, names)
-        waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
-        self.create_service(Trigger, "~/capture_reference", self._capture_reference, callback_group=waiting)
-        self.create_service(Trigger, "~/initialize_grasp", self._initialize_grasp, callback_group=waiting)
+        self.inputs = ImageInputs(self, inputs, self.bubbles, self._on_images, self._publish_invalid, self._restart)
         self.create_timer(0.1, self._watch)
-        self._diagnostics = diagnostics.Diagnostics(self, "estimator", self._report)
-        self._publish_hand()
 
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds * 1e-9)
+        waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
+        self.serve(Trigger, "~/capture_reference", self._capture_reference, group=waiting)
+        self.serve(Trigger, "~/initialize_grasp", self._initialize_grasp, group=waiting)
+        self.diagnose("estimator", self._report)
 
     # the core
     def _restart(self) -> None:
         """A camera became known, or is another one now: start again, without a reference."""
-        if not self.inputs.calibrated:
-            return
         if self.core is not None:
             self.counters.add("camera_changed", "camera_info has changed: capture the reference again")
         try:
@@ -136,7 +114,7 @@ class EstimatorNode(Node):
         if self.core is None:
             self._publish_invalid(stamp, self.inputs.camera_problem or "the estimator is not set up")
             return
-        if self._collection is not None and self._collect(images):
+        if set(images) == set(self.inputs.fingers) and self.gathering.add(images):
             return  # a new reference or grasp begins with the next images
         estimate = self.core.update(images, stamp)
         if not estimate.valid:
@@ -144,9 +122,7 @@ class EstimatorNode(Node):
         elif self.bubbles.status == identity.Bubbles.UNVERIFIED:
             doubt = "which bubble is which, and which way is up, is unverified"
             estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
-        self._publish(self._regrasp.through(estimate))
-        if self._answer is not None and not self._regrasp.under_way:
-            self._give_answer()
+        self._publish(self.gathering.through(estimate))
         self._publish_patches(stamp)
         if self._debug.get_subscription_count():
             self._debug.publish(image_message(self.core.debug_image(), "bgr8", stamp, self.frames.compliance))
@@ -155,16 +131,15 @@ class EstimatorNode(Node):
     def _publish(self, estimate: RelativePoseEstimate) -> None:
         self._last = estimate
         self._poses.publish(estimate_to_message(estimate, self.frames.compliance, self.frames.tool))
-        self._latencies.append((self.inputs.arrived - estimate.stamp, self._now() - estimate.stamp))
+        self._arrivals.append(self.inputs.arrived - estimate.stamp)
+        self._latencies.append(self.now() - estimate.stamp)
         if estimate.valid and self.settings.publish_tf:
             self._tf.send(transform_stamped(estimate.X_CT, estimate.stamp, self.frames.compliance, self.frames.tool))
 
     def _publish_invalid(self, stamp: float, reason: str) -> None:
-        unseen = (False,) * 6
+        unseen, method = (False,) * 6, self.parameters.method
         self._publish(
-            RelativePoseEstimate(
-                stamp, np.eye(4), observed=unseen, valid=False, reason=reason, method=self.parameters.method
-            )
+            RelativePoseEstimate(stamp, np.eye(4), observed=unseen, valid=False, reason=reason, method=method)
         )
 
     def _publish_patches(self, stamp: float) -> None:
@@ -177,9 +152,7 @@ class EstimatorNode(Node):
         self._patches.publish(message)
 
     def _publish_hand(self) -> None:
-        if not self.settings.publish_tf:
-            return
-        t, f, hand = self._now(), self.frames, self.hand
+        t, f, hand = self.now(), self.frames, self.hand
         self._tf.send_static(
             transform_stamped(hand.X_EC, t, f.flange, f.compliance),
             transform_stamped(hand.X_CL, t, f.compliance, f.left_camera),
@@ -187,81 +160,36 @@ class EstimatorNode(Node):
         )
 
     # services
-    async def _capture_reference(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return await self._gather("reference", self.settings.reference_frames, response)
+    async def _capture_reference(self) -> str:
+        return await self.gathering.gather("reference", self.settings.reference_frames, self._use_reference)
 
-    async def _initialize_grasp(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response = await self._gather("grasp", self.settings.grasp_frames, response)
-        if response.success and not self.inputs.settings.clock_compared:
-            self.get_logger().warning(REMINDER, once=True)
-            response.message += f"; {REMINDER}"
-        return response
+    async def _initialize_grasp(self) -> str:
+        words = await self.gathering.gather("grasp", self.settings.grasp_frames, self._use_grasp)
+        if self.inputs.settings.clock_compared:
+            return words
+        self.get_logger().warning(REMINDER, once=True)
+        return f"{words}; {REMINDER}"
 
-    async def _gather(self, what: str, count: int, response: Trigger.Response) -> Trigger.Response:
-        before = self._collection or (self._answer and self._answer[0])
-        if before:
-            response.success, response.message = False, f"still gathering images for the {before.what}"
-            return response
-        self._collection = collection = _Collection(what, count, self._now() + COLLECT_TIMEOUT)
-        self._regrasp.begin(what)  # already now: a controller that presses has to hold before T := C
-        response.success, response.message = await collection.future
-        if response.success:  # rclpy wants one severity per line of code
-            self.get_logger().info(f"{what}: {response.message}")
-        else:
-            self.get_logger().error(f"{what}: {response.message}")
-        return response
-
-    def _collect(self, images: dict[str, TactileImages]) -> bool:
-        """Keep the images for the service that waits; whether that was the last of them."""
-        collection = self._collection
-        assert collection is not None
+    def _use_reference(self, images: list[Images]) -> str:
         assert self.core is not None
-        if set(images) == set(self.inputs.fingers):
-            collection.frames.append(images)
-        if len(collection.frames) < collection.count:
-            return False
-        use = self.core.capture_reference if collection.what == "reference" else self.core.initialize_grasp
-        try:
-            use(collection.frames)
-        except SeedError as error:
-            self._finish(collection, False, str(error))
-            return True
-        if collection.what == "reference":
-            self._identify()
-        words = f"taken from {len(collection.frames)} images of each finger; the bubbles are {self.bubbles.status}"
-        self._finish(collection, True, words)
-        return True
-
-    def _finish(self, collection: _Collection, success: bool, words: str) -> None:
-        """The images are there, or never will be; the answer waits until a controller may be enabled on the poses."""
-        self._collection, self._answer = None, (collection, success, words)
-        self._regrasp.end()
-
-    def _give_answer(self) -> None:
-        assert self._answer is not None
-        (collection, success, words), self._answer = self._answer, None
-        collection.future.set_result((success, words))
-
-    def _identify(self) -> None:
-        """Whose images made the new reference?"""
-        assert self.core is not None
+        self.core.capture_reference(images)
         patterns, names, cameras = self.core.patterns, self.inputs.frame_ids, self.inputs.cameras
-        seen = {f: identity.Known(patterns[f], names[f], cameras[f].K) for f in self.inputs.fingers}
-        try:
-            self.bubbles.judge(seen)
-        except SeedError as error:
-            self.counters.add("identity_not_saved", str(error))
+        with self.counters.refusing("identity_not_saved"):
+            self.bubbles.judge({f: identity.Known(patterns[f], names[f], cameras[f].K) for f in self.inputs.fingers})
+        return self._taken(images)
+
+    def _use_grasp(self, images: list[Images]) -> str:
+        assert self.core is not None
+        self.core.initialize_grasp(images)
+        return self._taken(images)
+
+    def _taken(self, images: list[Images]) -> str:
+        return f"taken from {len(images)} images of each finger; the bubbles are {self.bubbles.status}"
 
     def _watch(self) -> None:
-        """Give up on a service whose images do not come, and say why images are of no use."""
+        """Say why images are of no use, and give up on a service whose images do not come."""
         self.inputs.watch()
-        collection = self._collection
-        if collection is not None and self._now() > collection.deadline:
-            why = self.counters.last or "no images arrive on bubble_left/... and bubble_right/..."
-            got = f"{len(collection.frames)} of {collection.count} images within {COLLECT_TIMEOUT:g} s"
-            self._finish(collection, False, f"{got}; {why}")
-        if self._answer is not None and self._now() > self._answer[0].deadline:  # no images any more
-            self._give_answer()
+        self.gathering.watch()
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
@@ -269,9 +197,8 @@ class EstimatorNode(Node):
         values["clock_compared"] = self.inputs.settings.clock_compared
         values |= self.counters.values()
         if self._latencies:
-            for name, ms in zip(("arrival", "latency"), 1e3 * np.array(self._latencies).T, strict=True):
-                p50, p99 = np.percentile(ms, (50, 99))
-                values |= {f"{name}_p50_ms": round(float(p50), 2), f"{name}_p99_ms": round(float(p99), 2)}
+            values |= diagnostics.percentiles_ms("arrival", self._arrivals, 2)
+            values |= diagnostics.percentiles_ms("latency", self._latencies, 2)
         if self._last is None:
             return diagnostics.STALE, "no images yet", values
         if not self._last.valid:
@@ -289,10 +216,4 @@ def _patch_message(patch: ContactPatch) -> PatchMsg:
     return message
 
 
-def main() -> None:
-    """Run the node until it is interrupted."""
-    sys.exit(run(EstimatorNode))
-
-
-if __name__ == "__main__":
-    main()
+main = EstimatorNode.main
