@@ -16,8 +16,10 @@ from seed_core.command_line import Help, command, results_folder, seed_number
 from seed_core.errors import SeedError
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
+from seed_sim.identification.truth import summary_with_truth
 from seed_sysid.data.dataset import Dataset, read
 from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.fit.weight import WeightError
 from seed_sysid.parameters import FitParameters
 from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
 from seed_sysid.stiffness_map import AXES, UNITS
@@ -56,9 +58,7 @@ def _run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC)
     _refuse_what_would_be_ignored(args)
     if args.procedure == "weight":
-        from seed_sysid.fit.weight import run_weight
-
-        return run_weight(args)
+        return _weight(args)
     folder = args.out
     if args.live:
         return _live(args, folder or results_folder() / "identification")
@@ -90,6 +90,27 @@ def _live(args: argparse.Namespace, folder: Path) -> int:
     return 0
 
 
+def _weight(args: argparse.Namespace) -> int:
+    from seed_sim.identification.weight import identify_with_weight
+
+    scenario = load(args.scenario)
+    if args.source:
+        raise WeightError("--from holds wrenches of a sensor; --procedure weight has none: leave one of the two out")
+    fit, figures = identify_with_weight(scenario, args.seed, args.model or scenario.procedure.fit.model)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    truth = [*figures["truth"]["rotation"], *figures["truth"]["translation"]]
+    print(f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:")
+    for j, axis in enumerate(AXES):
+        if axis in fit.undetermined:
+            print(f"  {axis:<6} not given: {fit.undetermined[axis]}")
+        else:
+            value = f"{fit.stiffness[j]:9.2f} +- {2 * fit.std[j]:6.2f} {UNITS[j]:<8}"
+            print(f"  {axis:<6}{value} true {truth[j]:9.2f}  error {abs(fit.stiffness[j] / truth[j] - 1):6.2%}")
+    return 0
+
+
 def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> tuple[Analysis, dict[str, Any]]:
     scenario = load(args.scenario)
     fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
@@ -101,7 +122,7 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
     file = folder / "samples.jsonl" if folder else None
     data, cell = simulate(scenario, args.seed, file, pose_source, created)
     analysis = analyse(data, args.poses, fit)
-    figures = summary(analysis, cell.truth) | {
+    figures = summary_with_truth(analysis, cell.truth) | {
         "scenario": scenario.name,
         "seed": args.seed,
         "simulated_minutes": cell.stamp / 60.0,
@@ -133,7 +154,7 @@ def read_any(path: Path) -> Dataset:
 
 
 def _write(folder: Path, analysis: Analysis, figures: dict[str, Any], date: str) -> None:
-    from seed_sysid.report.report import write_report
+    from seed_sysid.report.html_report import write_report
 
     folder.mkdir(parents=True, exist_ok=True)
     write_stiffness(folder / "stiffness.yaml", stiffness_file(analysis, date))
@@ -142,7 +163,7 @@ def _write(folder: Path, analysis: Analysis, figures: dict[str, Any], date: str)
 
 
 def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
-    k, half, g = a.solution.stiffness, a.solution.stiffness_half_width, a.nominal
+    k, half, g = a.solution.value.stiffness, a.solution.half_width, a.nominal
     true = figures.get("truth")
     truth = [*true["rotation"], *true["translation"]] if true else None
     lines = [f"stiffness at {1e3 * a.widths[g]:.1f} mm ({figures['confidence']:.0%} intervals, {a.source} poses):"]

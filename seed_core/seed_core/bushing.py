@@ -45,10 +45,19 @@ class Stiffness:
                 if not (np.isfinite(value) and value > 0.0):
                     raise ConfigError(f"stiffness.{name}[{i}] = {value} {unit} must be finite and > 0")
 
+    @classmethod
+    def from_vector(cls, vector: Array) -> Stiffness:
+        """From [rotation, translation] (6,) [N m/rad, N/m]."""
+        roll, pitch, yaw, x, y, z = (float(v) for v in vector)
+        return cls((roll, pitch, yaw), (x, y, z))
+
+    def vector(self) -> Array:
+        """[rotation, translation] (6,) [N m/rad, N/m]."""
+        return np.array(self.rotation + self.translation)
+
     def scaled(self, factor: float) -> Stiffness:
         """Every stiffness times factor."""
-        r, t = (tuple(factor * v for v in values) for values in (self.rotation, self.translation))
-        return Stiffness((r[0], r[1], r[2]), (t[0], t[1], t[2]))
+        return Stiffness.from_vector(factor * self.vector())
 
 
 class Bushing:

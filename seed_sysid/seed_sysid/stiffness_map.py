@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stiffness map over many poses at once, linear in the stiffness: what least squares needs.
+"""The stiffness map of Theorem 1, forward, over many poses at once and linear in the stiffness, for least squares.
 
 At displacement X_TC the spring's wrench on the tool is w = B (K xi): xi (6,) are the generalised coordinates [rpy,
 translation], K xi the generalised forces, and B (6, 6) carries those into a wrench about T's origin, in T. With a
@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from seed_core.bushing import MODELS, Model
@@ -24,15 +23,23 @@ UNITS = ("N m/rad",) * 3 + ("N/m",) * 3
 LOAD_UNITS = ("N m",) * 3 + ("N",) * 3
 
 
-class Map(NamedTuple):
+class StiffnessMap(NamedTuple):
     """n displacements prepared for the fit."""
 
     B: Array  # (n, 6, 6): generalised force to wrench
     xi: Array  # (n, 6): roll, pitch, yaw [rad], translation [m]
 
 
-def stiffness_map(X_TC: Array, model: Model = "midpoint") -> Map:
-    """B and xi of displacements X_TC (n, 4, 4)."""
+def stiffness_map(X_TC: Array, model: Model = "midpoint") -> StiffnessMap:
+    """Theorem 1, forward: B and xi of displacements, whose wrench is B (K xi).
+
+    Args:
+        X_TC: (n, 4, 4) poses of C in T.
+        model: 'midpoint', or 'plain' (the paper's).
+
+    Raises:
+        ConfigError: the model is unknown.
+    """
     if model not in MODELS:
         raise ConfigError(f"model = '{model}' must be one of: {', '.join(MODELS)}")
     rotation, p = Rotation.from_matrix(X_TC[:, :3, :3]), X_TC[:, :3, 3]
@@ -41,11 +48,11 @@ def stiffness_map(X_TC: Array, model: Model = "midpoint") -> Map:
     B[:, :3, :3] = np.swapaxes(_gimbal_rates(q), 1, 2)
     if model == "plain":
         B[:, 3:, 3:] = np.eye(3)
-        return Map(B, np.hstack([q, p]))
+        return StiffnessMap(B, np.hstack([q, p]))
     R_TB = Rotation.from_rotvec(0.5 * rotation.as_rotvec()).as_matrix()
     B[:, 3:, 3:] = R_TB
     B[:, :3, 3:] = 0.5 * skews(p) @ R_TB
-    return Map(B, np.hstack([q, np.einsum("nji,nj->ni", R_TB, p)]))
+    return StiffnessMap(B, np.hstack([q, np.einsum("nji,nj->ni", R_TB, p)]))
 
 
 def _gimbal_rates(q: Array) -> Array:
@@ -63,14 +70,18 @@ def skews(v: Array) -> Array:
     return out - np.swapaxes(out, 1, 2)
 
 
+def frame_derivatives(wrenches: Array) -> Array:
+    """(n, 6, 6) derivatives of wrenches (n, 6) by a small turn [rad] and shift [m] of the body that they act on."""
+    turned, shifted = -skews(wrenches[:, :3]), -skews(wrenches[:, 3:])
+    return np.block([[turned, shifted], [shifted, np.zeros_like(shifted)]])
+
+
 def wrench_transform(X_AB: Array) -> Array:
     """(6, 6) that turns a wrench about B's origin, in B, into one about A's, in A; [torque, force]."""
-    R, out = X_AB[:3, :3], np.zeros((6, 6))
-    out[:3, :3], out[3:, 3:] = R, R
-    out[:3, 3:] = skew(X_AB[:3, 3]) @ R
-    return out
+    R = X_AB[:3, :3]
+    return np.block([[R, skew(X_AB[:3, 3]) @ R], [np.zeros((3, 3)), R]])
 
 
-def offset_pose(rotation: ArrayLike, translation: ArrayLike) -> Array:
-    """X (4, 4) of a frame offset given as a rotation vector (3,) [rad] and a translation (3,) [m]."""
-    return make_pose(so3_exp(rotation), translation)
+def offset_pose(offset: Array) -> Array:
+    """X (4, 4) of a frame offset (6,): rotation vector [rad] and translation [m]."""
+    return make_pose(so3_exp(offset[:3]), offset[3:])

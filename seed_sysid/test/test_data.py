@@ -90,7 +90,7 @@ def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) ->
     resumed, cell = simulate(scenario, 2101, file)
     assert [s.key for s in resumed.samples] == [s.key for s in whole.samples]
     assert file.read_text().splitlines()[:41] == kept
-    error = analyse(resumed, "kinematic").solution.stiffness / cell.truth.stiffness - 1.0
+    error = analyse(resumed, "kinematic").solution.value.stiffness / cell.truth.stiffness - 1.0
     assert np.abs(error).max() < 0.02
 
 
@@ -102,7 +102,7 @@ def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dat
     assert any(all(key in w for key in blind) for w in result.warnings)
     assert not any("resume" in w for w in result.warnings)
     whole = analyse(data, "kinematic").solution
-    assert np.abs(result.solution.stiffness / whole.stiffness - 1.0).max() < 0.01
+    assert np.abs(result.solution.value.stiffness / whole.value.stiffness - 1.0).max() < 0.01
     with pytest.raises(DatasetError, match="no sample has an estimator pose"):
         analyse(data, "estimator")
 

@@ -13,7 +13,7 @@ from seed_sim.identification.scenario import Grasp, IdentificationScenario, Sens
 from seed_sim.identification.session import at_rest
 from seed_sysid.fit.analysis import analyse, make_problem
 from seed_sysid.fit.hysteresis import stop_states
-from seed_sysid.fit.identification_fit import _Model
+from seed_sysid.fit.load_model import LoadModel, Unknowns
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
 from seed_sysid.run.excitation import condition_number, design
 from seed_sysid.stiffness_map import AXES, stiffness_map
@@ -29,7 +29,7 @@ def test_the_map_over_many_poses_is_the_bushing(model: str) -> None:
     X = np.concatenate([_random_poses(rng, 30), [np.eye(4)], [make_pose(so3_exp([1e-8, 0, 0]))]])
     m = stiffness_map(X, model)  # type: ignore[arg-type]
     bushing = Bushing(DEFAULT_STIFFNESS, model)  # type: ignore[arg-type]
-    k = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
+    k = DEFAULT_STIFFNESS.vector()
     got = np.einsum("nij,nj->ni", m.B, k * m.xi)
     np.testing.assert_allclose(got, [bushing.wrench(x).vector() for x in X], atol=1e-12)  # [N m, N] rounding
 
@@ -39,13 +39,17 @@ def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
     problem = make_problem(data, "kinematic", FitParameters())
     rng = np.random.default_rng(2)
     problem = replace(problem, z=rng.uniform(-1, 1, (len(problem.X_TC), 6)), hysteretic=(1, 4))
-    model = _Model(problem)
-    theta = model.start() + rng.uniform(-0.1, 0.1, model.size)
-    J, step = model.jacobian(theta), 1e-6
-    for i in rng.choice(model.size, 25, replace=False):
-        d = np.zeros(model.size)
-        d[i] = step
-        numeric = (model.predict(theta + d) - model.predict(theta - d)).ravel() / (2 * step)
+    model = LoadModel(problem, np.ones(len(problem.X_TC), dtype=bool))
+    size = 12 * 3 + 18
+    vector = np.resize([4.0, 3.0, 4.0, 800.0, 1200.0, 800.0], size) * rng.uniform(0.01, 0.1, size)
+
+    def predicted(v: np.ndarray) -> np.ndarray:
+        return model.predict(Unknowns.from_vector(v)).ravel()
+
+    J, step = model.jacobian(Unknowns.from_vector(vector)), 1e-6
+    for i in range(size):
+        d = step * np.eye(size)[i]
+        numeric = (predicted(vector + d) - predicted(vector - d)) / (2 * step)
         np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()))
 
 
@@ -75,8 +79,8 @@ def test_without_noise_the_fit_is_exact() -> None:
     )
     data, cell = at_rest(scenario, 5)
     a = analyse(data, "kinematic")
-    np.testing.assert_allclose(a.solution.stiffness, cell.truth.stiffness, rtol=1e-6)
-    np.testing.assert_allclose(a.solution.offset, cell.truth.offset, atol=1e-7)  # [rad, m]
+    np.testing.assert_allclose(a.solution.value.stiffness, cell.truth.stiffness, rtol=1e-6)
+    np.testing.assert_allclose(a.solution.value.offset, cell.truth.offset, atol=1e-7)  # [rad, m]
 
 
 def test_intervals_contain_the_truth_as_often_as_they_say() -> None:
@@ -85,9 +89,9 @@ def test_intervals_contain_the_truth_as_often_as_they_say() -> None:
     for seed in range(2000, 2012):
         data, cell = at_rest(load("default"), seed)
         s = analyse(data, "kinematic").solution
-        covered.append(np.abs(s.stiffness - cell.truth.stiffness) <= s.stiffness_half_width)
-        errors.append(np.abs(s.stiffness / cell.truth.stiffness - 1.0))
-        offsets.append(s.offset - cell.truth.offset)
+        covered.append(np.abs(s.value.stiffness - cell.truth.stiffness) <= s.half_width)
+        errors.append(np.abs(s.value.stiffness / cell.truth.stiffness - 1.0))
+        offsets.append(s.value.offset - cell.truth.offset)
     assert 0.90 <= np.mean(covered) <= 0.99
     assert np.mean(errors, axis=(0, 1)).max() < 0.02
     o = np.array(offsets)
@@ -103,8 +107,8 @@ def test_bias_outliers_and_a_hysteretic_axis_are_named_and_do_no_harm(axis: str)
     data, cell = at_rest(scenario, 2020)
     a = analyse(data, "kinematic")
     assert a.hysteretic == (axis,)
-    np.testing.assert_allclose(a.solution.friction[AXES.index(axis)], friction, rtol=0.2)
-    assert np.abs(a.solution.stiffness / cell.truth.stiffness - 1.0).max() < 0.05
+    np.testing.assert_allclose(a.solution.value.friction[AXES.index(axis)], friction, rtol=0.2)
+    assert np.abs(a.solution.value.stiffness / cell.truth.stiffness - 1.0).max() < 0.05
     assert len(a.outliers) == cell.outliers > 0
     assert any("outliers left out" in w for w in a.warnings)
 
@@ -145,7 +149,7 @@ def test_designed_poses_beat_single_axes_and_random_ones_stay_within_limits() ->
         own = np.array([t.xi[j] for t in targets if t.kind == axis])
         assert own.min() < 0 < own.max()
         assert len(own) == 6
-    k = np.array([*parameters.guess.rotation, *parameters.guess.translation])
+    k = parameters.guess.vector()
     share = limits.planned_share + 1e-9
     assert np.linalg.norm(k[3:] * xi[:, 3:], axis=1).max() <= share * limits.force
     assert np.linalg.norm(k[:3] * xi[:, :3], axis=1).max() <= share * limits.torque

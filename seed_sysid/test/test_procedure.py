@@ -15,13 +15,14 @@ from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
+from seed_sim.identification.weight import simulate_weight
 from seed_sysid.data.dataset import Header
-from seed_sysid.fit.weight import fit_weight, simulate_weight
+from seed_sysid.fit.weight import fit_weight
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run
 
-K = np.array([*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation])
+K = DEFAULT_STIFFNESS.vector()
 
 
 def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
@@ -64,7 +65,7 @@ def test_a_creeping_grasp_is_waited_for() -> None:
 def _stiffness(data):
     from seed_sysid.fit.analysis import analyse
 
-    return analyse(data, "kinematic").solution.stiffness
+    return analyse(data, "kinematic").solution.value.stiffness
 
 
 def test_finished_poses_are_not_planned_again() -> None:
@@ -103,13 +104,13 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
 
 
 def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:
-    fit = fit_weight(*simulate_weight(K, 0.5, np.zeros(3), np.random.default_rng(1)))
+    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1)))
     np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
     assert set(fit.undetermined) == {"roll", "pitch", "yaw"}
 
 
 def test_a_weight_with_a_lever_gives_roll_and_pitch_too() -> None:
-    fit = fit_weight(*simulate_weight(K, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
+    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
     np.testing.assert_allclose(fit.stiffness[:2], K[:2], rtol=0.08)
     assert set(fit.undetermined) == {"yaw"}
 

@@ -9,13 +9,13 @@ creeps, and, where the scenario asks, elastic-then-sliding friction along single
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
+from seed_sim.identification.truth import direction, draw_truth
 from seed_sysid.run.excitation import amplitudes
 from seed_sysid.run.procedure import Command, Reading
 from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_transform
@@ -28,41 +28,6 @@ PoseSource = Callable[
 ]  # X_CT, stamp, measuring -> X_TC estimated, if a frame was taken
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What the identification has to find: stiffness per grip (G, 6), frame offset, bias, outliers seen so far."""
-
-    stiffness: Array
-    pressures: Array
-    offset: Array
-    bias: Array
-    drift: Array
-
-
-def draw_truth(scenario: IdentificationScenario, rng: np.random.Generator) -> Truth:
-    """The hidden values of one seed."""
-    grasp, sensor = scenario.grasp, scenario.sensor
-    widths = np.array(scenario.procedure.widths)
-    middle = float(np.median(widths))
-    pressures = grasp.pressure + grasp.pressure_per_width * (widths - middle)
-    base = np.array([*grasp.stiffness.rotation, *grasp.stiffness.translation])
-    base = base * rng.uniform(1.0 - grasp.spread, 1.0 + grasp.spread, 6)
-    trend = 1.0 + np.outer(pressures - grasp.pressure, grasp.slope)
-    scatter = 1.0 + rng.uniform(-1.0, 1.0, (len(widths), 6)) * np.array(grasp.scatter)
-    offset = np.concatenate(
-        [np.deg2rad(sensor.offset_deg) * _direction(rng), 1e-3 * sensor.offset_mm * _direction(rng)]
-    )
-    uniform = rng.uniform(-1.0, 1.0, (2, 6))
-    bias = uniform[0] * np.repeat([sensor.torque_bias, sensor.force_bias], 3)
-    drift = uniform[1] * np.repeat([sensor.torque_drift, sensor.force_drift], 3)
-    return Truth(base * np.maximum(trend, 0.1) * scatter, pressures, offset, bias, drift)
-
-
-def _direction(rng: np.random.Generator) -> Array:
-    v = rng.normal(size=3)
-    return np.asarray(v / np.linalg.norm(v))
-
-
 class SimulatedCell:
     """Answers commands with readings at a fixed rate."""
 
@@ -71,11 +36,9 @@ class SimulatedCell:
         self.scenario, self._pose_source = scenario, pose_source
         self._rng = np.random.default_rng([seed, 0x5EED])
         self.truth = draw_truth(scenario, self._rng)
-        self._bushings = [
-            Bushing(Stiffness(_three(k[:3]), _three(k[3:])), scenario.procedure.fit.model) for k in self.truth.stiffness
-        ]
+        self._bushings = [Bushing(Stiffness.from_vector(k), scenario.procedure.fit.model) for k in self.truth.stiffness]
         X_TS = pose_from_rpy(np.deg2rad(scenario.sensor_rpy_deg), scenario.sensor_position)
-        nominal_to_true = offset_pose(self.truth.offset[:3], self.truth.offset[3:])
+        nominal_to_true = offset_pose(self.truth.offset)
         self._to_sensor = wrench_transform(inverse_pose(X_TS)) @ wrench_transform(nominal_to_true)
         self._friction = np.array([scenario.grasp.hysteresis.get(a, 0.0) for a in AXES])
         self._yield = scenario.grasp.yield_share * amplitudes(scenario.procedure.excitation)
@@ -124,7 +87,7 @@ class SimulatedCell:
         self._error = make_pose(so3_exp(turn), s.repeatability * rng.normal(size=3))
         hit = rng.uniform() < s.sensor.outliers
         size = np.repeat([s.sensor.outlier_torque, s.sensor.outlier_force], 3)
-        self._disturbance = hit * size * np.concatenate([_direction(rng), _direction(rng)])
+        self._disturbance = hit * size * np.concatenate([direction(rng), direction(rng)])
         self.outliers += int(hit)
 
     def _spring(self, X_TC: Array, grip: int) -> Array:
@@ -145,10 +108,6 @@ class SimulatedCell:
         full = np.repeat([sensor.range_torque, sensor.range_force], 3)
         sensed = self._to_sensor @ w_T + self.truth.bias + drift + self._disturbance + noise
         return np.asarray(np.clip(sensed, -full, full))
-
-
-def _three(v: Array) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
 
 
 def _all(v: Array) -> tuple[float, ...]:

@@ -8,8 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from seed_core.bushing import Stiffness
 from seed_core.spatial import Array
 from seed_core.stiffness_file import GripStiffness, StiffnessFile, load_stiffness, save_stiffness
@@ -24,8 +22,7 @@ def read_back(file: StiffnessFile, width: float) -> Array:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "stiffness.yaml"
         save_stiffness(path, file)
-        k = GripStiffness(load_stiffness(path)).at_width(width)
-    return np.array([*k.rotation, *k.translation])
+        return GripStiffness(load_stiffness(path)).at_width(width).vector()
 
 
 def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
@@ -34,7 +31,7 @@ def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
     from seed_sim.scenario import load_scenario
 
     nominal = load_scenario("nominal")
-    plant, belief = _stiffness(true), _stiffness(identified)
+    plant, belief = Stiffness.from_vector(true), Stiffness.from_vector(identified)
     scored = {}
     for name, believed in (("true", plant), ("identified", belief)):
         scenario = replace(nominal, grasp=replace(nominal.grasp, stiffness=plant, believed=believed))
@@ -47,8 +44,3 @@ def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
         "allowed_rmse": float(allowed),
         "within": bool(scored["identified"]["rmse"] <= allowed),
     }
-
-
-def _stiffness(k: Array) -> Stiffness:
-    v = [float(x) for x in np.asarray(k)]
-    return Stiffness((v[0], v[1], v[2]), (v[3], v[4], v[5]))

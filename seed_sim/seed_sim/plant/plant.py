@@ -14,6 +14,7 @@ import numpy as np
 
 from seed_core.bushing import Stiffness
 from seed_core.errors import FailedError, SeedError
+from seed_core.gripper import GripperPressure
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.plant.arm import Arm
 from seed_sim.plant.cell import Cell, Surface
@@ -235,7 +236,7 @@ class Plant:
     def pressure(self) -> float:
         """In the bubbles [hPa]."""
         g = self.scenario.grasp
-        return g.nominal_pressure + g.pressure_slope * (g.nominal_width - self.width)
+        return GripperPressure(g.nominal_width, g.nominal_pressure, g.pressure_slope).at_width(self.width)
 
     def set_gripper_width(self, width: float) -> None:
         """Close to width [m]: a firmer grip is a stiffer one (Sec. VI of the paper).

@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether data can be fitted at all: every refusal says what is wrong and what to do about it."""
+"""Refusals of data that cannot be fitted, and of fits that make no sense: each says what is wrong and what to do."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, so3_log
 from seed_sysid.data.dataset import Dataset, DatasetError
-from seed_sysid.stiffness_map import AXES, CHANNELS, stiffness_map
+from seed_sysid.fit.identification_fit import Solution
+from seed_sysid.stiffness_map import AXES, CHANNELS, UNITS, stiffness_map
 
 MINIMUM_POSES = 12  # at each grip; 12 unknowns with 6 numbers per pose, and something left to judge the fit by
 _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis that moved less is not excited
 _SATURATED = 3  # samples that share a channel's extreme value to the last digit
-_DISAGREE_DEG, _DISAGREE = 6.0, 0.006  # [deg], [m]; median gap of two sources of pose
+_DISAGREE = np.array([6.0, 0.006])  # [deg, m]; median gap of two sources of pose
+_OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
 
 
-def check(data: Dataset, source: str) -> None:
+def check_data(data: Dataset, source: str) -> None:
     """Refuse data that cannot be fitted with poses from source ('kinematic' or 'estimator').
 
     Raises:
@@ -23,57 +27,84 @@ def check(data: Dataset, source: str) -> None:
     """
     if not data.samples:
         raise DatasetError("the data hold no finished pose: record again")
-    X, w = data.poses(source), data.wrenches()
-    _check_units(w, data)
+    X_TC, wrenches = data.poses(source), data.wrenches()
+    _check_units(data, wrenches)
     grips = np.array([s.grip for s in data.samples])
     for grip in np.unique(grips):
-        _check_count(int((grips == grip).sum()), int(grip))
-        _check_excitation(X[grips == grip], int(grip))
-    _check_sensor(w, data)
+        _check_excitation(X_TC[grips == grip], int(grip))
+    _check_sensor(wrenches, data.header.sensor_range)
     _check_frames(data)
 
 
-def _check_units(w: Array, data: Dataset) -> None:
-    raw = np.array([v for s in data.samples for v in (s.kinematic, s.estimator) if v is not None])
-    shift, turn = float(np.abs(raw[:, :3]).max()), float(np.abs(raw[:, 3:]).max())
-    if shift > 0.2:
+def check_solution(solution: Solution) -> None:
+    """Refuse a fit whose stiffness is negative, or whose frames are far from their nominal places.
+
+    Raises:
+        DatasetError: naming the trouble and the remedy.
+    """
+    stiffness, offset = solution.value.stiffness, solution.value.offset
+    bad = stiffness + 2.0 * solution.std.stiffness < 0.0
+    if bad[:, 3:].all():
         raise DatasetError(
+            "every force stiffness is negative: the sensor reports the reaction (load on the hand); turn its sign, "
+            "or the poses are X_CT instead of X_TC"
+        )
+    if bad.any():
+        g, j = np.argwhere(bad)[0]
+        raise DatasetError(
+            f"stiffness about {AXES[j]} at grip {g} is {stiffness[g, j]:.3g} {UNITS[j]}, below 0: "
+            "frames disagree, or the sensor's axes are swapped; check sensor_rpy in the header"
+        )
+    turn, shift = float(np.rad2deg(np.linalg.norm(offset[:3]))), float(np.linalg.norm(offset[3:]))
+    if turn > _OFFSET_DEG or shift > _OFFSET:
+        raise DatasetError(
+            f"frames disagree: sensor and tool seem {turn:.0f} deg and {1e3 * shift:.0f} mm off their nominal pose "
+            f"(at most {_OFFSET_DEG:g} deg and {1e3 * _OFFSET:g} mm pass for a tolerance): "
+            "correct sensor_xyz, sensor_rpy"
+        )
+
+
+def _check_units(data: Dataset, wrenches: Array) -> None:
+    poses = np.array([v for s in data.samples for v in (s.kinematic, s.estimator) if v is not None])
+    shift, turn = np.abs(poses[:, :3]).max(), np.abs(poses[:, 3:]).max()
+    torque, force = np.ptp(wrenches[:, :3], axis=0).max(), np.ptp(wrenches[:, 3:], axis=0).max()
+    for value, bound, words in (
+        (
+            shift,
+            0.2,  # [m]
             f"a displacement of {shift:.3g} m: a grasp gives way by some mm; it looks like mm (divide by 1000), "
-            "or like a pose in the world instead of C in T"
-        )
-    if turn > 1.3:
-        raise DatasetError(
-            f"a rotation of {turn:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad"
-        )
-    torque, force = float(np.ptp(w[:, :3], axis=0).max()), float(np.ptp(w[:, 3:], axis=0).max())
-    if torque > 100.0:
-        raise DatasetError(f"torques vary by {torque:.3g} N m: that looks like N mm; divide by 1000")
-    if force > 2000.0:
-        raise DatasetError(f"forces vary by {force:.3g} N: that looks like mN; divide by 1000")
+            "or like a pose in the world instead of C in T",
+        ),
+        (
+            turn,
+            1.3,  # [rad]
+            f"a rotation of {turn:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad",
+        ),
+        (torque, 100.0, f"torques vary by {torque:.3g} N m: that looks like N mm; divide by 1000"),
+        (force, 2000.0, f"forces vary by {force:.3g} N: that looks like mN; divide by 1000"),
+    ):
+        if value > bound:
+            raise DatasetError(words)
 
 
-def _check_count(count: int, grip: int) -> None:
-    if count < MINIMUM_POSES:
+def _check_excitation(X_TC: Array, grip: int) -> None:
+    if len(X_TC) < MINIMUM_POSES:
         raise DatasetError(
-            f"grip {grip} has {count} poses; at least {MINIMUM_POSES} are needed, 60 are advised: "
+            f"grip {grip} has {len(X_TC)} poses; at least {MINIMUM_POSES} are needed, 60 are advised: "
             "resume the run, or leave this grip out"
         )
-
-
-def _check_excitation(X: Array, grip: int) -> None:
-    spread = np.ptp(stiffness_map(X).xi, axis=0)
-    idle = [AXES[j] for j in range(6) if spread[j] < _EXCITED[j]]
+    moved = np.ptp(stiffness_map(X_TC).xi, axis=0)
+    idle = ", ".join(axis for axis, m, least in zip(AXES, moved, _EXCITED, strict=True) if m < least)
     if idle:
         raise DatasetError(
-            f"grip {grip}: {', '.join(idle)} was never excited (moved by less than "
-            f"1 deg or 0.5 mm): its stiffness cannot be known; visit poses along {', '.join(idle)} both ways"
+            f"grip {grip}: {idle} was never excited (moved by less than "
+            f"1 deg or 0.5 mm): its stiffness cannot be known; visit poses along {idle} both ways"
         )
 
 
-def _check_sensor(w: Array, data: Dataset) -> None:
-    full = np.repeat([data.header.sensor_range[1], data.header.sensor_range[0]], 3)
-    for j, name in enumerate(CHANNELS):
-        values = w[:, j]
+def _check_sensor(wrenches: Array, sensor_range: tuple[float, float]) -> None:
+    full = np.repeat(sensor_range[::-1], 3)
+    for name, values, most in zip(CHANNELS, wrenches.T, full, strict=True):
         if np.ptp(values) == 0.0:
             raise DatasetError(
                 f"{name} of the sensor stays at {values[0]:g} at every pose: "
@@ -81,7 +112,7 @@ def _check_sensor(w: Array, data: Dataset) -> None:
             )
         for extreme in (float(values.max()), float(values.min())):
             times = int((np.abs(values - extreme) <= 1e-9 * abs(extreme)).sum())
-            if 0.0 < full[j] <= abs(extreme) / 0.999 or times >= _SATURATED:
+            if 0.0 < most <= abs(extreme) / 0.999 or times >= _SATURATED:
                 raise DatasetError(
                     f"{name} of the sensor saturates at {extreme:g} ({times} of {len(values)} poses): "
                     "use smaller poses or a larger range"
@@ -90,15 +121,15 @@ def _check_sensor(w: Array, data: Dataset) -> None:
 
 def _check_frames(data: Dataset) -> None:
     """Kinematics and estimator must speak of one displacement, if both are there."""
-    both = Dataset(data.header, [s for s in data.samples if s.kinematic is not None and s.estimator is not None])
+    both = replace(data, samples=[s for s in data.samples if s.kinematic is not None and s.estimator is not None])
     if len(both.samples) < MINIMUM_POSES:
         return
-    K, E = both.poses("kinematic"), both.poses("estimator")
-    gap, inverted = _gap(K, E), _gap(K, np.array([inverse_pose(x) for x in E]))
-    if gap[0] < _DISAGREE_DEG and gap[1] < _DISAGREE:
+    kinematic, estimator = both.poses("kinematic"), both.poses("estimator")
+    gap = _gap(kinematic, estimator)
+    if (gap < _DISAGREE).all():
         return
     hint = "the grasp has slipped, or X_EC or X_CL/X_CR of the hand are wrong"
-    if inverted[0] < 0.5 * _DISAGREE_DEG and inverted[1] < 0.5 * _DISAGREE:
+    if (_gap(kinematic, np.array([inverse_pose(X) for X in estimator])) < 0.5 * _DISAGREE).all():
         hint = "the estimator's poses look like X_CT; the file wants X_TC, their inverse"
     raise DatasetError(
         f"frames disagree: kinematics and estimator differ by {gap[0]:.1f} deg and {1e3 * gap[1]:.1f} mm "
@@ -106,7 +137,7 @@ def _check_frames(data: Dataset) -> None:
     )
 
 
-def _gap(A: Array, B: Array) -> tuple[float, float]:
-    turn = [float(np.linalg.norm(so3_log(a[:3, :3].T @ b[:3, :3]))) for a, b in zip(A, B, strict=True)]
-    shift = np.linalg.norm(A[:, :3, 3] - B[:, :3, 3], axis=1)
-    return float(np.rad2deg(np.median(turn))), float(np.median(shift))
+def _gap(A: Array, B: Array) -> Array:
+    """Median turn [deg] and shift [m] between poses (n, 4, 4)."""
+    turn = [np.linalg.norm(so3_log(a[:3, :3].T @ b[:3, :3])) for a, b in zip(A, B, strict=True)]
+    return np.array([np.rad2deg(np.median(turn)), np.median(np.linalg.norm(A[:, :3, 3] - B[:, :3, 3], axis=1))])

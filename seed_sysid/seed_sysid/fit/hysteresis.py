@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loading against unloading: friction along an axis that is elastic first and then slides (Prandtl's stop).
+"""Hysteresis, loading against unloading: friction along an axis that is elastic first and then slides (Prandtl's stop).
 
 The state z of an axis follows its coordinate with slope 1/yield and saturates at +-1; the load is k xi + h z. Between
 two samples each coordinate runs straight, so the state at the samples is exact. An axis is hysteretic when
@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_sysid.fit.identification_fit import Problem, Solution, solve
+from seed_sysid.fit.identification_fit import Solution, fit_stiffness
+from seed_sysid.fit.load_model import Problem
 from seed_sysid.stiffness_map import stiffness_map
 
 _YIELDS = (0.02, 0.1, 0.25)  # share of an axis' range until friction slides: candidates
@@ -30,25 +31,24 @@ def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
     return np.asarray(z[index])
 
 
-def find(problem: Problem) -> tuple[Problem, Solution, Array]:
-    """The problem with the hysteretic axes that its data show, its fit, and h in standard deviations (6,).
+def fit_with_friction(problem: Problem) -> tuple[Problem, Solution]:
+    """The problem with the hysteretic axes that its data show, and its fit.
 
     Each axis' friction is first fitted along with everything else, for several lengths of yield; the best length stays.
     """
     xi = stiffness_map(problem.path, problem.parameters.model).xi
     ranges = np.abs(xi).max(axis=0)
-    every = tuple(range(6))
     trials = []
     for share in _YIELDS:
-        trial = replace(problem, z=stop_states(xi, problem.index, np.maximum(share * ranges, 1e-9)), hysteretic=every)
-        solution = solve(trial)
-        trials.append((_cost(solution), trial, solution))
-    _, best, solution = min(trials, key=lambda t: t[0])
-    significance = solution.friction / np.maximum(solution.friction_std, 1e-12)
-    carried = np.abs(solution.stiffness).max(axis=0) * ranges
-    flagged = (np.abs(significance) > _SIGNIFICANT) & (np.abs(solution.friction) > _SHARE * carried)
+        z = stop_states(xi, problem.index, np.maximum(share * ranges, 1e-9))
+        trial = replace(problem, z=z, hysteretic=tuple(range(6)))
+        trials.append((trial, fit_stiffness(trial)))
+    best, solution = min(trials, key=lambda trial: _cost(trial[1]))
+    friction = np.abs(solution.value.friction)
+    carried = np.abs(solution.value.stiffness).max(axis=0) * ranges
+    flagged = (friction > _SIGNIFICANT * np.maximum(solution.std.friction, 1e-12)) & (friction > _SHARE * carried)
     final = replace(best, hysteretic=tuple(int(j) for j in np.flatnonzero(flagged)))
-    return final, solve(final), significance
+    return final, fit_stiffness(final)
 
 
 def _cost(solution: Solution) -> float:

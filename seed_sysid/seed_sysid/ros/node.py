@@ -48,7 +48,7 @@ from seed_sysid.data.dataset import Header
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
 from seed_sysid.parameters import Procedure
-from seed_sysid.report.report import write_report
+from seed_sysid.report.html_report import write_report
 from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
 from seed_sysid.run.live import Live, LiveError, Streams
 from seed_sysid.run.procedure import Command
@@ -279,7 +279,7 @@ class SysidNode(Node):
         write_stiffness(file, stiffness_file(a, _date()))
         (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
         write_report(folder / "report.html", a, figures)
-        k, std = a.solution.stiffness[a.nominal], a.solution.stiffness_std[a.nominal]
+        k, std = a.solution.value.stiffness[a.nominal], a.solution.std.stiffness[a.nominal]
         return IdentifyStiffness.Result(
             success=True,
             message="; ".join([*a.warnings, *found.remarks]),

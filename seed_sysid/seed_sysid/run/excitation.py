@@ -17,7 +17,7 @@ from seed_core.bushing import Model
 from seed_core.config import ConfigError
 from seed_core.spatial import Array, pose_from_rpy
 from seed_sysid.parameters import ExcitationParameters, LimitParameters
-from seed_sysid.stiffness_map import AXES, skews, stiffness_map
+from seed_sysid.stiffness_map import AXES, frame_derivatives, stiffness_map
 
 _CANDIDATES = 160
 _RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back
@@ -80,7 +80,7 @@ def _axis(parameters: ExcitationParameters, j: int) -> Array:
 
 def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitParameters) -> Array:
     """xi (6,), drawn towards the centre until deflection and expected wrench stay within the planned limits."""
-    k = np.array([*parameters.guess.rotation, *parameters.guess.translation])
+    k = parameters.guess.vector()
     load, share = k * xi, limits.planned_share
     uses = (
         np.linalg.norm(load[3:]) / (share * limits.force),
@@ -94,11 +94,11 @@ def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitPara
 def information_rows(xi: Array, parameters: ExcitationParameters, model: Model) -> Array:
     """(n, 6, 18) derivatives of the measured wrench by relative stiffness, frame offset and bias, made comparable."""
     m = stiffness_map(poses(xi), model)
-    k = np.array([*parameters.guess.rotation, *parameters.guess.translation])
+    k = parameters.guess.vector()
     w = np.einsum("nij,nj->ni", m.B, k * m.xi)
     J = np.zeros((len(xi), 6, 18))
     J[:, :, :6] = m.B * (k * m.xi)[:, None, :]
-    J[:, :3, 6:9], J[:, 3:, 6:9], J[:, :3, 9:12] = -skews(w[:, :3]), -skews(w[:, 3:]), -_LEVER * skews(w[:, 3:])
+    J[:, :, 6:12] = frame_derivatives(w) * np.repeat([1.0, _LEVER], 3)
     J[:, :, 12:] = np.eye(6)
     J[:, :3] /= _LEVER
     return J

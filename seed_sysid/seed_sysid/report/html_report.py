@@ -32,7 +32,7 @@ def write_report(path: Path, a: Analysis, figures: dict[str, Any]) -> None:
 
 def render(a: Analysis, figures: dict[str, Any]) -> str:
     """The report as HTML."""
-    truth = [_flat(t) for t in figures["truth_all_grips"]] if "truth_all_grips" in figures else None
+    truth = [np.array([*t["rotation"], *t["translation"]]) for t in figures.get("truth_all_grips", ())] or None
     held, dump = a.data.header, escape(json.dumps(figures, indent=1))
     body = [
         f"<h1>Stiffness of {escape(held.hand or 'the hand')} holding {escape(held.tool or 'the sensor')}</h1>",
@@ -60,10 +60,6 @@ def render(a: Analysis, figures: dict[str, Any]) -> str:
     return f"<!DOCTYPE html><html lang='en'>{head}<body>{''.join(body)}</body></html>\n"
 
 
-def _flat(values: dict[str, list[float]]) -> Array:
-    return np.array([*values["rotation"], *values["translation"]])
-
-
 def _abstract(a: Analysis) -> str:
     minutes = (a.problem.time[-1] - a.problem.time[0]) / 60.0
     return (
@@ -84,13 +80,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def _stiffness_table(a: Analysis, truth: list[Array] | None) -> str:
     rows = []
     for g in range(len(a.grips)):
+        state = f"{1e3 * a.widths[g]:.1f} mm, {a.pressures[g]:.1f} hPa"
         for j, axis in enumerate(AXES):
-            k, half = a.solution.stiffness[g, j], a.solution.stiffness_half_width[g, j]
-            true = [f"{truth[g][j]:.4g}", f"{k / truth[g][j] - 1.0:+.2%}"] if truth else []
-            state = f"{1e3 * a.widths[g]:.1f} mm, {a.pressures[g]:.1f} hPa"
-            rows.append(
-                [state if j == 0 else "", axis, f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j], *true]
-            )
+            k, half = a.solution.value.stiffness[g, j], a.solution.half_width[g, j]
+            row = [state if j == 0 else "", axis, f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j]]
+            rows.append(row + ([f"{truth[g][j]:.4g}", f"{k / truth[g][j] - 1.0:+.2%}"] if truth else []))
     head = ["grip", "axis", "stiffness", f"{a.problem.parameters.confidence:.0%} interval", "relative", "unit"]
     return table([*head, "true", "error"] if truth else head, rows)
 
@@ -116,29 +110,28 @@ def _verdict(a: Analysis) -> str:
 
 
 def _sensor_table(figures: dict[str, Any]) -> str:
-    o, bias, drift = figures["frame_offset"], figures["bias"], figures["drift"]
-
-    def row(name: str, values: list[float], unit: str) -> list[str]:
-        return [name, *(f"{v:.4g}" for v in values), unit]
-
     rows = [
-        row("frame offset: turn", o["rotation_deg"], "deg"),
-        row("frame offset: shift", o["translation_mm"], "mm"),
-        row("bias: torque", bias["torque"], "N m"),
-        row("bias: force", bias["force"], "N"),
-        row("drift over the run: torque", drift["torque"], "N m"),
-        row("drift over the run: force", drift["force"], "N"),
+        [name, *(f"{v:.4g}" for v in figures[group][key]), unit]
+        for name, group, key, unit in (
+            ("frame offset: turn", "frame_offset", "rotation_deg", "deg"),
+            ("frame offset: shift", "frame_offset", "translation_mm", "mm"),
+            ("bias: torque", "bias", "torque", "N m"),
+            ("bias: force", "bias", "force", "N"),
+            ("drift over the run: torque", "drift", "torque", "N m"),
+            ("drift over the run: force", "drift", "force", "N"),
+        )
     ]
     return table(["", "x", "y", "z", "unit"], rows)
 
 
 def _sample_table(a: Analysis) -> str:
     xi, load = plots.generalised_loads(a)
+    xi = xi * np.repeat([180.0 / np.pi, 1e3], 3)
+    digits = (2,) * 6 + (3,) * 3 + (2,) * 3
     rows = []
-    for s, q, w, good in zip(a.data.samples, xi, load, a.solution.inlier, strict=True):
-        values = [*(f"{np.rad2deg(v):.2f}" for v in q[:3]), *(f"{1e3 * v:.2f}" for v in q[3:])]
-        values += [f"{v:.3f}" for v in w[:3]] + [f"{v:.2f}" for v in w[3:]]
-        rows.append([s.key, *values, f"{s.settle:.1f}", "" if good else "outlier"])
+    for s, values, good in zip(a.data.samples, np.hstack([xi, load]), a.solution.inlier, strict=True):
+        cells = [f"{v:.{d}f}" for v, d in zip(values, digits, strict=True)]
+        rows.append([s.key, *cells, f"{s.settle:.1f}", "" if good else "outlier"])
     units = ["deg"] * 3 + ["mm"] * 3
     head = ["pose", *(f"{n} [{u}]" for n, u in zip(AXES, units, strict=True))]
     head += [f"load {n} [{u}]" for n, u in zip(AXES, LOAD_UNITS, strict=True)]
