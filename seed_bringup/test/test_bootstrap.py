@@ -171,7 +171,8 @@ def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:
     )
     code = (
         f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from seed_bringup.commands import dispatch;"
-        "dispatch._run('slow', '', ['demo'])"
+        "from seed_bringup.command_table import Command;"
+        "dispatch.offered = lambda checkout: {'demo': Command('demo', 'slow', '')}; dispatch.main(['demo'])"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from seed_bringup.command_table import Command
+from seed_bringup.commands import dispatch
 from seed_bringup.commands.dispatch import main
 
 WRONG = [
@@ -92,3 +94,23 @@ def test_wrong_use_exits_with_2_and_says_how(
     assert code == 2, said.err
     assert "Traceback" not in said.err
     assert (said.err or said.out).strip()
+
+
+@pytest.mark.parametrize(
+    ("missing", "remedy"),
+    [
+        (
+            "seed_missing.command",
+            "seed bench: needs the package seed_missing of this suite: colcon build",
+        ),
+        ("rtde_control", "seed bench: needs the Python package ur-rtde, which apt does not have: pip install ur-rtde"),
+    ],
+)
+def test_a_command_whose_package_is_missing_says_what_to_install(
+    missing: str, remedy: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(dispatch, "offered", lambda **_: {"bench": Command("bench", missing, "")})
+    monkeypatch.setitem(sys.modules, "rtde_control", None)  # as if it were not installed
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    assert main(["bench"]) == 1
+    assert capsys.readouterr().err.startswith(remedy)

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seed_bringup.demo.baseline import running_baselines
-from seed_bringup.demo.figures import Phase, force_and_torque, relative_pose
+from seed_bringup.demo.baselines import running_baselines
+from seed_bringup.demo.figures import force_and_torque, relative_pose
 from seed_bringup.demo.report import Picture, Report, text_table
+from seed_bringup.demo.score import Curve, Phase
 from seed_bringup.demo.series import Series
 from seed_core.spatial import pose_from_rpy
 
@@ -35,7 +36,7 @@ def report() -> Report:
     t = np.linspace(0.0, 6.0, 200)
     phases = [Phase("approach", 0.0, 1.0), Phase("press", 1.0, 2.0), Phase("wipe", 2.0, 6.0)]
     poses = Series(t, np.stack([pose_from_rpy([0.0, 0.1 * np.sin(s), 0.0], [0.0, 0.0, -0.01]) for s in t]))
-    run = (t, np.minimum(10.0, 5.0 * t), np.zeros_like(t))
+    run = Curve(t, np.minimum(10.0, 5.0 * t), np.zeros_like(t))
     return Report(
         title="Squeegee <b>",
         subtitle="a & b",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from seed_bringup.command_table import COMMANDS, available
+from seed_bringup.command_table import offered
 from seed_bringup.commands.developer import cores, is_edge
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -182,11 +182,11 @@ def test_stand_ins_are_hidden_from_ordinary_workspaces() -> None:
 
 
 def test_every_offered_command_has_its_function() -> None:
-    for command in available(ROOT).values():
+    for command in offered(checkout=True).values():
         file = ROOT / command.module.split(".")[0] / (command.module.replace(".", "/") + ".py")
         functions = {n.name for n in ast.parse(file.read_text()).body if isinstance(n, ast.FunctionDef)}
         assert command.function in functions, f"{command.name}: {file} has no {command.function}"
-    assert {c.name for c in COMMANDS} >= {"demo", "test", "launch", "evaluate", "bench", "bag", "shell", "lint"}
+    assert offered(checkout=True).keys() >= {"demo", "test", "launch", "evaluate", "bench", "bag", "shell", "lint"}
 
 
 def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
@@ -212,7 +212,7 @@ def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
             assert not anchor or anchor in anchors[there], f"{page.name} links to {target}#{anchor}"
         for name in re.findall(r"\./seed ([a-z][a-z-]*)", text):
             commands.add(name)
-            assert name in available(ROOT), f"{page.name} speaks of ./seed {name}"
+            assert name in offered(checkout=True), f"{page.name} speaks of ./seed {name}"
     assert links > 20
     assert commands >= {"demo", "test", "launch", "call", "play"}
 

@@ -19,7 +19,7 @@ from progress import SetupError, UsageError, say  # noqa: E402
 
 def main(arguments: list[str]) -> int:
     """Answer help and mistakes at once; set up and run everything else."""
-    known = command_table.available(ROOT)
+    known = command_table.offered(checkout=True)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(command_table.usage(known))
         return 0

@@ -15,11 +15,6 @@ from seed_core.errors import SeedError
 @command("seed bag")
 def main(argv: list[str]) -> int:
     """Run one of the three; ROS is imported by record and play only."""
-    options = _parser().parse_args(argv)
-    return int(options.run(options))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed bag", description=__doc__, formatter_class=Help)
     commands = parser.add_subparsers(required=True, metavar="record|play|info")
     _add_record(commands.add_parser("record", formatter_class=Help, help="record topics until Ctrl-C"))
@@ -27,7 +22,9 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", formatter_class=Help, help="what a bag holds")
     info.add_argument("bag", type=Path, help="folder or .mcap file")
     info.set_defaults(run=_info)
-    return parser
+    options = parser.parse_args(argv)
+    options.run(options)
+    return 0
 
 
 def _add_record(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +53,7 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_play)
 
 
-def _record(options: argparse.Namespace) -> int:
+def _record(options: argparse.Namespace) -> None:
     from seed_bringup.bags.record import record
 
     if bool(options.topics) == options.all:
@@ -65,10 +62,9 @@ def _record(options: argparse.Namespace) -> int:
     print(f"seed bag: recording to {path}; Ctrl-C ends it", flush=True)
     writer = record(path, options.topics, options.all, options.use_sim_time, options.duration)
     print(f"seed bag: {sum(writer.counts.values())} messages of {len(writer.counts)} topics in {path}")
-    return 0
 
 
-def _play(options: argparse.Namespace) -> int:
+def _play(options: argparse.Namespace) -> None:
     from seed_bringup.bags.play import Options, play
 
     if any(":=" not in pair for pair in options.remap):
@@ -76,14 +72,12 @@ def _play(options: argparse.Namespace) -> int:
     remap = dict(pair.split(":=", 1) for pair in options.remap)
     how = Options(options.rate, options.clock, options.loop, options.delay, options.topics, remap)
     print(f"seed bag: {play(options.bag, how)} messages played")
-    return 0
 
 
-def _info(options: argparse.Namespace) -> int:
+def _info(options: argparse.Namespace) -> None:
     from seed_bringup.bags.files import describe_bag
 
     print(describe_bag(options.bag))
-    return 0
 
 
 if __name__ == "__main__":

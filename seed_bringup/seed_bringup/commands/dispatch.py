@@ -6,9 +6,8 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from pathlib import Path
 
-from seed_bringup.command_table import available, usage
+from seed_bringup.command_table import offered, usage
 from seed_core.command_line import command, leaving_at_once
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
@@ -24,31 +23,34 @@ PIP_ONLY = {
 @command("seed")
 def main(arguments: list[str]) -> int:
     """Run one subcommand and return its exit code."""
-    root = os.environ.get("SEED_ROOT")
-    commands = available(Path(root) if root else None)
+    commands = offered(checkout=bool(os.environ.get("SEED_ROOT")))
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(usage(commands))
         return 0
-    chosen = commands.get(arguments[0])
-    if chosen is None:
-        print(f"seed: no command {arguments[0]!r}; there are: {', '.join(commands)}", file=sys.stderr)
+    name, *argv = arguments
+    if name not in commands:
+        print(f"seed: no command {name!r}; there are: {', '.join(commands)}", file=sys.stderr)
         return 2
-    return _run(chosen.module, chosen.function, arguments)
-
-
-def _run(module: str, function: str, arguments: list[str]) -> int:
-    sys.argv = [f"seed {arguments[0]}", *arguments[1:]]
+    sys.argv = [f"seed {name}", *argv]
     try:
-        with leaving_at_once(arguments[0]):
-            run = getattr(importlib.import_module(module), function)
-        return int(run(arguments[1:]))
+        with leaving_at_once(name):
+            run = getattr(importlib.import_module(commands[name].module), commands[name].function)
+        return int(run(argv))
     except ModuleNotFoundError as error:
-        package = PIP_ONLY.get((error.name or "").partition(".")[0])
-        if package is None:
-            raise
-        message = f"needs the Python package {package}, which apt does not have: pip install {package}"
-        print(f"seed {arguments[0]}: {message} (the version in requirements/)", file=sys.stderr)
+        print(f"seed {name}: {_remedy(error)}", file=sys.stderr)
         return 1
+
+
+def _remedy(error: ModuleNotFoundError) -> str:
+    """What to install; the error itself where it is a mistake of ours."""
+    missing = error.name or ""
+    if missing.partition(".")[0] in PIP_ONLY:
+        package = PIP_ONLY[missing.partition(".")[0]]
+        install = f"pip install {package} (the version in requirements/)"
+        return f"needs the Python package {package}, which apt does not have: {install}"
+    if missing.startswith("seed_") and "." not in missing:
+        return f"needs the package {missing} of this suite: colcon build --packages-up-to {missing}"
+    raise error
 
 
 if __name__ == "__main__":

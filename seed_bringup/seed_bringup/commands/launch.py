@@ -21,7 +21,11 @@ from seed_core.command_line import Help, command
 @command("seed launch")
 def main(argv: list[str]) -> int:
     """Parse, check every argument, run; 1 when a node failed."""
-    options = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="seed launch", description=__doc__, formatter_class=Help)
+    parser.add_argument("words", nargs="+", metavar="WORD", help="FILE, or PACKAGE FILE, and arguments as name:=value")
+    parser.add_argument("-s", "--show-args", action="store_true", help="list the arguments of the launch file")
+    parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")
+    options = parser.parse_args(argv)
     words = [w for w in options.words if ":=" not in w]
     if not 1 <= len(words) <= 2:
         raise LaunchError("name one launch file: FILE or PACKAGE FILE, then arguments as name:=value")
@@ -33,14 +37,6 @@ def main(argv: list[str]) -> int:
     if shutil.which("ros2") and not options.own:
         return _by_ros2(file, arguments)
     return run(Launch(file, arguments))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed launch", description=__doc__, formatter_class=Help)
-    parser.add_argument("words", nargs="+", metavar="WORD", help="FILE, or PACKAGE FILE, and arguments as name:=value")
-    parser.add_argument("-s", "--show-args", action="store_true", help="list the arguments of the launch file")
-    parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")
-    return parser
 
 
 def describe_arguments(file: Path) -> str:
@@ -74,7 +70,7 @@ def run(launch: Launch) -> int:
     if code is None:
         print("[launch] stopping", flush=True)
         launch.stop()
-        return 128 + signals[0] if signals[0] != signal.SIGINT else 130
+        return 128 + signals[0]
     return code
 
 

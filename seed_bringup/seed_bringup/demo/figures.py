@@ -6,14 +6,15 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seed_bringup.demo.series import Array, Series, axes_of
+from seed_bringup.demo.score import Curve, Phase
+from seed_bringup.demo.series import Series
+from seed_core.spatial import Array, rpy_from_rotation
 
 BLUE, ORANGE, GREEN, GREY, INK = "#1f6feb", "#e8710a", "#188a5b", "#9aa4b2", "#1f2937"
 AXES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
@@ -35,19 +36,10 @@ STYLE = {
 }
 
 
-@dataclass(frozen=True)
-class Phase:
-    """A named stretch of time [s]."""
-
-    name: str
-    start: float
-    end: float
-
-
 def force_and_torque(
-    runs: Mapping[str, tuple[Array, Array, Array]], wanted_force: float, band: tuple[float, float], phases: list[Phase]
+    runs: Mapping[str, Curve], wanted_force: float, band: tuple[float, float], phases: list[Phase]
 ) -> str:
-    """Pressing force [N] and torque about the blade's centre [N m] over time; runs: name -> (t, force, torque).
+    """Pressing force [N] and torque about the blade's centre [N m] over time, by name of the run.
 
     The first run is drawn in colour, the others as what it is compared with. band: the scored stretch [s].
     """
@@ -55,16 +47,15 @@ def force_and_torque(
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True)
         colours = [BLUE, ORANGE, GREY, GREEN]
-        for i, (name, (t, force, torque)) in reversed(list(enumerate(runs.items()))):
+        for i, (name, run) in reversed(list(enumerate(runs.items()))):
             width, order = (1.8, 5) if i == 0 else (1.1, 2)
-            top.plot(t, force, color=colours[i % 4], lw=width, zorder=order, label=name)
-            bottom.plot(t, torque, color=colours[i % 4], lw=width, zorder=order, label=name)
-        top.axhline(wanted_force, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
+            top.plot(run.t, run.force, color=colours[i % 4], lw=width, zorder=order, label=name)
+            bottom.plot(run.t, run.torque, color=colours[i % 4], lw=width, zorder=order, label=name)
         top.annotate(
             f"wanted {wanted_force:g} N", (band[1], wanted_force), xytext=(4, 4), textcoords="offset points", color=INK
         )
-        bottom.axhline(0.0, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
-        for axis, label in ((top, "pressing force [N]"), (bottom, "torque [N m]")):
+        for axis, wanted, label in ((top, wanted_force, "pressing force [N]"), (bottom, 0.0, "torque [N m]")):
+            axis.axhline(wanted, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
             axis.set_ylabel(label)
             axis.axvspan(*band, color=BLUE, alpha=0.06, lw=0)
         top.set_ylim(min(-0.08 * wanted_force, -0.5), 1.6 * wanted_force)
@@ -72,10 +63,10 @@ def force_and_torque(
         handles, labels = top.get_legend_handles_labels()
         bottom.legend(handles[::-1], labels[::-1], loc="upper left", ncols=4, fontsize=9)
         bottom.set_xlabel("time [s]")
-        first = next(iter(runs.values()))[0]
-        top.set_xlim(float(first[0]), float(first[-1]))
-        worst = max(0.1, *(float(np.percentile(np.abs(q[(t >= band[0]) & (t <= band[1])]), 99, method="nearest"))
-                           for t, _, q in runs.values() if ((t >= band[0]) & (t <= band[1])).any()))  # fmt: skip
+        t = next(iter(runs.values())).t
+        top.set_xlim(float(t[0]), float(t[-1]))
+        torques = [np.abs(run.torque[(run.t >= band[0]) & (run.t <= band[1])]) for run in runs.values()]
+        worst = max(0.1, *(float(np.percentile(q, 99, method="nearest")) for q in torques if q.size))
         bottom.set_ylim(-1.3 * worst, 1.6 * worst)
         return svg(figure)
 
@@ -85,9 +76,8 @@ def relative_pose(estimate: Series, truth: Series, phases: list[Phase]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         grid = figure.subplots(2, 3, sharex=True)
-        estimated, true = axes_of(estimate.values), axes_of(truth.values)
-        for i, (name, unit) in enumerate(AXES):
-            axis = grid[i // 3][i % 3]
+        estimated, true = _coordinates(estimate.values), _coordinates(truth.values)
+        for i, (axis, (name, unit)) in enumerate(zip(grid.flat, AXES, strict=True)):
             axis.plot(truth.t, true[:, i], color=GREY, lw=2.6, label="truth", zorder=2)
             axis.plot(estimate.t, estimated[:, i], color=BLUE, lw=1.1, label="from images", zorder=3)
             axis.set_title(f"{name} [{unit}]", fontsize=10, loc="left", color=INK)
@@ -100,6 +90,12 @@ def relative_pose(estimate: Series, truth: Series, phases: list[Phase]) -> str:
         if phases:
             grid[0][0].set_xlim(phases[0].start, phases[-1].end)
         return svg(figure)
+
+
+def _coordinates(poses: Array) -> Array:
+    """(N, 6) x, y, z [mm], roll, pitch, yaw [deg] of poses (N, 4, 4)."""
+    rpy = np.array([rpy_from_rotation(X[:3, :3]) for X in poses])
+    return np.hstack([1e3 * poses[:, :3, 3], np.rad2deg(rpy)])
 
 
 def _name_phases(axis: Axes, phases: list[Phase]) -> None:
@@ -119,6 +115,5 @@ def svg(figure: Figure) -> str:
     text = out.getvalue()
     text = text[text.index("<svg") :]
     mark = f"f{abs(hash(text)) % 10**8}-"
-    text = re.sub(r'id="', f'id="{mark}', text)
-    text = re.sub(r'(xlink:href="#|url\(#)', lambda m: m.group(1) + mark, text)
+    text = re.sub(r'(id="|xlink:href="#|url\(#)', rf"\g<1>{mark}", text)
     return re.sub(r'<svg([^>]*) width="[^"]*"', r"<svg\1", re.sub(r' height="[\d.]+pt"', "", text, count=1), count=1)

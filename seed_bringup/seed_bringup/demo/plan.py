@@ -59,11 +59,16 @@ def plan(options: argparse.Namespace) -> Plan:
 def robot_arguments(words: list[str]) -> dict[str, str]:
     """robot and robot_ip as launch arguments. Raises SeedError for others, and for an address that is not loopback."""
     given = dict(w.partition(":=")[::2] for w in words)
-    unknown = sorted(set(given) - {"robot", "robot_ip"})
     robot = given.get("robot", "ur")
-    if unknown or robot not in ("sim", "ur"):
+    if given.keys() - {"robot", "robot_ip"} or robot not in ("sim", "ur"):
         raise SeedError(f"{' '.join(words)}: the demo takes robot:=sim or robot:=ur, and robot_ip:=127.x.y.z")
     address = given.get("robot_ip", STANDIN if robot == "ur" else "")
     if robot == "ur" and not address.startswith("127."):
         raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
     return {"robot": robot, "robot_ip": address}
+
+
+def goal(task: str, force: float | None) -> tuple[str, str]:
+    """Task and overrides as the action takes them: a file by its full path, for the controller runs elsewhere."""
+    file = Path(task)
+    return str(file.resolve()) if file.is_file() else task, "" if force is None else f"force: {force}"

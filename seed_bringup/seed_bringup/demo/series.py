@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader, AnyReaderError
 from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
-from seed_core.spatial import make_pose, rpy_from_rotation
-
-Array = NDArray[np.float64]
+from seed_core.spatial import Array, make_pose
 
 
 class SeriesError(SeedError):
@@ -34,11 +31,15 @@ class Series:
         keep = (self.t >= start) & (self.t <= end)
         return Series(self.t[keep], self.values[keep])
 
-    def at(self, t: Array) -> Array:
-        """Values interpolated at t (M,): (M, ...)."""
-        flat = self.values.reshape(len(self.t), -1)
-        columns = [np.interp(t, self.t, flat[:, i]) for i in range(flat.shape[1])]
-        return np.stack(columns, axis=1).reshape(len(t), *self.values.shape[1:])
+    def since(self, start: float) -> Series:
+        """The same with stamps that count from `start` [s]."""
+        return Series(self.t - start, self.values)
+
+    def nearest(self, t: Array) -> Array:
+        """The values (M, ...) whose stamps are nearest to t (M,)."""
+        right = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
+        left = right - 1
+        return np.asarray(self.values[np.where(t - self.t[left] < self.t[right] - t, left, right)])
 
 
 def read_series(bag: Path, topics: dict[str, str]) -> dict[str, Series]:
@@ -47,28 +48,24 @@ def read_series(bag: Path, topics: dict[str, str]) -> dict[str, Series]:
     Raises:
         SeriesError: no readable bag, or a topic without messages.
     """
-    by_topic = {topic: name for name, topic in topics.items()}
-    rows: dict[str, list[tuple[float, Array]]] = {name: [] for name in topics}
+    rows: dict[str, list[tuple[float, Array]]] = {topic: [] for topic in topics.values()}
     try:
         with AnyReader([bag]) as reader:
-            for connection, _, data in reader.messages([c for c in reader.connections if c.topic in by_topic]):
+            for connection, _, data in reader.messages([c for c in reader.connections if c.topic in rows]):
                 message: Any = reader.deserialize(data, connection.msgtype)
                 value = _value(message, connection.msgtype)
                 if value is not None:
                     stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                    rows[by_topic[connection.topic]].append((stamp, value))
+                    rows[connection.topic].append((stamp, value))
     except (OSError, AnyReaderError) as error:
         raise SeriesError(f"{bag}: not a readable bag: {error}") from error
-    for name, found in rows.items():
-        if not found:
-            raise SeriesError(f"{bag}: nothing was recorded on {topics[name]}")
-    return {name: _sorted(found) for name, found in rows.items()}
-
-
-def _sorted(rows: list[tuple[float, Array]]) -> Series:
-    t = np.array([stamp for stamp, _ in rows])
-    order = np.argsort(t, kind="stable")
-    return Series(t[order], np.stack([value for _, value in rows])[order])
+    out = {}
+    for name, topic in topics.items():
+        if not rows[topic]:
+            raise SeriesError(f"{bag}: nothing was recorded on {topic}")
+        stamps, values = zip(*sorted(rows[topic], key=lambda row: row[0]), strict=True)
+        out[name] = Series(np.array(stamps), np.stack(values))
+    return out
 
 
 def _value(message: Any, kind: str) -> Array | None:
@@ -92,9 +89,3 @@ def _pose(pose: Any) -> Array:
 
 def _wrench(w: Any) -> Array:
     return np.array([w.torque.x, w.torque.y, w.torque.z, w.force.x, w.force.y, w.force.z])
-
-
-def axes_of(poses: Array) -> Array:
-    """(N, 6) x, y, z [mm], roll, pitch, yaw [deg] of poses (N, 4, 4)."""
-    rpy = np.array([rpy_from_rotation(X[:3, :3]) for X in poses])
-    return np.hstack([1e3 * poses[:, :3, 3], np.rad2deg(rpy)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the demo says while it runs."""
+"""Progress of the demo and of ./seed play on the terminal."""
 
 from __future__ import annotations
 

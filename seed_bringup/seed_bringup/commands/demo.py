@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 from types import FrameType
 
-from seed_bringup.demo.baseline import running_baselines
+from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import conclude
 from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, play_live
-from seed_bringup.demo.live_score import TOPICS
 from seed_bringup.demo.plan import STANDIN, plan
+from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
 from seed_core.command_line import Help, command, number, seed_number
@@ -26,11 +26,7 @@ BASELINES = ("open_loop", "welded")
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
-        prog="seed demo",
-        description=(__doc__ or "").split("\n\n")[0],
-        formatter_class=Help,
-    )
+    p = argparse.ArgumentParser(prog="seed demo", description=(__doc__ or "").split("\n\n")[0], formatter_class=Help)
     p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
     p.add_argument("--force", type=float, help="[N] size of every force in the task; the task's own if left out")
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table and all noise")
@@ -72,11 +68,11 @@ def main(argv: list[str]) -> int:
     o = asked.options
     say(f"task {asked.task.name}, scenario {asked.scenario.name}, seed {o.seed}, estimator {o.estimator}")
     say(f"results go to {asked.folder}")
-    played = play_live(asked)
+    live = play_live(asked)
     with running_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name) as running:
         series = read_series(asked.folder / "bag.mcap", TOPICS)
         say("baselines: open loop and welded, on the same table")
         baselines = {law: result.get(timeout=120.0) for law, result in running.items()}
-    held = conclude(asked, played, series, baselines)
+    held = conclude(asked, live, series, baselines)
     say(f"{time.monotonic() - started:.0f} s in all; look at {asked.folder / 'report.html'}")
     return 0 if held else 1

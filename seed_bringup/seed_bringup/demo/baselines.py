@@ -7,35 +7,28 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
-from seed_bringup.demo.series import Array
+from seed_bringup.demo.score import Curve, curve_of
 
 if TYPE_CHECKING:
     from multiprocessing.pool import AsyncResult
 
 
-@dataclass(frozen=True, eq=False)
-class Baseline:
-    """Score, and time [s], force (n,) [N] along the table's normal and torque (n,) [N m] about T's x."""
+class Baseline(NamedTuple):
+    """Score and curve of one simulated run."""
 
     score: dict[str, Any]
-    t: Array
-    force: Array
-    torque: Array
+    curve: Curve
 
 
 def run_baseline(law: str, task: str, force: float | None, seed: int, scenario: str) -> Baseline:
     """One headless run."""
-    from seed_sim.closed_loop.evaluate import run
+    from seed_sim.closed_loop.evaluate import run  # takes a second, which is not the parent's
 
     done = run(task, law=law, force=force, seed=seed, scenario=scenario)
-    recording = done.run.recording
-    return Baseline(done.result, np.array(recording["t"]), -recording["force"][:, 2], recording["torque_T"][:, 0])
+    return Baseline(done.result, curve_of(done.run.recording))
 
 
 @contextmanager

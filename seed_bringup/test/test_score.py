@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_bringup.demo.figures import Phase
-from seed_bringup.demo.live_score import live_score, recording_of
+from seed_bringup.demo.score import Phase, recording_of
 from seed_bringup.demo.series import Series
 from seed_control.tasks import Task, load_task
 from seed_core.spatial import make_pose, rotation_from_rpy
-from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.evaluate import scored_phase
+from seed_sim.closed_loop.recording import Recording, score
 
 DOWN = make_pose(rotation_from_rpy((np.pi, 0.0, 0.0)), (0.45, 0.0, 0.0))  # z of the tip points into the table
 
@@ -49,9 +49,10 @@ def test_axes_that_a_task_turns_are_scored_by_torque_and_not_by_lean(name: str, 
 
 def test_a_live_screw_is_scored_by_its_torque() -> None:
     felt = np.array((0.0, 0.0, -0.5, 0.0, 0.0, -5.0))
-    score = live_score(steady(load_task("torque_driver"), felt, felt), load_task("torque_driver"))
-    assert score["samples"] > 0
-    assert_allclose((score["torque_z"]["mean"], score["torque_z"]["rmse"]), (0.5, 0.0), atol=1e-12)
+    task = load_task("torque_driver")
+    result = score(steady(task, felt, felt), scored_phase(task))
+    assert result["samples"] > 0
+    assert_allclose((result["torque_z"]["mean"], result["torque_z"]["rmse"]), (0.5, 0.0), atol=1e-12)
 
 
 def test_a_force_wanted_along_the_tool_is_met_by_one_along_the_tool() -> None:
@@ -59,6 +60,6 @@ def test_a_force_wanted_along_the_tool_is_met_by_one_along_the_tool() -> None:
     pressing = replace(task.phases[1].control, force=(0.0, 0.0, 10.0), frame="tool")
     phases = tuple(replace(p, control=pressing) if p.control is not None else p for p in task.phases)
     along, down = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 10.0)), np.array((0.0, 0.0, 0.0, 0.0, 0.0, -10.0))
-    score = live_score(steady(replace(task, phases=phases), along, down), task)
-    assert score["samples"] > 0
-    assert_allclose(score["force_z"]["rmse"], 0.0, atol=1e-12)
+    result = score(steady(replace(task, phases=phases), along, down), scored_phase(task))
+    assert result["samples"] > 0
+    assert_allclose(result["force_z"]["rmse"], 0.0, atol=1e-12)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed call: services of a running cell, also where there is no `ros2` command."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from seed_core.command_line import Help, command, leaving_at_once
+from seed_core.errors import FailedError, SeedError
+
+if TYPE_CHECKING:
+    from seed_bringup.ros.session import Session
+
+DISCOVERY = 5.0  # [s] until every service of a running graph is known, as a rule
+PATIENCE = 15.0  # [s] until one that is asked for is known, where packets are lost
+TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
+
+
+@command("seed call")
+def main(argv: list[str]) -> int:
+    """Call one service, or list those there are."""
+    p = argparse.ArgumentParser(prog="seed call", description="Call a service of a running cell.", formatter_class=Help)
+    p.add_argument("service", nargs="?", help="for instance estimator/capture_reference; without it all are listed")
+    p.add_argument("value", nargs="?", choices=("on", "off"), help="for services that switch, as controller/enable")
+    options = p.parse_args(argv)
+    with leaving_at_once("call"):
+        from seed_bringup.ros.session import Session  # rclpy only from here on
+    with closing(Session(lambda: None, follow=False)) as session:
+        if options.service is None:
+            session.spin(DISCOVERY)
+            print("\n".join(f"{n}{' on|off' if k == SET_BOOL else ''}" for n, k in sorted(_services(session).items())))
+        else:
+            print(_call(session, "/" + options.service.lstrip("/"), options.value))
+    return 0
+
+
+def _services(session: Session) -> dict[str, str]:
+    """Name and type of what can be called."""
+    found = session.node.get_service_names_and_types()
+    return {name: kinds[0] for name, kinds in found if kinds[0] in (TRIGGER, SET_BOOL)}
+
+
+def _call(session: Session, name: str, value: str | None) -> str:
+    session.until(lambda: name in _services(session), PATIENCE, "")
+    kind = _services(session).get(name)
+    if kind is None:
+        raise FailedError(f"no service {name}: is the cell running? ./seed call lists what there is")
+    if (kind == SET_BOOL) != (value is not None):
+        raise SeedError(f"{name} {'switches: say on or off' if kind == SET_BOOL else 'takes neither on nor off'}")
+    return (session.trigger(name) if value is None else session.switch(name, value == "on")) or "done"

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed play: a task on a running cell, also where there is no `ros2` command."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from contextlib import closing
+from typing import Any
+
+from seed_bringup.demo.plan import goal
+from seed_bringup.demo.terminal import Bar
+from seed_control.tasks import load_task
+from seed_core.command_line import Help, command, leaving_at_once
+from seed_core.errors import FailedError
+
+
+@command("seed play")
+def main(argv: list[str]) -> int:
+    """Play a task to its end."""
+    p = argparse.ArgumentParser(
+        prog="seed play",
+        description="Play a task on a running cell whose controller is enabled. Ctrl-C cancels it: the tool is lifted.",
+        formatter_class=Help,
+    )
+    p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
+    p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    options = p.parse_args(argv)
+    load_task(options.task, options.force)  # says here and now what is wrong with it
+    with leaving_at_once("play"):
+        from seed_bringup.ros.session import Session  # rclpy only from here on
+    with closing(Session(lambda: None)) as session, closing(Bar()) as bar:
+
+        def tell(feedback: Any) -> None:
+            bar.show(feedback.phase, feedback.progress, session.pressing_force)
+
+        try:
+            result = session.play(*goal(options.task, options.force), tell, patience=math.inf).result
+        except KeyboardInterrupt:
+            print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
+            session.cancel()
+            raise
+    if not result.success:
+        raise FailedError(result.message)
+    print(f"done in {result.duration:.1f} s; estimated force within {result.force_rmse:.2f} N rms of what was wanted")
+    return 0
