@@ -65,8 +65,8 @@ class ServoProcess:
         robot = self._search()
         self.session.robot = robot
         self._version = "{}.{}.{}.{}".format(*robot.version)
-        self.session.reason = WAITING
-        self.motion.follower.dt = 1.0 / robot.rate
+        self.session.hold(WAITING)
+        self.motion.limiter.dt = 1.0 / robot.rate
         self._stream(robot)
 
     def _search(self) -> Robot:
@@ -77,9 +77,9 @@ class ServoProcess:
                 with threads_above(config):
                     return Robot(config)
             except (LinkError, RuntimeError) as error:
-                self.session.reason = str(error)
+                self.session.hold(str(error))
             except (struct.error, ValueError, KeyError) as error:
-                self.session.reason = f"{config.robot_ip} answers like no UR controller: {error}"
+                self.session.hold(f"{config.robot_ip} answers like no UR controller: {error}")
             until = time.monotonic() + RETRY
             while time.monotonic() < until:
                 self._listen_while_searching()
@@ -91,7 +91,7 @@ class ServoProcess:
 
     def _stream(self, robot: Robot) -> None:
         start = time.monotonic()
-        deadlines = Deadlines(self.motion.follower.dt, start)
+        deadlines = Deadlines(self.motion.limiter.dt, start)
         self.session.watch.restart(robot.timestamp, start)
         while True:
             self.tick(robot, time.monotonic())
@@ -109,8 +109,7 @@ class ServoProcess:
             if s.wants_start(now):
                 self._start_by_itself()
         held_back = s.held_back(now)
-        if why := self.motion.look(now - held_back, held_back):
-            s.hold(why)
+        self.motion.take_target(now - held_back, held_back)
         if s.running:
             self._command(robot, now)
         elif self._quitting:
@@ -123,14 +122,14 @@ class ServoProcess:
         if self.session.freedrive:
             robot.control.kickWatchdog()
             return
-        if self.session.may_step() and (why := self.motion.step()):
-            self.session.hold(why)
-        f, target = self.motion.follower, self.motion.target
-        robot.servo(f.p, f.q, f.dt)
+        if self.session.may_step():
+            self.motion.step()
+        command, target = self.motion.limiter, self.motion.target
+        robot.servo(command.p, command.q, command.dt)
         self.sent += 1
         if target is not None and target is not self._timed_target:
             self.latency, self._timed_target = time.monotonic() - target.received, target
-        if self._quitting and f.still:
+        if self._quitting and command.still:
             robot.close()
             os._exit(0)
 
@@ -189,7 +188,8 @@ class ServoProcess:
         """Decelerate, end the program, end the process."""
         with suppress(LinkError, RuntimeError):  # a robot that does not leave freedrive: our program ends all the same
             self.session.stop()
-        self.session.reason, self._quitting = "the driver is shutting down", True
+        self.session.hold("the driver is shutting down")
+        self._quitting = True
         if self.session.robot is None:
             os._exit(0)
         return ""
@@ -208,10 +208,10 @@ class ServoProcess:
             heartbeat=now,
             sample_time=s.sample_time,
             stage=stage,
-            armed=m.armed and stage == Stage.SERVOING,
+            armed=not s.reason and stage == Stage.SERVOING,
             linked=s.linked,
             sample=s.sample if s.sample is not None else NO_SAMPLE,
-            command=(*m.follower.p, *m.follower.q),
+            command=(*m.limiter.p, *m.limiter.q),
             timestamp=s.clock,
             target_number=m.target.number if m.target is not None else 0,
             sent=self.sent,
@@ -229,8 +229,7 @@ class ServoProcess:
     def end(self, code: int, reason: str) -> None:
         """End at once: ur_rtde's own clean-up may hang."""
         self.session.linked = False
-        self.motion.hold()
-        self.session.reason = reason
+        self.session.hold(reason)
         self.publish(Stage.SEARCHING)
         os._exit(code)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One robot, the link to it and our program on it: what it says, and what may be asked of it when."""
+"""One robot, the link to it and our program on it: its states judged, and what may be asked of it when."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Session:
     """From the first look at a robot to the end of the servo process; requests raise LinkError with the reason."""
 
     def __init__(self, motion: Motion, config: DriverConfig, want_start: bool) -> None:
+        """want_start: our program, as soon as the robot allows it."""
         self.motion, self.config = motion, config
         self.robot: Robot | None = None
         self.watch = link.LinkWatch()
-        self.want_start = want_start  # our program, as soon as the robot allows it
+        self.want_start = want_start
         self.linked = self.running = self.freedrive = False
-        self.reason = "starting"  # why it holds, or what it waits for
         self.sample: Sample | None = None
         self.sample_time = 0.0
         self.clock = 0.0  # [s] of the robot, in the newest state
@@ -37,10 +37,14 @@ class Session:
         self._next_try = 0.0
         self._moved_until = 0.0  # [s] by the robot's clock, of the steps that were made
 
+    @property
+    def reason(self) -> str:
+        """Why the arm holds, or what the session waits for; empty while targets are accepted."""
+        return self.motion.latch.reason
+
     def hold(self, reason: str) -> None:
         """Decelerate to rest; only an explicit request moves the arm again."""
-        self.reason = reason
-        self.motion.hold()
+        self.motion.hold(reason)
 
     # what the robot says
     def listen(self, robot: Robot, now: float) -> str:
@@ -68,7 +72,7 @@ class Session:
             self.want_start = False
         if not self.running:
             if why or was_unable:
-                self.reason = why or WAITING
+                self.hold(why or WAITING)
             return
         if not why and s.modes.runtime_state != link.PLAYING:
             why = "robot program stopped (pendant, watchdog or a program error)"
@@ -88,7 +92,7 @@ class Session:
 
         What is sent to a robot that is not heard may wait somewhere and reach it all at once, as one long step.
         """
-        dt = self.motion.follower.dt
+        dt = self.motion.limiter.dt
         until = max(self._moved_until, self.clock) + dt
         if until > self.clock + (AHEAD + 0.5) * dt:
             return False
@@ -109,7 +113,7 @@ class Session:
         return robot
 
     def _need_rest(self) -> None:
-        if not self.motion.follower.still or self.motion.following:
+        if not self.motion.limiter.still or self.motion.latch.following:
             raise LinkError("the arm is moving; call stop first")
 
     def start(self) -> str:
@@ -121,8 +125,8 @@ class Session:
             self._begin(robot)
         elif self.freedrive:
             raise LinkError("the arm is in freedrive; end it first")
-        self.reason, self.want_start = "", False
-        self.motion.arm_it()
+        self.want_start = False
+        self.motion.accept_targets()
         return "robot program running, waiting for target_frame"
 
     def wants_start(self, now: float) -> bool:
@@ -131,7 +135,8 @@ class Session:
 
     def start_later(self, reason: str) -> None:
         """A start by ourselves has failed: once more in a second."""
-        self.reason, self._next_try = reason, time.monotonic() + 1.0
+        self.hold(reason)
+        self._next_try = time.monotonic() + 1.0
 
     def _begin(self, robot: Robot) -> None:
         """Command what is: the pose where the arm stands now."""
@@ -159,7 +164,7 @@ class Session:
 
     def refuse(self, reason: str) -> str:
         """The node has refused a target: whatever moves, decelerates."""
-        if self.motion.following:
+        if self.motion.latch.following:
             self.hold(reason)
         return ""
 
@@ -180,7 +185,7 @@ class Session:
         elif not on and self.freedrive:
             demand(robot.control.endFreedriveMode(), "leave freedrive")
             self._begin(robot)
-            self.reason = "freedrive ended"
+            self.hold("freedrive ended")
         self.freedrive = on
         return "freedrive" if on else "holding"
 

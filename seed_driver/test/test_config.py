@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json, to_json
-from seed_driver.motion.calibration import KEYS, LINKS, load_calibration
-from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.kinematics import KEYS, LINKS, arm_kinematics, load_calibration
 from seed_ur.kinematics import URKinematics
 
 NOMINAL = URKinematics.for_model("ur5e")

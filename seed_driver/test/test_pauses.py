@@ -115,7 +115,7 @@ def play(q, path, seed: int, **settings) -> Robot:
         if now >= 0.004 * targets:
             targets = 1 + int(now / 0.004)
             memory.write_target(TargetSlot(targets, now, *path(now, tuple(start), orientation)))
-        if session.linked and not process.motion.armed:
+        if session.linked and session.reason:
             session.start()  # after a hold, for a pause that was too long
         process.tick(robot, now)
         due = deadlines.next(now + 1e-4)

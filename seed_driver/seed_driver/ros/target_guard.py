@@ -12,8 +12,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from seed_driver.guard import Guard, GuardConfig, Pose
 from seed_driver.target_checks import Target
+from seed_driver.target_guard import GuardConfig, Pose, TargetGuard
 from seed_ros.conversions import seconds
 from seed_ros.node import run
 from seed_ros.parameters import declare, refuse_unknown
@@ -25,7 +25,7 @@ class GuardNode(Node):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("guard", **arguments)
-        self.guard = Guard(declare(self, GuardConfig()))
+        self.guard = TargetGuard(declare(self, GuardConfig()))
         refuse_unknown(self)
         self._said: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)

@@ -7,8 +7,8 @@ import pytest
 
 from seed_core.quaternion import from_rotation_vector
 from seed_driver.config import DriverConfig
-from seed_driver.guard import Guard, GuardConfig
 from seed_driver.target_checks import Target, refusal
+from seed_driver.target_guard import GuardConfig, TargetGuard
 from seed_ur.kinematics import URKinematics
 
 ARM = URKinematics.for_model("ur5e")
@@ -65,7 +65,7 @@ def test_the_quaternion_of_either_sign_is_the_same_rotation() -> None:
     "pose", [((math.nan, 0.0, 0.0), DOWN), (HERE, (0.0, 0.0, 0.0, 0.0)), (HERE, (math.nan, 0.0, 0.0, 1.0))]
 )
 def test_the_guard_does_not_start_from_what_is_no_pose(pose) -> None:
-    guard = Guard(GuardConfig())
+    guard = TargetGuard(GuardConfig())
     guard.measured(pose, 1.0)
     assert "no current_pose" in guard.resume(1.0)
     guard.measured((HERE, DOWN), 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contract of an arm for arms that do not keep it themselves: gate, limits and latched hold, in front of them."""
+"""The guard of an arm that does not keep the contract itself: target checks, limiter and latched hold before it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from math import hypot, isfinite
 from seed_core.arm.hold import HoldLatch
 from seed_core.config import ConfigError, field
 from seed_core.quaternion import Quaternion
-from seed_core.vector3 import ZERO, Vector3
+from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.limiter import Bounds, Follower, Reference
+from seed_driver.motion.limiter import Bounds, CommandLimiter
 from seed_driver.target_checks import UNIT_TOLERANCE, Target, refusal
 
 Pose = tuple[Vector3, Quaternion]
@@ -40,14 +40,14 @@ class GuardConfig:
             raise ConfigError(f"workspace_low = {self.workspace_low} m must be below {self.workspace_high} m")
 
 
-class Guard:
+class TargetGuard:
     """One arm's guard. Times are any steady clock [s]."""
 
     def __init__(self, config: GuardConfig) -> None:
         c = self.config = config
         low, high = c.workspace_low, c.workspace_high
         turning = c.max_turning, c.max_acceleration, c.max_turning_acceleration, c.max_jerk
-        self.bounds = Bounds(c.max_speed, *turning, low, high)
+        self._bounds = Bounds(c.max_speed, *turning, low, high)
         self._rules = DriverConfig(
             base_frame=c.base_frame,
             max_step=c.max_step,
@@ -59,8 +59,7 @@ class Guard:
         self.latch = HoldLatch(c.command_timeout, "waiting for resend_robot_program")
         self._measured: Pose | None = None
         self._measured_at = float("-inf")
-        self._follower: Follower | None = None
-        self._reference: Reference | None = None
+        self._limiter: CommandLimiter | None = None  # from the first `resume` on
 
     @property
     def reason(self) -> str:
@@ -69,16 +68,16 @@ class Guard:
 
     def measured(self, pose: Pose, now: float) -> None:
         """Where the arm is, unless it is not finite or no rotation."""
-        if not all(map(isfinite, pose[0])) or not abs(hypot(*pose[1]) - 1.0) <= UNIT_TOLERANCE:
-            return
-        self._measured, self._measured_at = pose, now
+        if all(map(isfinite, pose[0])) and abs(hypot(*pose[1]) - 1.0) <= UNIT_TOLERANCE:
+            self._measured, self._measured_at = pose, now
 
     def resume(self, now: float) -> str:
         """Follow again from where the arm stands; the reason why not, or nothing."""
         if self._measured is None or now - self._measured_at > self.config.command_timeout:
             return "no current_pose from the arm: is it running?"
-        if self._follower is None or self.reason:
-            self._follower = Follower(*self._measured, 1.0 / self.config.rate)
+        if self._limiter is None or self.reason:
+            self._limiter = CommandLimiter(*self._measured, 1.0 / self.config.rate, self._bounds)
+        self._limiter.hold()
         self.latch.resume()
         return ""
 
@@ -88,27 +87,25 @@ class Guard:
 
     def target(self, target: Target, now: float) -> str:
         """A wanted pose; why it is not followed, or nothing."""
-        if self._follower is None or self.reason:
+        if self._limiter is None or self.reason:
             return self.reason
-        why = refusal(target, (self._follower.p, self._follower.q), [], None, self._rules)
-        if why is not None:
+        if why := refusal(target, (self._limiter.p, self._limiter.q), [], None, self._rules):
             self.latch.refused(why)
             return why
-        if self._reference is None or not self.latch.following:
-            self._reference = Reference(self._follower.inner_p, self._follower.inner_q)
-        self._reference.set_goal(target.p, target.q, now, self.config.command_timeout)
         self.latch.heard(now)
+        self._limiter.follow(target.p, target.q, now, self.config.command_timeout)
         return ""
 
     def step(self, now: float) -> Pose | None:
         """The pose to send to the arm now; None before the first `resume`."""
-        f = self._follower
-        if f is None:
+        limiter = self._limiter
+        if limiter is None:
             return None
         self.latch.check(now)
         if not self.reason and now - self._measured_at > self.config.command_timeout:
             self.hold("no current_pose from the arm")
-        reference = self._reference if self.latch.following else None
-        f.propose(reference, reference.step(f.dt) if reference is not None else (ZERO, ZERO), self.bounds)
-        f.advance(self.bounds)
-        return f.p, f.q
+        if not self.latch.following:
+            limiter.hold()
+        limiter.propose()
+        limiter.advance()
+        return limiter.p, limiter.q

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from seed_core.quaternion import from_rotation_vector, turn_between
-from seed_core.vector3 import ZERO
-from seed_driver.motion.limiter import Bounds, Follower, Reference
+from seed_driver.motion.limiter import Bounds, CommandLimiter
 
 DT = 0.002
 HERE = (0.4, -0.1, 0.3)
@@ -20,24 +19,25 @@ BOUNDS = Bounds(0.25, 0.5, 1.0, 4.0, 250.0, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
 
 
 class Run:
-    """A follower fed with targets at their own times, and what it commanded."""
+    """A limiter fed with targets at their own times, and what it commanded."""
 
     def __init__(self, bounds: Bounds = BOUNDS) -> None:
         self.bounds, self.time = bounds, 0.0
-        self.follower, self.reference = Follower(HERE, UPRIGHT, DT), Reference(HERE, UPRIGHT)
+        self.limiter = CommandLimiter(HERE, UPRIGHT, DT, bounds)
         self.p, self.q = [HERE], [UPRIGHT]
 
     def target(self, p, q=UPRIGHT) -> None:
-        self.reference.set_goal(tuple(p), q, self.time, 0.1)
+        self.limiter.follow(tuple(p), q, self.time, 0.1)
 
     def steps(self, count: int, hold: bool = False) -> None:
+        if hold:
+            self.limiter.hold()
         for _ in range(count):
             self.time += DT
-            feed = (ZERO, ZERO) if hold else self.reference.step(DT)
-            self.follower.propose(None if hold else self.reference, feed, self.bounds)
-            self.follower.advance(self.bounds)
-            self.p.append(self.follower.p)
-            self.q.append(self.follower.q)
+            self.limiter.propose()
+            self.limiter.advance()
+            self.p.append(self.limiter.p)
+            self.q.append(self.limiter.q)
 
     def check(self) -> None:
         """Speed, acceleration and jerk of the command, by finite differences."""
@@ -49,8 +49,8 @@ class Run:
         assert np.linalg.norm(v, axis=1).max() <= b.speed * margin
         assert np.linalg.norm(a, axis=1).max() <= b.acceleration * margin
         assert np.linalg.norm(np.diff(a, axis=0) / DT, axis=1).max() <= b.jerk * margin
-        assert np.linalg.norm(w, axis=1).max() <= b.turning * 1.001  # second order of a few mrad
-        assert np.linalg.norm(alpha, axis=1).max() <= b.turning_acceleration * 1.01
+        assert np.linalg.norm(w, axis=1).max() <= b.angular_speed * 1.001  # second order of a few mrad
+        assert np.linalg.norm(alpha, axis=1).max() <= b.angular_acceleration * 1.01
 
 
 def test_a_step_of_the_target_is_reached_within_bounds_without_overshoot() -> None:
@@ -84,10 +84,11 @@ def test_a_stream_at_constant_speed_is_followed_closely_at_any_rate(every: int) 
     """20, 100, 250 and 500 Hz; the lag is about one interval and the smoothing, not the braking distance."""
     run, speed = Run(), 0.05
     for i in range(1000 // every):
-        run.target((HERE[0] + speed * DT * every * i, HERE[1], HERE[2]))
+        target = HERE[0] + speed * DT * every * i
+        run.target((target, HERE[1], HERE[2]))
         run.steps(every)
     run.check()
-    lag = (run.reference._goal[0][0] - run.p[-1][0]) / speed
+    lag = (target - run.p[-1][0]) / speed
     assert -0.01 < lag < 0.01 + 1.5 * every * DT
     v = np.diff(np.array(run.p)[-400:, 0]) / DT
     assert_allclose(v, speed, rtol=0.1)
@@ -101,7 +102,7 @@ def test_holding_stops_within_the_braking_distance_and_stays() -> None:
     start = np.array(run.p[-1])
     run.steps(500, hold=True)
     run.check()
-    assert run.follower.still
+    assert run.limiter.still
     distance = np.linalg.norm(np.array(run.p[-1]) - start)
     assert distance < 0.2**2 / 2 + 0.2 * 0.01  # v^2 / 2a, and the smoothing
     assert run.p[-1] == run.p[-2]

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint speeds: the flange slows down where a joint would be too fast (near singularities), and stops at the end."""
+
+from __future__ import annotations
+
+from seed_core.quaternion import to_pose
+from seed_driver.motion.limiter import CommandLimiter
+from seed_ur.kinematics import KinematicsError, URKinematics
+
+
+class JointSpeeds:
+    """Keeps every joint within its speed, by our own inverse kinematics of the limiter's next pose."""
+
+    def __init__(self, arm: URKinematics, top: float) -> None:
+        """top: [rad/s] of every joint, below the arm's own limits."""
+        self._arm = arm
+        self._q: list[float] = [0.0] * 6  # [rad] at the pose that was looked at last
+        self._since = 0.0  # [s] of motion since then
+        self._steps_ahead = 0  # that need no look, because every joint is far below its limit
+        self.set_limit(top)
+
+    def set_limit(self, top: float) -> None:
+        """Take a changed limit [rad/s]."""
+        self._limits = [min(top, own) for own in self._arm.model.speed]
+
+    def restart(self, q: tuple[float, ...]) -> None:
+        """The arm stands at joint angles q (6,) [rad]."""
+        self._q = list(q)
+
+    def limit(self, limiter: CommandLimiter) -> str:
+        """Slow the limiter's step down where needed; the reason to hold where there is no way, else ''."""
+        if not limiter.moving:
+            return ""
+        if self._since < self._steps_ahead * limiter.dt:
+            self._since += limiter.dt
+            return ""
+        dt, self._since = limiter.dt + self._since, 0.0
+        try:
+            q = self._arm.follow(to_pose(*limiter.next_pose()), self._q)
+            share = self._share(q, dt)
+            self._steps_ahead = 3 if share > 8.0 else int(share > 3.0)
+            if share < 1.0:
+                limiter.slow(share)
+                q = self._arm.follow(to_pose(*limiter.next_pose()), self._q)
+                if self._share(q, dt) < 0.9:
+                    limiter.slow(0.0)  # a branch ends here
+                    return ""
+            self._q = q
+        except KinematicsError as error:
+            limiter.slow(0.0)
+            return str(error)
+        return ""
+
+    def _share(self, q: list[float], dt: float) -> float:
+        """Share of the step of dt [s] to q that keeps every joint within its speed; above 1: room to spare."""
+        turns = zip(q, self._q, self._limits, strict=True)
+        return min(limit * dt / max(1e-12, abs(after - before)) for after, before, limit in turns)
