@@ -20,7 +20,7 @@ DEVELOPERS = "seed_bringup.commands.developer"  # its commands work on a checkou
 COMMANDS = (
     Command("demo", "seed_bringup.commands.demo", "the simulated squeegee task, live, with a report"),
     Command("test", DEVELOPERS, "every test; further arguments go to pytest", "test"),
-    Command("evaluate", "seed_sim.closed_loop.evaluate", "a task in closed loop without ROS, scored"),
+    Command("evaluate", "seed_sim.closed_loop.command", "a task in closed loop without ROS, scored"),
     Command("validate", "seed_testing.validate", "the estimators and maps against ground truth"),
     Command("recordings", "seed_testing.recordings.command", "the estimator against recorded images"),
     Command("calibrate", "seed_estimation.calibration.calibrate", "range and pose of the cameras"),

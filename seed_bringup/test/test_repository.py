@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
     "seed_sim": NUMERIC
     | {"seed_core", "seed_ur", "seed_control", "seed_estimation", "seed_sysid"}
-    | {"cv2", "pydrake", "tqdm", "joblib"},
+    | {"cv2", "pydrake", "tqdm", "joblib", "matplotlib"},
     "seed_bringup": None,  # puts everything together
     "seed_testing": None,  # proves everything
 }

@@ -13,8 +13,7 @@ from seed_bringup.demo.score import Phase, recording_of
 from seed_bringup.demo.series import Series
 from seed_control.tasks import Task, load_task
 from seed_core.spatial import make_pose, rotation_from_rpy
-from seed_sim.closed_loop.evaluate import scored_phase
-from seed_sim.closed_loop.recording import Recording, score
+from seed_sim.closed_loop.recording import Recording, score, scored_phase
 
 DOWN = make_pose(rotation_from_rpy((np.pi, 0.0, 0.0)), (0.45, 0.0, 0.0))  # z of the tip points into the table
 

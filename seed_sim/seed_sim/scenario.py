@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenario files: what is simulated, what is measured and what the controller believes, in one YAML format."""
+"""Scenario files: the simulated cell, its measurement and the controller's belief, in one YAML format."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection
 
 Range = tuple[float, float]
+Folder = tuple[str, str]  # package, and folder below it
+SHIPPED: Folder = ("seed_sim", "config/scenarios")
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
 
 
@@ -96,29 +98,39 @@ class Scenario:
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
 
+    @property
+    def tool_mass(self) -> float:
+        """Mass of the plant's tool [kg]; the controller believes in `tool.mass`."""
+        return self.tool.mass if self.true_mass is None else self.true_mass
+
 
 def tactile_of(scenario: Scenario) -> TactileParameters:
     """The renderer's parameters of a scenario, whoever renders: live, in closed loop, to validate or to identify."""
     return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
 
 
-def shipped_scenarios() -> list[str]:
-    """Names of the scenario files that come with the package."""
-    return sorted(f.stem for f in folder().glob("*.yaml"))
+def shipped_scenarios(folder: Folder = SHIPPED) -> list[str]:
+    """Names of the scenario files that come with the suite in a folder."""
+    return sorted(f.stem for f in shared_path(*folder).glob("*.yaml"))
 
 
-def folder() -> Path:
-    """Where the shipped scenarios lie."""
-    return shared_path("seed_sim", "config/scenarios")
+def scenario_file(name_or_path: str | Path, *folders: Folder) -> Path | None:
+    """A file that is named by its path, else NAME.yaml in the first of the folders that has it, else None."""
+    if Path(name_or_path).suffix in (".yaml", ".yml"):
+        return Path(name_or_path)
+    files = [shared_path(*folder) / f"{name_or_path}.yaml" for folder in folders]
+    return next((file for file in files if file.is_file()), None)
 
 
-def load_scenario(name_or_path: str | Path) -> Scenario:
-    """A shipped scenario by name, or a file. Raises ConfigError."""
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        path = folder() / f"{name_or_path}.yaml"
-        if not path.is_file():
-            raise ConfigError(
-                f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped_scenarios())}; or name a .yaml file"
-            )
-    return load_file(path, Scenario)
+def load_scenario(name_or_path: str | Path, *folders: Folder) -> Scenario:
+    """A scenario from a file, or by name from the folders, SHIPPED if none are given.
+
+    Raises:
+        ConfigError: no such file or name, or a value in it that cannot be used.
+    """
+    looked_in = folders or (SHIPPED,)
+    file = scenario_file(name_or_path, *looked_in)
+    if file is None:
+        known = ", ".join(shipped_scenarios(looked_in[0]))
+        raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {known}; or name a .yaml file")
+    return load_file(file, Scenario)

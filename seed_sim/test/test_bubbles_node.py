@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import CLOCK, SENSOR
 from seed_ros.testing import Bench
-from seed_sim.closed_loop.sources import source_for
+from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.ros.tactile_cameras import BubblesNode
 from seed_sim.scenario import load_scenario
 
@@ -25,7 +25,7 @@ EXPOSED = 12.0  # [s]
 
 def test_live_cameras_show_what_those_of_the_closed_loop_do(bench: Bench) -> None:
     live = bench.add(BubblesNode, scenario="slip20", seed=4).renderer
-    offline = source_for("rigid_fit", load_scenario("slip20"), 4, 250.0).renderer
+    offline = pose_source("rigid_fit", load_scenario("slip20"), 4, 250.0).renderer
     assert live.parameters.slip == 0.2
     assert live.parameters == offline.parameters
 

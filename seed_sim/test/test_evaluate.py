@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_sim.closed_loop import evaluate
-from seed_sim.closed_loop.evaluate import main, run
+from seed_sim import evaluate
+from seed_sim.closed_loop.command import main
+from seed_sim.closed_loop.recording import scored_phase
 from seed_sim.closed_loop.sweep import column_summary, summary
 
 SHORT = """
@@ -104,7 +105,7 @@ def test_force_and_equal_pressure_are_held_with_exact_poses(held):
 
 
 def test_result_repeats_to_the_last_bit_but_for_the_clock(short, held):
-    again = run(short, force=8.0, seed=1003, scenario="nominal").result
+    again = evaluate(short, force=8.0, seed=1003, scenario="nominal").result
     assert {k: v for k, v in again.items() if k != "real_time_factor"} == {
         k: v for k, v in held.items() if k != "real_time_factor"
     }
@@ -129,8 +130,8 @@ def test_sweep_reports_every_seed_and_summaries(swept):
 def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_path):
     file = tmp_path / "arm.yaml"
     file.write_text("servo: {arm: ur10e}\ntable: {tilt_x: 0.5, tilt_y: 0, height: 1}")
-    done = run(short, estimator="noisy", seed=1000, scenario=file)
-    assert len(done.run.plant.arm.q) == 6
+    done = evaluate(short, estimator="noisy", seed=1000, scenario=file)
+    assert len(done.plant.arm.q) == 6
     assert done.result["finished"]
     assert 0.01 < done.result["force_z"]["rmse"] < 1.0  # [N]; noise costs something, not contact
 
@@ -186,7 +187,7 @@ def test_failed_run_is_told_and_not_averaged():
 def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
     from seed_control.tasks import load_task
 
-    assert [evaluate.scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg", "torque_driver")] == [
+    assert [scored_phase(load_task(n)) for n in ("squeegee", "pen", "peg", "torque_driver")] == [
         "wipe",
         "draw",
         "press",

@@ -11,8 +11,8 @@ from seed_control.controller import Controller, ControllerParameters
 from seed_control.payload.identify import Weight
 from seed_control.payload.motion import WeighingRun
 from seed_control.tasks import load_task
+from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.closed_loop.run import start_pose
-from seed_sim.closed_loop.sources import source_for
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 
@@ -23,11 +23,11 @@ def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy",
     controller = Controller(
         ControllerParameters(), scenario.hand, scenario.tool, scenario.grasp.stiffness.scaled(believed)
     )
-    source, run, t = source_for(estimator, scenario, seed, 250.0), None, 0.0
+    source, run, t = pose_source(estimator, scenario, seed, 250.0), None, 0.0
     while t < 40.0:
         while source.next_image() <= t + 1e-9:
             plant.advance(source.next_image())
-            source.look(plant)
+            source.take_image(plant)
         plant.advance(t)
         controller.add_kinematics(t, plant.X_WE.copy())
         for estimate in source.arrived(t):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.command_line import Help, command, number, seed_number, whole
+from seed_sim.scenario import load_scenario, shipped_scenarios
 from seed_testing.validation import run, slip
 from seed_testing.validation.scores import NAMED, Series, scores
 
@@ -35,7 +36,7 @@ def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:
 
     folder = Path(out_dir)
     folder.mkdir(parents=True, exist_ok=True)
-    scenario = run.load("long_cylinder")
+    scenario = load_scenario("long_cylinder", *run.FOLDERS)
     both = {method: run.run(scenario, method, seed, _progress(method)) for method in METHODS}
     summary = {method: scores(series) for method, series in both.items()}
     (folder / "fig4.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
@@ -49,7 +50,9 @@ def _parser() -> argparse.ArgumentParser:
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
     one.add_argument("--method", choices=METHODS, default="rigid_fit", help="which estimator")
-    one.add_argument("--scenario", default="long_cylinder", help=f"{', '.join(run.shipped())}, or a .yaml file")
+    one.add_argument(
+        "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
+    )
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
     one.add_argument(
         "--report",
@@ -77,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _estimator(options: argparse.Namespace) -> int:
-    scenario, name = run.load(options.scenario), options.scenario
+    scenario, name = load_scenario(options.scenario, *run.FOLDERS), options.scenario
     if options.bag is not None:
         from seed_testing.validation.bag import run_bag
 
@@ -100,7 +103,7 @@ def _report(series: Series, options: argparse.Namespace, name: str) -> Path:
 
 
 def _slip(options: argparse.Namespace) -> int:
-    scenario = run.load(options.scenario)
+    scenario = load_scenario(options.scenario, *run.FOLDERS)
     progress = None if options.json else _progress("slips")
     result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, progress)
     print(json.dumps(result, indent=2))

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import pose_from_rpy, so3_exp
+from seed_sim.scenario import load_scenario, shipped_scenarios, tactile_of
 from seed_sim.tactile import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
 from seed_testing import validate
@@ -109,35 +110,35 @@ def test_scenario_file_of_the_documentation_loads(tmp_path):
     text = Path(__file__).parents[2].joinpath("docs", "tactile_simulation.md").read_text(encoding="utf-8")
     file = tmp_path / "my_tool.yaml"
     file.write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
-    scenario = run.load(file)
-    assert run.tactile_of(scenario).tool.kind == "box"
+    scenario = load_scenario(file, *run.FOLDERS)
+    assert tactile_of(scenario).tool.kind == "box"
     assert scenario.trajectory.rotation_deg == (5.0, 10.0, 5.0)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenario_loads_and_renders(name):
-    scenario = run.load(name)
+    scenario = load_scenario(name, *run.FOLDERS)
     assert scenario.name == name
-    assert name in run.shipped()
-    run.tactile_of(scenario)
+    assert name in shipped_scenarios(run.VALIDATE)
+    tactile_of(scenario)
 
 
 def test_scenarios_change_what_their_names_say():
-    assert run.tactile_of(run.load("slip20")).slip == 0.2
-    assert run.load("slip20").trajectory.score_from == 2.0
-    assert run.tactile_of(run.load("bright30")).brightness_change == 0.3
-    assert run.tactile_of(run.load("noise2x")).noise == 2.0
-    assert run.load("range_offset").calibrate
-    assert max(run.load("large_rotation").trajectory.peak_deg) == 30.0
+    assert tactile_of(load_scenario("slip20", *run.FOLDERS)).slip == 0.2
+    assert load_scenario("slip20", *run.FOLDERS).trajectory.score_from == 2.0
+    assert tactile_of(load_scenario("bright30", *run.FOLDERS)).brightness_change == 0.3
+    assert tactile_of(load_scenario("noise2x", *run.FOLDERS)).noise == 2.0
+    assert load_scenario("range_offset", *run.FOLDERS).calibrate
+    assert max(load_scenario("large_rotation", *run.FOLDERS).trajectory.peak_deg) == 30.0
 
 
 def test_unknown_scenario_names_those_there_are():
     with pytest.raises(ConfigError, match="long_cylinder"):
-        run.load("nowhere")
+        load_scenario("nowhere", *run.FOLDERS)
 
 
 def test_rigid_fit_sees_all_six_axes_of_a_long_cylinder():
-    scenario = run.load("long_cylinder")
+    scenario = load_scenario("long_cylinder", *run.FOLDERS)
     short = replace(scenario, trajectory=replace(scenario.trajectory, duration=5.0))
     out = scores(run.run(short, "rigid_fit", 4242))
     assert out["valid_fraction"] > 0.99
@@ -148,7 +149,7 @@ def test_rigid_fit_sees_all_six_axes_of_a_long_cylinder():
 
 def test_published_method_is_blind_along_a_long_cylinder_and_sees_y():
     """The paper: y is tracked reliably, x and z are not, and yaw is underestimated."""
-    scenario = run.load("long_cylinder")
+    scenario = load_scenario("long_cylinder", *run.FOLDERS)
     short = replace(scenario, trajectory=replace(scenario.trajectory, duration=5.0, rate=15.0))
     out = scores(run.run(short, "published", 4243))
     assert out["correlation"]["y"] > 0.9
@@ -199,7 +200,7 @@ def test_slip_command_prints_alarms_and_delays(capsys):
 @pytest.mark.parametrize("fingers", ["both", "right"])
 def test_a_pull_aside_is_no_slip_yet(fingers):
     """Seed 7100003 turns the tool and then jerks it along z, back through the middle: displacement falls at once."""
-    scenario = replace(run.load("long_cylinder"), tactile=TactileParameters(fingers=fingers))
+    scenario = replace(load_scenario("long_cylinder", *run.FOLDERS), tactile=TactileParameters(fingers=fingers))
     delay, early = slip.alarm_delay(scenario, 7100003)
     assert not early
     assert delay <= slip.IN_TIME

@@ -25,10 +25,10 @@ class Baseline(NamedTuple):
 
 def run_baseline(law: str, task: str, force: float | None, seed: int, scenario: str) -> Baseline:
     """One headless run."""
-    from seed_sim.closed_loop.evaluate import run  # takes a second, which is not the parent's
+    from seed_sim import evaluate  # takes a second, which is not the parent's
 
-    done = run(task, law=law, force=force, seed=seed, scenario=scenario)
-    return Baseline(done.result, curve_of(done.run.recording))
+    done = evaluate(task, law=law, force=force, seed=seed, scenario=scenario)
+    return Baseline(done.result, curve_of(done.recording))
 
 
 @contextmanager

@@ -20,8 +20,7 @@ from seed_bringup.demo.series import Series
 from seed_bringup.demo.terminal import say
 from seed_core.command_line import to_json
 from seed_core.spatial import rpy_from_rotation
-from seed_sim.closed_loop.evaluate import scored_phase
-from seed_sim.closed_loop.recording import Recording, score
+from seed_sim.closed_loop.recording import Recording, score, scored_phase
 
 FORCE_BOUND, TORQUE_BOUND = 0.5, 0.08  # [N], [N m] rms
 GAP = 0.3  # [s] in the recording above which the score is not to be trusted

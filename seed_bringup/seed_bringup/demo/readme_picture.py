@@ -11,7 +11,7 @@ from pathlib import Path
 
 from seed_bringup.demo.figures import force_and_torque
 from seed_bringup.demo.score import Phase, curve_of, scored_stretch
-from seed_sim.closed_loop.evaluate import run
+from seed_sim import evaluate
 
 SEED, FORCE = 11, 10.0  # [1], [N]
 
@@ -19,7 +19,7 @@ SEED, FORCE = 11, 10.0  # [1], [N]
 def picture(estimator: str = "rigid_fit") -> str:
     """SVG of force and torque of one wipe, with both baselines."""
     runs = {
-        name: run("squeegee", law=law, estimator=estimator, seed=SEED, force=FORCE).run.recording
+        name: evaluate("squeegee", law=law, estimator=estimator, seed=SEED, force=FORCE).recording
         for name, law in (("SEED", "seed"), ("open loop", "open_loop"), ("welded", "welded"))
     }
     own = runs["SEED"]

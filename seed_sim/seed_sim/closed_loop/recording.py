@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one simulated run leaves behind, and its score as docs/scenarios.md defines it."""
+"""The recording of one simulated run, and its score: force, torque, lean and path over the phase that counts."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_control.tasks import Task
+from seed_core.errors import SeedError
 from seed_core.spatial import Array, so3_log
 
 SETTLING = 2.0  # [s] after first contact that the score leaves out
@@ -20,24 +21,20 @@ CONTACT_FORCE = 0.05  # [N] that counts as contact in the plant
 class Recording:
     """One row per control step; everything from the plant, not from estimates.
 
-    Attributes:
+    Rows, each an array by `recording[name]`:
         t: [s].  phase: index into `phases`.
-        force: (n, 3) [N] of the tool on the environment, torque: (n, 3) [N m] about the tip, both in the task frame.
-        torque_T: (n, 3) [N m] the same torque in T's axes.
+        force: (n, 3) [N] of the tool on the environment, in the task frame.
+        torque_T: (n, 3) [N m] of the tool on the environment about the tip, in T's axes.
         wanted_force: (n, 3) [N].  wanted_torque_T: (n, 3) [N m].
         tip: (n, 3), reference: (n, 3) [m] in the task frame.
         lean: (n, 3) [rad] rotation vector from the reference orientation to the tool, in T.
-        X_CT: (n, 4, 4) true displacement.
     """
 
     phases: list[str]
-    force_directions: Array = field(default_factory=lambda: np.diag([0.0, 0.0, 1.0]))
     torque_axes: tuple[bool, bool, bool] = (True, False, False)
     rows: dict[str, list[Any]] = field(default_factory=dict)
-    estimates: list[Any] = field(default_factory=list)
     finished: bool = False
     message: str = ""
-    wall_time: float = 0.0
 
     def add(self, **values: Any) -> None:
         """One more row."""
@@ -54,9 +51,10 @@ class Recording:
         return float(self["t"][touching[0]]) if len(touching) else None
 
     def scored(self, phase: str) -> NDArray[np.bool_]:
-        """Mask (n,) of the rows that count: in the named phase, from 2 s after first contact."""
+        """Mask (n,) of the rows that count: in the named phase ('draw': every stroke), from 2 s after first contact."""
         t, start = self["t"], self.contact_time
-        named = np.isin(self["phase"], [i for i, name in enumerate(self.phases) if _matches(name, phase)])
+        counts = [name == phase or (phase == "draw" and name.endswith(" draw")) for name in self.phases]
+        named = np.isin(self["phase"], np.flatnonzero(counts))
         return named & (t >= (start if start is not None else np.inf) + SETTLING)
 
 
@@ -67,16 +65,26 @@ def torque_axes_of(task: Task) -> tuple[bool, bool, bool]:
     return turning[-1] if turning else (True, False, False)
 
 
-def _matches(name: str, phase: str) -> bool:
-    return name == phase or (phase == "draw" and name.endswith(" draw"))
+def lean_of(R_ref: Array, R_WT: Array) -> Array:
+    """Rotation vector (3,) [rad] from the reference to the tool, in T."""
+    return so3_log(R_ref.T @ R_WT)
 
 
-def _errors(signed: Array) -> dict[str, float]:
-    return {
-        "rmse": float(np.sqrt(np.mean(signed**2))),
-        "mean": float(np.mean(signed)),
-        "max_abs_error": float(np.abs(signed).max()),
-    }
+def scored_phase(task: Task) -> str:
+    """The phase that is scored: the named 'wipe', strokes, the one with the largest torque, or the last with force.
+
+    Raises:
+        SeedError: no phase controls force.
+    """
+    if task.draw is not None:
+        return "draw"
+    controls = {p.name: p.control for p in task.phases if p.control is not None}
+    if not controls:
+        raise SeedError(f"task '{task.name}' controls no force in any phase: there is nothing to score")
+    if "wipe" in controls:
+        return "wipe"
+    largest = max(controls, key=lambda name: sum(t * t for t in controls[name].torque))
+    return largest if any(controls[largest].torque) else list(controls)[-1]
 
 
 def score(recording: Recording, phase: str) -> dict[str, Any]:
@@ -89,36 +97,31 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
     contact = recording.contact_time
     out: dict[str, Any] = {"contact": {"made": contact is not None, "time": contact}, "finished": recording.finished}
     if not keep.any():
-        wanted = recording["wanted_force"]
-        size = float(np.abs(wanted[:, 2]).max(initial=0.0))
-        none = {"rmse": size, "mean": 0.0, "max_abs_error": size}
+        size = float(np.abs(recording["wanted_force"][:, 2]).max(initial=0.0))
         return out | {
-            "force_z": none,
+            "force_z": {"rmse": size, "mean": 0.0, "max_abs_error": size},
             "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0},
             "torque_z": None,
             "lean_deg": {"rms": 0.0, "max": 0.0},
             "path_rmse_mm": float("nan"),
             "samples": 0,
         }
-    force = recording["force"][keep][:, 2]
-    error = force - recording["wanted_force"][keep][:, 2]
-    torque = recording["torque_T"][keep]
-    torque_error = torque - recording["wanted_torque_T"][keep]
-    turning = recording.torque_axes[2]
+    force, torque = recording["force"][keep], recording["torque_T"][keep]
+    wanted_force, wanted_torque = recording["wanted_force"][keep], recording["wanted_torque_T"][keep]
     held = [i for i in range(3) if not recording.torque_axes[i]]
     lean = np.rad2deg(np.linalg.norm(recording["lean"][keep][:, held], axis=1))
-    off = recording["tip"][keep] - recording["reference"][keep]
-    off = off @ (np.eye(3) - recording.force_directions)
+    off = (recording["tip"][keep] - recording["reference"][keep])[:, :2]
     return out | {
-        "force_z": _errors(error) | {"mean": float(force.mean())},
-        "torque_x": _errors(torque_error[:, 0]) | {"mean": float(torque[:, 0].mean())},
-        "torque_z": _errors(torque_error[:, 2]) | {"mean": float(torque[:, 2].mean())} if turning else None,
+        "force_z": _errors(force[:, 2], wanted_force[:, 2]),
+        "torque_x": _errors(torque[:, 0], wanted_torque[:, 0]),
+        "torque_z": _errors(torque[:, 2], wanted_torque[:, 2]) if recording.torque_axes[2] else None,
         "lean_deg": {"rms": float(np.sqrt(np.mean(lean**2))), "max": float(lean.max())},
         "path_rmse_mm": float(1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1)))),
         "samples": int(keep.sum()),
     }
 
 
-def lean_of(R_ref: Array, R_WT: Array) -> Array:
-    """Rotation vector (3,) [rad] from the reference to the tool, in T."""
-    return so3_log(R_ref.T @ R_WT)
+def _errors(actual: Array, wanted: Array) -> dict[str, float]:
+    error = actual - wanted
+    rmse, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return {"rmse": rmse, "mean": float(actual.mean()), "max_abs_error": worst}

@@ -27,7 +27,7 @@ def read_back(file: StiffnessFile, width: float) -> Array:
 
 def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
     """Force error of both, rms and mean [N], and the bound that the identification's error allows; (6,) each."""
-    from seed_sim.closed_loop.evaluate import run
+    from seed_sim import evaluate
     from seed_sim.scenario import load_scenario
 
     nominal = load_scenario("nominal")
@@ -35,7 +35,7 @@ def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
     scored = {}
     for name, believed in (("true", plant), ("identified", belief)):
         scenario = replace(nominal, grasp=replace(nominal.grasp, stiffness=plant, believed=believed))
-        scored[name] = run("squeegee", force=_FORCE, seed=seed, scenario=scenario).result["force_z"]
+        scored[name] = evaluate("squeegee", force=_FORCE, seed=seed, scenario=scenario).result["force_z"]
     relative = float(abs(identified[5] - true[5]) / true[5])
     allowed = scored["true"]["rmse"] + _ALLOWED * relative * (_FORCE + nominal.tool.mass * _GRAVITY)
     return {

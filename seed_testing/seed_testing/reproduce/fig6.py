@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from seed_sim.closed_loop.evaluate import Evaluation, run
+from seed_sim import Evaluation, evaluate
 from seed_testing.reproduce.output import Progress, table, write
 
 # label, law, estimator, colour
@@ -26,7 +26,7 @@ def reproduce(folder: Path, seed: int, force: float) -> tuple[str, list[Path]]:
     runs = {}
     for label, law, estimator, _ in CASES:
         progress = Progress(label)
-        runs[label] = run("squeegee", law=law, estimator=estimator, seed=seed, force=force, progress=progress)
+        runs[label] = evaluate("squeegee", law=law, estimator=estimator, seed=seed, force=force, progress=progress)
         progress.done()
     text = _table(runs, seed, force)
     files = write(folder, "fig6", text, {label: r.result for label, r in runs.items()})
@@ -64,7 +64,7 @@ def _draw(runs: dict[str, Evaluation], path: Path, force: float) -> Path:
     for label, _, _, colour in CASES:
         if label not in DRAWN:
             continue
-        recording = runs[label].run.recording
+        recording = runs[label].recording
         since = recording["t"] - (recording.contact_time or 0.0)
         _line(axes[0], since, -recording["force"][:, 2], label, colour)
         _line(axes[1], since, recording["torque_T"][:, 0], label, colour)

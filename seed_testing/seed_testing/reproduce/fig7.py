@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_control.tasks import load_task
-from seed_sim.closed_loop.evaluate import Evaluation, run
+from seed_sim import Evaluation, evaluate
 from seed_testing.reproduce.output import Progress, shipped, table, write
 from seed_testing.reproduce.strokes import Stroke, draw, strokes_of
 
@@ -32,7 +32,7 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
     for label, task, law, estimator in CASES:
         progress = Progress(label)
         across = task == "pen_across"
-        runs[label] = run(
+        runs[label] = evaluate(
             str(shipped("pen_across.yaml")) if across else task,
             law=law,
             estimator=estimator,
@@ -42,10 +42,10 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
         )
         progress.done()
     progress = Progress(f"writing '{text}'")
-    written = run(writing, estimator="rigid_fit", seed=seed, progress=progress)
+    written = evaluate(writing, estimator="rigid_fit", seed=seed, progress=progress)
     progress.done()
     label = f"writing '{text}', tactile images"
-    lines = {name: strokes_of(e.run.recording) for name, e in (runs | {label: written}).items()}
+    lines = {name: strokes_of(e.recording) for name, e in (runs | {label: written}).items()}
     words = _table(lines, runs | {label: written}, seed)
     values = {
         name: {

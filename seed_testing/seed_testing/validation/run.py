@@ -5,45 +5,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from seed_core.config import ConfigError, from_mapping, load_file
-from seed_core.files import shared_path
+from seed_core.config import from_mapping
 from seed_estimation import Estimator, EstimatorParameters
-from seed_sim import scenario as scenarios
-from seed_sim.scenario import Scenario
-from seed_sim.scenario import tactile_of as tactile_of
+from seed_sim.scenario import SHIPPED, Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.scores import Series
 
+VALIDATE = ("seed_testing", "config/validate")
+FOLDERS = (VALIDATE, SHIPPED)  # of the scenarios that `./seed validate` knows by name
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
 Progress = Callable[[float], None]
-
-
-def validation_folder() -> Path:
-    """Where the scenarios of `./seed validate` lie."""
-    return shared_path("seed_testing", "config/validate")
-
-
-def shipped() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    return sorted(f.stem for f in validation_folder().glob("*.yaml"))
-
-
-def load(name_or_path: str | Path) -> Scenario:
-    """A scenario of `./seed validate` or `./seed evaluate` by name, or a file. Raises ConfigError."""
-    path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml"):
-        return load_file(path, Scenario)
-    for folder in (validation_folder(), scenarios.folder()):
-        if (folder / f"{name_or_path}.yaml").is_file():
-            return load_file(folder / f"{name_or_path}.yaml", Scenario)
-    raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(shipped())}; or name a .yaml file")
 
 
 def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) -> Estimator:

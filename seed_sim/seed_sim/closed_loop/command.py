@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`./seed evaluate`: the closed loop without ROS, for one seed or swept over scenarios."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from seed_control.tasks import load_task
+from seed_core.command_line import Help, command, results_folder, seed_number, to_json, whole
+from seed_sim.closed_loop.evaluate import LAWS, evaluate
+from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
+from seed_sim.closed_loop.sweep import plot, sweep
+from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
+
+
+@command("seed evaluate")
+def main(argv: list[str]) -> int:
+    """Command line: 1 when the task did not come to its end."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if args.scenarios:
+        return _sweep(args)
+    for name in ("column", "plot"):
+        if getattr(args, name) is not None:
+            parser.error(f"--{name} belongs to a sweep: give --scenarios N as well")
+    return _one(args)
+
+
+def _parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(
+        prog="seed evaluate",
+        formatter_class=Help,
+        description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces.\n"
+        "With --scenarios N, sweep over seeds and columns.",
+    )
+    p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
+    p.add_argument("--law", choices=LAWS, default="seed", help="control law or baseline")
+    p.add_argument(
+        "--estimator",
+        choices=ESTIMATORS,
+        default="truth",
+        help="where relative poses come from: exact; exact with noise and delay; rendered images",
+    )
+    p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    p.add_argument("--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep")
+    p.add_argument("--scenario", help=f"one of {', '.join(shipped_scenarios())}, or a file; the task's own if left out")
+    p.add_argument("--scenarios", type=whole(1), metavar="N", help="sweep: seeds per column")
+    p.add_argument(
+        "--column",
+        action="append",
+        choices=shipped_scenarios(),
+        metavar="NAME",
+        help="sweep: only this column, any shipped scenario (may be repeated)",
+    )
+    p.add_argument("--jobs", type=whole(1), default=1, metavar="J", help="sweep: processes")
+    p.add_argument("--plot", type=Path, help="sweep: where to write the plot (PNG)")
+    p.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    return p
+
+
+def _one(args: argparse.Namespace) -> int:
+    how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario")}
+    quiet = not sys.stderr.isatty()
+    with tqdm(total=100, bar_format="{l_bar}{bar}| {postfix}", leave=False, disable=quiet) as bar:
+
+        def progress(share: float, phase: str) -> None:
+            bar.n = round(100 * share)
+            bar.set_postfix_str(phase)
+
+        result = evaluate(args.task, progress=progress, **how).result
+    print(to_json(result) if args.json else _text(result))
+    return 0 if result["finished"] else 1
+
+
+def _text(r: dict[str, Any]) -> str:
+    lean, made = r["lean_deg"], r["contact"]
+    lines = [f"{r['task']}, scenario {r['scenario']}, seed {r['seed']}, law {r['law']}, estimator {r['estimator']}"]
+    for key, unit in (("force_z", "N  "), ("torque_x", "N m"), ("torque_z", "N m")):
+        e = r[key]
+        if key != "torque_z" or (e is not None and e["mean"]):
+            name, worst = key.replace("_", " "), f"{e['max_abs_error']:8.3f} {unit}".rstrip()
+            lines.append(f"  {name:10s} rmse {e['rmse']:8.3f} {unit}   mean {e['mean']:8.3f} {unit}   worst {worst}")
+    lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
+    lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
+    when = f"at {made['time']:.2f} s" if made["made"] else "never"
+    lines.append(f"  contact    {when}; {r['message'] or 'no end'}")
+    lines.append(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
+    return "\n".join(lines)
+
+
+def _sweep(args: argparse.Namespace) -> int:
+    images = args.estimator in FROM_IMAGES  # micro-slip of the membrane exists in images only
+    columns = args.column or ([args.scenario] if args.scenario else [*COLUMNS, *(("slip20",) if images else ())])
+    load_task(args.task, args.force)  # a mistake here would break every run
+    for column in columns:
+        load_scenario(column)
+    seeds = list(range(args.seed, args.seed + args.scenarios))
+    path = _plot_file(args)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)  # before the minutes that a sweep takes
+    how = {"law": args.law, "estimator": args.estimator, "force": args.force, "jobs": args.jobs}
+    result = sweep(args.task, columns, seeds, **how)
+    print(to_json(result) if args.json else _table(result))
+    if path is not None:
+        plot(result, path)
+        print(f"plot: {path}", file=sys.stderr)
+    return 1 if any("error" in r for c in result["columns"].values() for r in c["runs"]) else 0
+
+
+def _plot_file(args: argparse.Namespace) -> Path | None:
+    """Where the plot goes; nowhere with --json alone. A folder takes it under its usual name."""
+    name = f"sweep-{Path(args.task).stem}-{args.law}-{args.seed}.png"
+    if args.plot is None:
+        return None if args.json else results_folder() / name
+    path: Path = args.plot
+    return path / name if path.is_dir() else path
+
+
+def _table(result: dict[str, Any]) -> str:
+    lines = [
+        f"{'column':18s} {'force rmse mean':>15s} {'p95':>7s} {'max':>7s} {'lean rms':>9s} {'lean max':>9s}  failed"
+    ]
+    for name, c in result["columns"].items():
+        if "force_z_rmse" not in c:
+            lines.append(f"{name:18s} every run failed: {c['runs'][0]['error']}")
+            continue
+        f, rms, most = c["force_z_rmse"], c["lean_deg_rms"]["mean"], c["lean_deg_max"]["max"]
+        numbers = f"{f['mean']:13.3f} N {f['p95']:7.3f} {f['max']:7.3f} {rms:9.2f} {most:9.2f}"
+        lines.append(f"{name:18s} {numbers}  {c['failed'] or '-'}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
