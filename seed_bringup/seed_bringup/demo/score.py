@@ -75,14 +75,12 @@ def recording_of(series: dict[str, Series], task: Task, X_Ttip: Array, phases: l
         "t": t - phases[0].start,
         "phase": phase,
         "force": force @ R_work,
-        "torque": torque @ R_work,
         "torque_T": _turned(_transposed(R_T), torque),
         "wanted_force": _turned(R_task, wanted[:, 3:]) @ R_work,
         "wanted_torque_T": _turned(_transposed(R_T) @ R_task, wanted[:, :3]),
         "tip": (to_work @ tips)[:, :3, 3],
         "reference": (to_work @ references)[:, :3, 3],
         "lean": [lean_of(R_wanted, R) for R_wanted, R in zip(R_reference, R_T, strict=True)],
-        "X_CT": np.tile(np.eye(4), (len(t), 1, 1)),
     }
     return Recording(
         [p.name for p in phases],
