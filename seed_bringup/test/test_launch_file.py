@@ -222,9 +222,9 @@ def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
     """An arm that trails its command by more the larger the motion makes the wipe swing."""
     parameters = yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]
     driver, controller, lever = DriverConfig(**parameters), ControllerParameters(), 0.15  # [m] from flange to gripper
-    assert COMMANDED * driver.max_turning > controller.max_angular_speed
+    assert COMMANDED * driver.max_angular_speed > controller.max_angular_speed
     assert COMMANDED * driver.max_speed > controller.max_speed + lever * controller.max_angular_speed
-    assert driver.max_turning_acceleration > controller.max_angular_acceleration
+    assert driver.max_angular_acceleration > controller.max_angular_acceleration
     assert driver.max_acceleration > controller.max_acceleration + lever * controller.max_angular_acceleration
     assert driver.max_jerk > controller.max_jerk + lever * controller.max_angular_jerk
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from seed_core.config import field
+from seed_core.arm.limits import MotionLimits
+from seed_core.config import field, inherited
+from seed_core.vector3 import Vector3
 
 LAWS = ("seed", "plain", "published")
 
 
 @dataclass(frozen=True)
-class ControllerParameters:
+class ControllerParameters(MotionLimits):
     """Parameters of `Controller`. The defaults are one set for every scenario."""
 
     law: str = field(
@@ -22,18 +24,15 @@ class ControllerParameters:
     )
     rate: float = field(250.0, unit="Hz", low=50.0, high=1000.0, doc="how often step is called")
     # motion limits
-    max_speed: float = field(0.25, unit="m/s", low=0.001, high=1.0, doc="of the commanded flange")
-    max_acceleration: float = field(2.0, unit="m/s^2", low=0.05, high=20.0, doc="of the commanded flange")
-    max_jerk: float = field(200.0, unit="m/s^3", low=1.0, high=5000.0, doc="of the commanded flange")
-    max_angular_speed: float = field(0.5, unit="rad/s", low=0.001, high=3.0, doc="of the commanded flange")
-    max_angular_acceleration: float = field(6.0, unit="rad/s^2", low=0.1, high=100.0, doc="of the commanded flange")
-    max_angular_jerk: float = field(600.0, unit="rad/s^3", low=1.0, high=20000.0, doc="of the commanded flange")
-    workspace_low: tuple[float, float, float] = field(
-        (-1.3, -1.3, -0.2), unit="m", low=-5.0, high=5.0, doc="lower corner of the box for the flange in W"
-    )
-    workspace_high: tuple[float, float, float] = field(
-        (1.3, 1.3, 1.6), unit="m", low=-5.0, high=5.0, doc="upper corner of the box for the flange in W"
-    )
+    # Higher than the driver's own, which are for targets that nobody else limits: with those a wipe's force errs by a
+    # sixth more, its path three times as much. Below the controller the driver is given room for them
+    # (seed_bringup/config/driver.yaml). The box lies inside the driver's, so that no target is refused there.
+    max_acceleration: float = inherited(MotionLimits, "max_acceleration", 2.0)
+    max_jerk: float = inherited(MotionLimits, "max_jerk", 200.0)
+    max_angular_acceleration: float = inherited(MotionLimits, "max_angular_acceleration", 6.0)
+    max_angular_jerk: float = field(600.0, unit="rad/s^3", low=1.0, high=20000.0, doc="largest commanded angular jerk")
+    workspace_low: Vector3 = inherited(MotionLimits, "workspace_low", (-1.3, -1.3, -0.2))
+    workspace_high: Vector3 = inherited(MotionLimits, "workspace_high", (1.3, 1.3, 1.6))
     # contact
     approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="walking towards contact")
     press_speed: float = field(0.045, unit="m/s", low=0.001, high=0.25, doc="building up the force, in contact")

@@ -16,8 +16,7 @@ from seed_control.wrench.history import PoseHistory
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.gravity import GRAVITY, weight_about_T
-from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, weight_about_T
 from seed_core.quaternion import as_quaternion
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_log
 from seed_testing.bench.control import growth

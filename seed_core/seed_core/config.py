@@ -21,6 +21,11 @@ import yaml
 from seed_core.errors import SeedError
 
 T = TypeVar("T")
+RENAMED = {  # parameters of former releases, refused with the name that they have now
+    "max_turning": "max_angular_speed",
+    "max_turning_acceleration": "max_angular_acceleration",
+    "max_turning_step": "max_angular_step",
+}
 MAX_BYTES = 10_000_000  # a configuration file larger than this is not one
 
 
@@ -56,6 +61,11 @@ def field(
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def inherited(cls: type, name: str, default: Any) -> Any:
+    """The field `name` of the dataclass cls with another default, for a class that inherits from it."""
+    return dataclasses.field(default=default, metadata=cls.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
 
 
 class _Node:
@@ -163,7 +173,8 @@ def _build(node: _Node, cls: type[T], path: str, source: str) -> T:
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]
     for key, child in node.value.items():
         if key not in fields:
-            _fail(child, source, f"unknown key '{_join(path, key)}'; known here: {', '.join(fields)}")
+            hint = f"it is called '{RENAMED[key]}' now" if key in RENAMED else f"known here: {', '.join(fields)}"
+            _fail(child, source, f"unknown key '{_join(path, key)}'; {hint}")
     values = {}
     for name, spec in fields.items():
         if name in node.value:

@@ -6,11 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seed_core.bushing import Stiffness
 from seed_core.config import field
-from seed_core.spatial import Array, pose_from_rpy
+from seed_core.spatial import Array, Wrench, cross, pose_from_rpy
 from seed_core.vector3 import Vector3
+
+GRAVITY = 9.81  # [m/s^2]
+DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))
 
 
 @dataclass(frozen=True)
@@ -69,4 +73,13 @@ class Tool:
         return self.T_tip.pose
 
 
-DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))
+def weight_about_T(mass: float, center_of_mass: ArrayLike, R_WT: Array) -> Wrench:
+    """Load of gravity on the tool about T's origin, written in T; what the paper left out is m g of the force.
+
+    Args:
+        mass: [kg].
+        center_of_mass: (3,) [m] in T.
+        R_WT: (3, 3) orientation of the tool; W's z axis points up.
+    """
+    force = R_WT[2] * (-mass * GRAVITY)  # R_TW (0, 0, -m g): the last row of R_WT
+    return Wrench(cross(np.asarray(center_of_mass), force), force)

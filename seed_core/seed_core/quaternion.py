@@ -6,6 +6,7 @@ For what runs at every step of the controller (250 Hz) and the driver (500 Hz); 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
 import numpy as np
@@ -52,7 +53,7 @@ def inverse(q: Quaternion) -> Quaternion:
     return -q[0], -q[1], -q[2], q[3]
 
 
-def rotate(q: Quaternion, v: Vector3) -> Vector3:
+def rotate(q: Quaternion, v: Sequence[float]) -> Vector3:
     """The vector v, turned by q."""
     x, y, z, w = q
     tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])

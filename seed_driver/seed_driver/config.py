@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
+from seed_core.arm.limits import TargetLimits
 from seed_core.config import ConfigError, checked, field, from_mapping, to_mapping
 from seed_core.vector3 import Vector3
 from seed_ur.models import MODELS
@@ -16,14 +17,13 @@ SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than eve
 
 
 @dataclass(frozen=True)
-class DriverConfig:
-    """Settings; `check` refuses what is out of bounds. The first block is fixed while the driver is active."""
+class DriverConfig(TargetLimits):
+    """Settings, with the limits of motion and targets; `check` refuses what is out of bounds."""
 
     robot_ip: str = field("", doc="address of the controller; must be set")
     model: str = field("ur5e", choices=tuple(MODELS), doc="arm")
     calibration_file: str = field("", doc="kinematics YAML written by ur_calibration; empty: published lengths")
     frequency: float = field(0.0, unit="Hz", low=0, high=500, doc="servo rate, 50 or more; 0: 500, or 125 on CB3")
-    base_frame: str = field("base", doc="name of UR's base frame")
     flange_frame: str = field("tool0", doc="name of the flange frame")
     joint_prefix: str = field("", doc="put before the name of every joint")
     publish_rate: float = field(
@@ -41,28 +41,13 @@ class DriverConfig:
 
     servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")
     servo_lookahead: float = field(0.03, unit="s", low=0.03, high=0.2, doc="lookahead time of servoj")
-    max_speed: float = field(0.25, unit="m/s", low=1e-3, high=3, doc="largest commanded speed of the flange")
-    max_turning: float = field(0.5, unit="rad/s", low=1e-3, high=10, doc="largest commanded angular speed")
-    max_acceleration: float = field(1.0, unit="m/s^2", low=0.01, high=50, doc="largest commanded acceleration")
-    max_turning_acceleration: float = field(4.0, unit="rad/s^2", low=0.01, high=100, doc="largest angular acceleration")
-    max_jerk: float = field(250.0, unit="m/s^3", low=1, high=1e5, doc="largest commanded jerk")
     max_joint_speed: float = field(1.0, unit="rad/s", low=0.01, high=6.3, doc="of any joint, below the arm's own limit")
-    max_step: float = field(0.05, unit="m", low=1e-4, high=1, doc="a target further from the command is a jump")
-    max_turning_step: float = field(0.2, unit="rad", low=1e-3, high=3, doc="a target turned further is a jump")
-    workspace_low: Vector3 = field((-1.4, -1.4, -0.6), unit="m", low=-5, high=5, doc="lower corner of the flange's box")
-    workspace_high: Vector3 = field((1.4, 1.4, 1.6), unit="m", low=-5, high=5, doc="upper corner of the flange's box")
-    command_timeout: float = field(0.1, unit="s", low=0.01, high=2, doc="largest age of a target, and largest silence")
     payload_mass: float = field(0.0, unit="kg", low=0, high=20, doc="gripper and tool, for the controller")
     payload_cog: Vector3 = field(
         (0.0, 0.0, 0.0), unit="m", low=-1, high=1, doc="their centre of mass in the flange frame"
     )
     tcp: Vector6 = field((0.0,) * 6, unit="m, rad", low=-4, high=4, doc="TCP in the flange frame as a pose vector")
     speed_slider: float = field(1.0, low=0.01, high=1, doc="speed slider of the pendant")
-
-    def __post_init__(self) -> None:
-        for low, high in zip(self.workspace_low, self.workspace_high, strict=True):
-            if low >= high:
-                raise ConfigError(f"workspace_low = {self.workspace_low} m must be below {self.workspace_high} m")
 
     def check(self) -> DriverConfig:
         """Itself, or ConfigError naming the setting, its value, unit and bounds."""
@@ -75,7 +60,21 @@ class DriverConfig:
         return checked(self, "driver")
 
 
-FIXED = tuple(DriverConfig.__dataclass_fields__)[: tuple(DriverConfig.__dataclass_fields__).index("servo_gain")]
+FIXED = (  # while the driver is active
+    "robot_ip",
+    "model",
+    "calibration_file",
+    "frequency",
+    "base_frame",
+    "flange_frame",
+    "joint_prefix",
+    "publish_rate",
+    "publish_tf",
+    "realtime_priority",
+    "cpu",
+    "simulated",
+    "watchdog_frequency",
+)
 TOOL = ("payload_mass", "payload_cog", "tcp", "speed_slider")  # what the controller itself has to be told
 
 

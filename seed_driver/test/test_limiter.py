@@ -2,6 +2,7 @@
 """Whatever the targets do, the command keeps its bounds, arrives, and stops within the braking distance."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,21 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from seed_core.arm.limits import MotionLimits
 from seed_core.quaternion import from_rotation_vector, turn_between
-from seed_driver.motion.limiter import Bounds, CommandLimiter
+from seed_driver.motion.limiter import CommandLimiter
 
 DT = 0.002
 HERE = (0.4, -0.1, 0.3)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-BOUNDS = Bounds(0.25, 0.5, 1.0, 4.0, 250.0, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+LIMITS = MotionLimits(workspace_low=(-1.0, -1.0, 0.0), workspace_high=(1.0, 1.0, 1.0))
 
 
 class Run:
     """A limiter fed with targets at their own times, and what it commanded."""
 
-    def __init__(self, bounds: Bounds = BOUNDS) -> None:
-        self.bounds, self.time = bounds, 0.0
-        self.limiter = CommandLimiter(HERE, UPRIGHT, DT, bounds)
+    def __init__(self, limits: MotionLimits = LIMITS) -> None:
+        self.limits, self.time = limits, 0.0
+        self.limiter = CommandLimiter(HERE, UPRIGHT, DT, limits)
         self.p, self.q = [HERE], [UPRIGHT]
 
     def target(self, p, q=UPRIGHT) -> None:
@@ -41,16 +43,16 @@ class Run:
 
     def check(self) -> None:
         """Speed, acceleration and jerk of the command, by finite differences."""
-        p, b = np.array(self.p), self.bounds
+        p, limits = np.array(self.p), self.limits
         w = np.array([turn_between(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / DT
         v = np.diff(p, axis=0) / DT
         a, alpha = np.diff(v, axis=0) / DT, np.diff(w, axis=0) / DT
         margin = 1.0 + 1e-6
-        assert np.linalg.norm(v, axis=1).max() <= b.speed * margin
-        assert np.linalg.norm(a, axis=1).max() <= b.acceleration * margin
-        assert np.linalg.norm(np.diff(a, axis=0) / DT, axis=1).max() <= b.jerk * margin
-        assert np.linalg.norm(w, axis=1).max() <= b.angular_speed * 1.001  # second order of a few mrad
-        assert np.linalg.norm(alpha, axis=1).max() <= b.angular_acceleration * 1.01
+        assert np.linalg.norm(v, axis=1).max() <= limits.max_speed * margin
+        assert np.linalg.norm(a, axis=1).max() <= limits.max_acceleration * margin
+        assert np.linalg.norm(np.diff(a, axis=0) / DT, axis=1).max() <= limits.max_jerk * margin
+        assert np.linalg.norm(w, axis=1).max() <= limits.max_angular_speed * 1.001  # second order of a few mrad
+        assert np.linalg.norm(alpha, axis=1).max() <= limits.max_angular_acceleration * 1.01
 
 
 def test_a_step_of_the_target_is_reached_within_bounds_without_overshoot() -> None:
@@ -112,12 +114,11 @@ def test_the_command_never_leaves_the_workspace() -> None:
     run = Run()
     run.target((HERE[0], HERE[1], -0.5))
     run.steps(2500)
-    assert min(p[2] for p in run.p) >= BOUNDS.low[2]
+    assert min(p[2] for p in run.p) >= LIMITS.workspace_low[2]
 
 
 def test_starting_outside_the_workspace_only_leads_inwards() -> None:
-    bounds = Bounds(0.25, 0.5, 1.0, 4.0, 250.0, (-1.0, -1.0, 0.35), (1.0, 1.0, 1.0))
-    run = Run(bounds)
+    run = Run(replace(LIMITS, workspace_low=(-1.0, -1.0, 0.35)))
     run.target((HERE[0], HERE[1], 0.2))
     run.steps(200)
     assert min(p[2] for p in run.p) == HERE[2]
@@ -129,7 +130,7 @@ def test_starting_outside_the_workspace_only_leads_inwards() -> None:
 def test_slower_limits_take_proportionally_longer() -> None:
     times = []
     for speed in (0.02, 0.04):
-        run = Run(Bounds(speed, 0.5, 1.0, 4.0, 250.0, BOUNDS.low, BOUNDS.high))
+        run = Run(replace(LIMITS, max_speed=speed))
         run.target((HERE[0] + 0.04, HERE[1], HERE[2]))
         run.steps(2000)
         times.append(DT * next(i for i, p in enumerate(run.p) if p[0] > HERE[0] + 0.039))

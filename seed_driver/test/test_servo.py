@@ -61,8 +61,8 @@ def test_no_jump_of_the_target_makes_the_robot_faster_than_the_limit(bench, jump
     bench.run(0.4)
     stats, config = bench.robot.ask("stats"), bench.supervisor.config
     assert stats["top_speed"] <= config.max_speed * 1.02
-    assert stats["top_turning"] <= config.max_turning * 1.02
-    assert max(stats["top_speed"] / config.max_speed, stats["top_turning"] / config.max_turning) > 0.9
+    assert stats["top_turning"] <= config.max_angular_speed * 1.02
+    assert max(stats["top_speed"] / config.max_speed, stats["top_turning"] / config.max_angular_speed) > 0.9
     assert bench.robot.ask("state")["safety_mode"] == 1
 
 

@@ -14,7 +14,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from seed_core.config import ConfigError, from_mapping
+from seed_core.config import RENAMED, ConfigError, from_mapping
 from seed_ros.private_rclpy import given_parameters
 
 T = TypeVar("T")
@@ -121,4 +121,5 @@ def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
         if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
             known = node.get_parameters_by_prefix("")
             near = difflib.get_close_matches(name, known, n=3) or sorted(known)
-            raise ConfigError(f"{node.get_name()} has no parameter '{name}'; did you mean {', '.join(near)}?")
+            hint = f"it is called {RENAMED[name]} now" if name in RENAMED else f"did you mean {', '.join(near)}?"
+            raise ConfigError(f"{node.get_name()} has no parameter '{name}'; {hint}")

@@ -3,7 +3,7 @@
 
 At rest in free space the spring carries the weight, about T's origin and written in T:
 
-    force = -m g_T,    torque = -com x m g_T,    g_T = R_TW (0, 0, -9.81)
+    force = -m g_T,    torque = -com x m g_T,    g_T = R_TW (0, 0, -g)
 
 Both are linear, in m and in m com. Only the product of stiffness and deflection is seen: a wrong stiffness gives a
 wrong mass in proportion. A known mass turns that around and checks the vertical stiffness.
@@ -17,7 +17,7 @@ import numpy as np
 
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
-from seed_core.gravity import GRAVITY
+from seed_core.hand import GRAVITY
 from seed_core.spatial import Array, inverse_pose, skew
 
 _LEAST_TURN = np.deg2rad(10.0)  # between orientations, for the whole centre of mass

@@ -10,7 +10,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.task import Phase, Task, WorkFrame
 from seed_core.bushing import Bushing
-from seed_core.hand import Tool
+from seed_core.hand import GRAVITY, Tool
 from seed_core.spatial import Array, inverse_pose, rpy_from_rotation
 
 LIFT = 0.05  # [m] before the first turn: a blade's end goes down by a third of its distance from the tip
@@ -95,7 +95,7 @@ def _check_free(tool: Tool, state: ControllerState) -> None:
     """The estimate has the stated weight taken off: in free space little of it is left."""
     assert state.filtered is not None
     left = float(np.linalg.norm(state.filtered.force))
-    bound = max(_MOST_FORCE * tool.mass * 9.81, 1.0)
+    bound = max(_MOST_FORCE * tool.mass * GRAVITY, 1.0)
     if state.in_contact or left > bound:
         raise WeighingError(
             f"cannot weigh the tool: {left:.2f} N act on it beside its weight, at most {bound:.2f} N may: "

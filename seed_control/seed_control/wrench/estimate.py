@@ -10,8 +10,7 @@ import numpy as np
 from seed_control.wrench.stiffness_blend import Blend
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.gravity import weight_about_T
-from seed_core.hand import Tool
+from seed_core.hand import Tool, weight_about_T
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
+from seed_core.quaternion import to_pose
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy
 from seed_driver.config import DriverConfig
 from seed_ur.kinematics import KinematicsError, URKinematics
@@ -106,3 +108,12 @@ def _check_plausible(path: str, arm: CalibratedKinematics, nominal: URKinematics
     if off > PLAUSIBLE:
         limit = f"limit {PLAUSIBLE} m"
         raise SeedError(f"{path}: is {off:.3f} m away from a {nominal.model.name} ({limit}): wrong model or file?")
+
+
+def out_of_reach(target: Target, arm: URKinematics, joints: Sequence[float]) -> str:
+    """Why the arm, with these joint angles (6,) [rad], cannot go to `target`; '' when it can."""
+    try:
+        arm.follow(to_pose(target.p, target.q), joints)
+    except KinematicsError as error:
+        return f"target_frame: {error}"
+    return ""

@@ -14,9 +14,9 @@ that the task wants, smoothly and with its lag known; this one guards the robot 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from math import ceil, sqrt
 
+from seed_core.arm.limits import MotionLimits
 from seed_core.quaternion import Quaternion, turn_between, turned
 from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled
 from seed_driver.motion.reference import Reference
@@ -25,25 +25,12 @@ APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate
 BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest is margin
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """Limits of a motion; linear ones in metres, the angular ones in radians."""
-
-    speed: float
-    angular_speed: float
-    acceleration: float
-    angular_acceleration: float
-    jerk: float
-    low: Vector3  # workspace corner [m]
-    high: Vector3
-
-
 class CommandLimiter:
     """`p` [m], `q` is the command; `reference` what it follows, None while it comes to rest."""
 
-    def __init__(self, p: Vector3, q: Quaternion, dt: float, bounds: Bounds) -> None:
+    def __init__(self, p: Vector3, q: Quaternion, dt: float, limits: MotionLimits) -> None:
         """dt: [s] of a step."""
-        self.dt, self.bounds = dt, bounds
+        self.dt, self.limits = dt, limits
         self.reference: Reference | None = None
         self.restart(p, q)
 
@@ -75,14 +62,14 @@ class CommandLimiter:
 
     def propose(self) -> None:
         """Choose the velocity of this step: towards the reference, or to rest."""
-        b, goal, angular_goal = self.bounds, ZERO, ZERO
+        limits, goal, angular_goal = self.limits, ZERO, ZERO
         if self.reference is not None:
             feed, angular_feed = self.reference.step(self.dt)
             gap, turn = minus(self.reference.p, self.inner_p), turn_between(self.reference.q, self.inner_q)
-            goal = _chase(gap, feed, b.speed, b.acceleration)
-            angular_goal = _chase(turn, angular_feed, b.angular_speed, b.angular_acceleration)
-        self.velocity = _towards(self.velocity, goal, b.acceleration * self.dt)
-        self.angular_velocity = _towards(self.angular_velocity, angular_goal, b.angular_acceleration * self.dt)
+            goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration)
+            angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
+        self.velocity = _towards(self.velocity, goal, limits.max_acceleration * self.dt)
+        self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * self.dt)
 
     def slow(self, share: float) -> None:
         """Scale this step's velocity, e.g. because a joint would be too fast."""
@@ -95,8 +82,8 @@ class CommandLimiter:
 
     def advance(self) -> None:
         """Take the step, never further out of the workspace, and smooth."""
-        b, old = self.bounds, self.inner_p
-        low, high = b.low, b.high
+        limits, old = self.limits, self.inner_p
+        low, high = limits.workspace_low, limits.workspace_high
         p, q = self.next_pose()
         if not (low[0] <= p[0] <= high[0] and low[1] <= p[1] <= high[1] and low[2] <= p[2] <= high[2]):
             x, y, z = (min(max(p[i], min(low[i], old[i])), max(high[i], old[i])) for i in range(3))
@@ -105,7 +92,7 @@ class CommandLimiter:
         if not self._steps and p == old and not any(self.angular_velocity):
             self.p, self.q = p, q  # at rest, and nothing of the past left
             return
-        length = max(1, ceil(2.0 * b.acceleration / (b.jerk * self.dt)))
+        length = max(1, ceil(2.0 * limits.max_acceleration / (limits.max_jerk * self.dt)))
         self._steps.appendleft((minus(p, old), scaled(self.angular_velocity, self.dt)))
         while len(self._steps) >= length:
             self._steps.pop()

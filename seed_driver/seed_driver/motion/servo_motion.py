@@ -6,12 +6,15 @@ Knows neither robot nor node; `take_target` and `step` are called once per servo
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from seed_core.arm.hold import HoldLatch
+from seed_core.arm.limits import MotionLimits
 from seed_core.quaternion import IDENTITY
 from seed_core.vector3 import ZERO
 from seed_driver.config import DriverConfig
 from seed_driver.motion.joint_speeds import JointSpeeds
-from seed_driver.motion.limiter import Bounds, CommandLimiter
+from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 from seed_ur.kinematics import URKinematics
 
@@ -24,7 +27,7 @@ class Motion:
     def __init__(self, memory: SharedMemory, arm: URKinematics, config: DriverConfig) -> None:
         self.memory, self.arm = memory, arm
         self.latch = HoldLatch(config.command_timeout, "starting")
-        self.limiter = CommandLimiter(ZERO, IDENTITY, 0.002, bounds_of(config))
+        self.limiter = CommandLimiter(ZERO, IDENTITY, 0.002, limits_of(config))
         self.joints = JointSpeeds(arm, COMMANDED * config.max_joint_speed)
         self.target: TargetSlot | None = None  # the newest that was used
         self._seen = 0  # number of the newest target that was looked at
@@ -32,7 +35,7 @@ class Motion:
     def configure(self, config: DriverConfig) -> None:
         """Take changed limits."""
         self.latch.patience = config.command_timeout
-        self.limiter.bounds = bounds_of(config)
+        self.limiter.limits = limits_of(config)
         self.joints.set_limit(COMMANDED * config.max_joint_speed)
 
     def restart(self, sample: Sample) -> None:
@@ -87,14 +90,8 @@ class Motion:
             self.hold(trouble)
 
 
-def bounds_of(c: DriverConfig) -> Bounds:
-    """The limits of a motion as configured."""
-    return Bounds(
-        COMMANDED * c.max_speed,
-        COMMANDED * c.max_turning,
-        c.max_acceleration,
-        c.max_turning_acceleration,
-        c.max_jerk,
-        c.workspace_low,
-        c.workspace_high,
+def limits_of(config: DriverConfig) -> MotionLimits:
+    """The limits of a command whose motion keeps those of the configuration."""
+    return replace(
+        config, max_speed=COMMANDED * config.max_speed, max_angular_speed=COMMANDED * config.max_angular_speed
     )

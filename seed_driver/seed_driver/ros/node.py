@@ -17,14 +17,14 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from seed_core.arm.target_checks import Target, refusal
 from seed_core.errors import SeedError
 from seed_driver.config import FIXED, DriverConfig, from_json, to_json
-from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.shared_memory import State
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.dashboard import dashboard
 from seed_driver.ros.outputs import Outputs
-from seed_driver.target_checks import Target, refusal
 from seed_ros.conversions import seconds
 from seed_ros.loop import FixedRateLoop
 from seed_ros.node import run
@@ -169,9 +169,10 @@ class DriverNode(LifecycleNode):
             return
         target = self._target(message)
         sample = state.sample
-        command = (_vector(state.command), (*state.command[3:7],))
-        why = refusal(target, command, list(sample.q), self.arm, config)
-        if why is not None:
+        x, y, z, w = state.command[3:7]
+        command = _vector(state.command), (x, y, z, w)
+        why = refusal(target, command, config) or out_of_reach(target, self.arm, sample.q)
+        if why:
             self.refused += 1
             supervisor.send("refuse", reason=why)
             self._warn(f"refused: {why}")

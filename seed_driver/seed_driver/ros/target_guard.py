@@ -12,7 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from seed_driver.target_checks import Target
+from seed_core.arm.target_checks import Target
 from seed_driver.target_guard import GuardConfig, Pose, TargetGuard
 from seed_ros.conversions import seconds
 from seed_ros.node import run

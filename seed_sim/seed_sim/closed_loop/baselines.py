@@ -8,7 +8,7 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState, Counters
 from seed_control.tasks import Task
-from seed_core.gravity import GRAVITY
+from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, inverse_pose, so3_exp
 from seed_sim.plant.plant import Plant
 
@@ -88,8 +88,8 @@ class BaselineSteering:
         """X_CT (4, 4) of the tool that hangs free: the taught path was taught with the tool in the grasp."""
         X = np.eye(4)
         if self.kind == "open_loop":
-            weight = R_WT.T @ np.array((0.0, 0.0, -GRAVITY * self.plant.tool.mass))
-            X[:3, 3] = weight / np.array(self.plant.scenario.grasp.stiffness.translation)
+            weight = weight_about_T(self.plant.tool.mass, self.plant.tool.center_of_mass, R_WT)
+            X[:3, 3] = weight.force / np.array(self.plant.scenario.grasp.stiffness.translation)
         return X
 
     def _taught_height(self, z: float) -> float:

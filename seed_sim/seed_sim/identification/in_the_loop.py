@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from seed_core.bushing import Stiffness
+from seed_core.hand import GRAVITY
 from seed_core.spatial import Array
 from seed_core.stiffness_file import GripStiffness, StiffnessFile, load_stiffness, save_stiffness
 
-_GRAVITY = 9.81  # [m/s^2]
 _FORCE = 10.0  # [N]
 _ALLOWED = 1.2  # times the relative error of the force axis times (force + weight)
 
@@ -37,7 +37,7 @@ def compare(identified: Array, true: Array, seed: int) -> dict[str, Any]:
         scenario = replace(nominal, grasp=replace(nominal.grasp, stiffness=plant, believed=believed))
         scored[name] = evaluate("squeegee", force=_FORCE, seed=seed, scenario=scenario).result["force_z"]
     relative = float(abs(identified[5] - true[5]) / true[5])
-    allowed = scored["true"]["rmse"] + _ALLOWED * relative * (_FORCE + nominal.tool.mass * _GRAVITY)
+    allowed = scored["true"]["rmse"] + _ALLOWED * relative * (_FORCE + nominal.tool.mass * GRAVITY)
     return {
         "force_z": scored,
         "relative_error_z": relative,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.bushing import Bushing, Model, Stiffness
-from seed_core.gravity import weight_about_T
+from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rotation_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.truth import draw_truth

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.errors import FailedError
+from seed_core.hand import GRAVITY
 from seed_core.spatial import Array, make_pose
 from seed_sim.plant.tools import (
     HOLE_CLEARANCE,
@@ -39,7 +40,6 @@ except ImportError as _error:
 else:
     _missing = None
 
-GRAVITY = 9.81  # [m/s^2], downwards
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
 _WALL = 0.02  # [m] thickness of a hole's or slot's wall
 _STEEL = 1e7  # [N/m] of a contact point of the tool, and of a wall

@@ -15,6 +15,7 @@ import numpy as np
 from seed_core.bushing import Stiffness
 from seed_core.errors import FailedError, SeedError
 from seed_core.gripper import GripperPressure
+from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.plant.arm import Arm
 from seed_sim.plant.cell import Cell, Surface
@@ -229,8 +230,7 @@ class Plant:
         """Contact and weight of a welded tool, on the gripper, about T in T."""
         R_TW = self.X_WT[:3, :3].T
         contact = Wrench.zero().minus(self.contact_wrench).rotated(R_TW).about(-self._p_Ttip)
-        weight = R_TW @ np.array((0.0, 0.0, -9.81 * self._true_mass))
-        return contact.plus(Wrench(cross(np.array(self.tool.center_of_mass), weight), weight))
+        return contact.plus(weight_about_T(self._true_mass, self.tool.center_of_mass, R_TW.T))
 
     @property
     def pressure(self) -> float:

@@ -21,9 +21,12 @@ from std_srvs.srv import Trigger
 
 from seed_control.tasks import load_task
 from seed_core.arm.hold import HoldLatch
+from seed_core.arm.target_checks import jump, stale
 from seed_core.config import field
 from seed_core.errors import SeedError
+from seed_core.hand import weight_about_T
 from seed_core.spatial import Array
+from seed_core.vector3 import as_vector3
 from seed_ros import diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_ros.diagnostics import Counters
@@ -34,7 +37,6 @@ from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.arm import ELBOW_UP
-from seed_sim.plant.cell import GRAVITY
 from seed_sim.plant.plant import DT, Plant, PlantError, save_replay
 from seed_sim.ros.late_stream import LONGEST, Awaited
 from seed_sim.ros.outputs import Outputs
@@ -233,8 +235,8 @@ class SimNode(Node):
     def _sag(self) -> Array:
         """Where the tool hangs in the grasp: p_CT (3,) [m]."""
         mass = self.scenario.true_mass if self.scenario.true_mass is not None else self.scenario.tool.mass
-        weight_C = self.plant.X_WC[:3, :3].T @ np.array((0.0, 0.0, -mass * GRAVITY))
-        return np.asarray(weight_C / np.array(self.plant.stiffness.translation))
+        weight = weight_about_T(mass, self.scenario.tool.center_of_mass, self.plant.X_WC[:3, :3])
+        return np.asarray(weight.force / np.array(self.plant.stiffness.translation))
 
     def _rate_it(self) -> None:
         now, then = (time.monotonic(), self.plant.time), self._rated
@@ -264,15 +266,15 @@ class SimNode(Node):
         """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
         now = self.stamp if self.settings.clock else self._ros_now()
         age = now - seconds(message.header.stamp)
-        limit = self.settings.target_timeout
-        return f"target_frame stamp is {age:.3f} s old, limit {limit:g} s; the arm holds" if abs(age) > limit else ""
+        why = stale(age, self.settings.target_timeout)
+        return f"{why}; the arm holds" if why else ""
 
     def _checked(self, message: PoseStamped) -> Array:
         check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
         X_WE = pose_to_matrix(message.pose, "target_frame")
-        jump = float(np.linalg.norm(X_WE[:3, 3] - self.plant.X_WE[:3, 3]))
-        if jump > self.settings.max_step:
-            raise SeedError(f"target_frame is {jump:.3f} m from the flange, limit {self.settings.max_step:g} m")
+        places = as_vector3(X_WE[:3, 3]), as_vector3(self.plant.X_WE[:3, 3])
+        if why := jump(*places, self.settings.max_step, "is {} from the flange"):
+            raise SeedError(why)
         return X_WE
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

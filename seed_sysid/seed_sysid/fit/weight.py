@@ -42,7 +42,7 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
 
     Args:
         X_TC: (n, 4, 4) displacements, one for each orientation.
-        wrench: (n, 6) [N m, N] of the spring on the tool about T, in T: minus seed_core.gravity.weight_about_T.
+        wrench: (n, 6) [N m, N] of the spring on the tool about T, in T: minus seed_core.hand.weight_about_T.
         model: the stiffness map.
 
     Raises:

@@ -14,7 +14,7 @@ from seed_control.controller import Controller
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, Hand, Tool
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, pose_from_rpy
 
 DT = 0.004  # [s]
@@ -32,7 +32,7 @@ class Pressing:
         self.controller = Controller(ControllerParameters(), Hand(), tool, DEFAULT_STIFFNESS)
         self._X_W_tip = pose_from_rpy((np.pi, 0.0, 0.0), (0.4, 0.0, 0.0))
         self._X_WE = self._X_W_tip @ inverse_pose(tool.X_Ttip) @ inverse_pose(Hand().X_EC)
-        lift = (_FORCE - tool.mass * 9.81) / DEFAULT_STIFFNESS.translation[2]
+        lift = (_FORCE - tool.mass * GRAVITY) / DEFAULT_STIFFNESS.translation[2]
         self._X_CT = make_pose(None, (0.0, 0.0, -lift))  # z out of the flange: the pressed tool goes back
         self._feed()
         self.controller.step(self.t)

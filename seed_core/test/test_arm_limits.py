@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of motion: one declaration, inherited; a default of one's own changes neither unit nor bounds."""
+
+from dataclasses import dataclass, fields
+
+import pytest
+
+from seed_core.arm.limits import MotionLimits, TargetLimits
+from seed_core.config import ConfigError, from_mapping, inherited
+
+
+@dataclass(frozen=True)
+class Gentle(MotionLimits):
+    """One with a default of its own."""
+
+    max_speed: float = inherited(MotionLimits, "max_speed", 0.1)
+
+
+def test_a_default_of_ones_own_keeps_unit_bounds_and_place() -> None:
+    assert Gentle().max_speed == 0.1
+    assert [f.name for f in fields(Gentle)] == [f.name for f in fields(MotionLimits)]
+    assert [f.metadata for f in fields(Gentle)] == [f.metadata for f in fields(MotionLimits)]
+    with pytest.raises(ConfigError, match=r"max_speed = 4 m/s must be within 0\.001 and 3 m/s"):
+        from_mapping({"max_speed": 4.0}, Gentle)
+
+
+def test_a_workspace_without_inside_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"workspace_low = \(-1\.4, -1\.4, 2\.0\) m must be below"):
+        TargetLimits(workspace_low=(-1.4, -1.4, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ("max_turning", "max_angular_speed"),
+        ("max_turning_acceleration", "max_angular_acceleration"),
+        ("max_turning_step", "max_angular_step"),
+    ],
+)
+def test_a_former_name_is_refused_with_the_new_one(former: str, now: str) -> None:
+    with pytest.raises(ConfigError, match=f"unknown key '{former}'; it is called '{now}' now"):
+        from_mapping({former: 0.3}, TargetLimits)
