@@ -5,9 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from seed_core.bushing import MODELS, Model, Stiffness
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
 
 
@@ -22,6 +25,11 @@ class ExcitationParameters:
     guess: Stiffness = field(DEFAULT_STIFFNESS, doc="rough stiffness, for planning within the wrench limit only")
     homes: int = field(4, low=2, high=50, doc="visits of the centre, spread over the poses: they show drift")
     seed: int = field(1, low=0, high=2**31, doc="of the search for combined poses")
+
+    @property
+    def amplitudes(self) -> Array:
+        """(6,) largest excursion of each axis [rad, m]."""
+        return np.concatenate([np.deg2rad(self.rotation_deg), self.translation])
 
 
 @dataclass(frozen=True)

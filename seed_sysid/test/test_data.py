@@ -20,13 +20,13 @@ from seed_sysid.data.dataset import (
     Dataset,
     DatasetError,
     Sample,
-    Writer,
     flat_pose,
     header_line,
     parse,
     read,
     sample_line,
 )
+from seed_sysid.data.recorder import Recorder
 from seed_sysid.fit.analysis import analyse
 
 
@@ -63,17 +63,17 @@ def test_a_file_reads_back_as_written(data: Dataset) -> None:
 
 def test_a_crash_loses_the_running_sample_only(data: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "samples.jsonl"
-    writer = Writer(file, data.header)
+    writer = Recorder(file, data.header)
     for s in data.samples[:20]:
-        writer.add(s)
+        writer.record(0.0, s)
     writer.close()
     file.write_bytes(file.read_bytes()[:-40])
     back = read(file)
     assert [s.key for s in back.samples] == [s.key for s in data.samples[:19]]
     assert "cut short" in back.warnings[0]
-    again = Writer(file, data.header)
-    assert len(again.finished) == 19
-    again.add(data.samples[19])
+    again = Recorder(file, data.header)
+    assert len(again.samples) == 19
+    again.record(0.0, data.samples[19])
     again.close()
     assert len(read(file).samples) == 20
     assert not read(file).warnings
@@ -109,10 +109,10 @@ def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dat
 
 def test_another_runs_file_is_left_alone(data: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "samples.jsonl"
-    Writer(file, data.header).close()
+    Recorder(file, data.header).close()
     before = file.read_bytes()
     with pytest.raises(DatasetError, match="belongs to the run"):
-        Writer(file, replace(data.header, run="another"))
+        Recorder(file, replace(data.header, run="another"))
     assert file.read_bytes() == before
 
 

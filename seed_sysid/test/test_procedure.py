@@ -98,7 +98,7 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
     streams.slip.append(1.0)
     live = Live(Procedure(), Header("hand", "tool"), np.eye(4), streams, tmp_path / "samples.jsonl", 0.0, "")
     reading = live._reading(0.0)
-    live.close()
+    live.recorder.close()
     np.testing.assert_array_equal(reading.wrench, np.zeros(6))
     assert (reading.slip, reading.gross_slip) == (0.0, False)
 

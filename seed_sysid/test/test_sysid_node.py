@@ -21,7 +21,8 @@ from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
-from seed_sysid.data.dataset import Writer, read  # noqa: E402
+from seed_sysid.data.dataset import read  # noqa: E402
+from seed_sysid.data.recorder import Recorder  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
 from seed_sysid.run.procedure import Command, average  # noqa: E402
@@ -54,13 +55,13 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
         hand=Hand().name, tool="ft_sensor", sensor_xyz=(0.0, 0.0, 0.06), sensor_rpy=(np.pi, 0.0, np.deg2rad(30.0))
     )
     live = Live(node.procedure, head, Hand().X_EC, streams, folder / "samples.jsonl", 0.0, "before")
-    live.close()
-    writer = Writer(folder / "samples.jsonl", live.header)
+    live.recorder.close()
+    writer = Recorder(folder / "samples.jsonl", live.recorder.header)
     twin, p = SimulatedCell(cell.scenario, 5), node.procedure
     for i, target in enumerate(design(p.excitation, p.limits, p.fit.model)[:-LEFT]):
         readings = twin.rest(Command(target.X_TC, 0.02, 1, "measuring"), 20)
         sample = average(target, 0, readings, 1.0, False)
-        writer.add(replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
+        writer.record(0.0, replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
     writer.close()
 
 

@@ -16,16 +16,14 @@ from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.truth import direction, draw_truth
-from seed_sysid.run.excitation import amplitudes
 from seed_sysid.run.procedure import Command, Reading
 from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_transform
 
 _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
 
-PoseSource = Callable[
-    [Array, float, bool], Array | None
-]  # X_CT, stamp, measuring -> X_TC estimated, if a frame was taken
+# From X_CT, stamp [s], and whether it is being measured: X_TC as estimated, None without an image.
+PoseSource = Callable[[Array, float, bool], Array | None]
 
 
 class SimulatedCell:
@@ -38,10 +36,9 @@ class SimulatedCell:
         self.truth = draw_truth(scenario, self._rng)
         self._bushings = [Bushing(Stiffness.from_vector(k), scenario.procedure.fit.model) for k in self.truth.stiffness]
         X_TS = pose_from_rpy(np.deg2rad(scenario.sensor_rpy_deg), scenario.sensor_position)
-        nominal_to_true = offset_pose(self.truth.offset)
-        self._to_sensor = wrench_transform(inverse_pose(X_TS)) @ wrench_transform(nominal_to_true)
+        self._to_sensor = wrench_transform(inverse_pose(X_TS)) @ wrench_transform(offset_pose(self.truth.offset))
         self._friction = np.array([scenario.grasp.hysteresis.get(a, 0.0) for a in AXES])
-        self._yield = scenario.grasp.yield_share * amplitudes(scenario.procedure.excitation)
+        self._yield = scenario.grasp.yield_share * scenario.procedure.excitation.amplitudes
         self._z, self._xi = np.zeros(6), np.zeros(6)
         self._error, self._goal = np.eye(4), np.eye(4)
         self._lag = np.zeros((2, 6))
@@ -62,11 +59,9 @@ class SimulatedCell:
         decay = np.exp(-dt / (s.grasp.settle_time * np.array([1.0, _CREEP])))
         shares = np.array([1.0 - s.grasp.creep, s.grasp.creep])
         self._lag = decay[:, None] * self._lag + (1.0 - decay)[:, None] * shares[:, None] * static
-        pressures = self.truth.pressures[command.grip] + s.grasp.pressure_noise * self._rng.normal(size=2)
+        pressures = self._pressures(command.grip)
         seen = self._pose_source(inverse_pose(X_TC), self.stamp, command.measuring) if self._pose_source else None
-        return Reading(
-            self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, _all(pressures), seen
-        )
+        return Reading(self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, pressures, seen)
 
     def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:
         """Readings of a pose that has come to rest, without simulating how; dwell [s] is the time that takes."""
@@ -74,11 +69,14 @@ class SimulatedCell:
         X_TC, self._goal = command.X_TC @ self._error, command.X_TC
         self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
         self.stamp += dwell
-        pressures = _all(
-            self.truth.pressures[command.grip] + self.scenario.grasp.pressure_noise * self._rng.normal(size=2)
-        )
+        pressures = self._pressures(command.grip)
         sensed = [self._sensed(self._lag[0]) for _ in range(count)]
         return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]
+
+    def _pressures(self, grip: int) -> tuple[float, ...]:
+        """What both bubbles report [hPa]."""
+        noise = self.scenario.grasp.pressure_noise * self._rng.normal(size=2)
+        return tuple((self.truth.pressures[grip] + noise).tolist())
 
     def _new_pose(self) -> None:
         """The arm sets off: another repeatability error, perhaps another disturbance."""
@@ -95,10 +93,10 @@ class SimulatedCell:
         w = self._bushings[grip].wrench(X_TC).vector()
         if not self._friction.any():
             return w
-        m = stiffness_map(X_TC[None], self.scenario.procedure.fit.model)
-        self._z = np.clip(self._z + (m.xi[0] - self._xi) / self._yield, -1.0, 1.0)
-        self._xi = m.xi[0]
-        return np.asarray(w + m.B[0] @ (self._friction * self._z))
+        (B,), (xi,) = stiffness_map(X_TC[None], self.scenario.procedure.fit.model)
+        self._z = np.clip(self._z + (xi - self._xi) / self._yield, -1.0, 1.0)
+        self._xi = xi
+        return np.asarray(w + B @ (self._friction * self._z))
 
     def _sensed(self, w_T: Array) -> Array:
         """What the sensor reports (6,) about S, in S, for the load w_T about T, in T."""
@@ -108,7 +106,3 @@ class SimulatedCell:
         full = np.repeat([sensor.range_torque, sensor.range_force], 3)
         sensed = self._to_sensor @ w_T + self.truth.bias + drift + self._disturbance + noise
         return np.asarray(np.clip(sensed, -full, full))
-
-
-def _all(v: Array) -> tuple[float, ...]:
-    return tuple(float(x) for x in v)

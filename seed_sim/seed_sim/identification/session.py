@@ -13,7 +13,8 @@ import numpy as np
 from seed_core.errors import FailedError
 from seed_sim.identification.cell import PoseSource, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
-from seed_sysid.data.dataset import Dataset, Header, Sample, Writer
+from seed_sysid.data.dataset import Dataset, Header
+from seed_sysid.data.recorder import Recorder
 from seed_sysid.run.excitation import design
 from seed_sysid.run.procedure import Command, Run, average
 
@@ -24,23 +25,18 @@ class SessionError(FailedError):
     """An identification that ended early."""
 
 
-def header(scenario: IdentificationScenario, seed: int, planned: int, created: str) -> Header:
+def header(scenario: IdentificationScenario, seed: int, created: str) -> Header:
     """The header of a simulated run."""
     return Header(
         hand=scenario.hand.name,
         tool=scenario.tool.name,
-        run=f"simulation {scenario.name} seed {seed} {hash_text(repr(scenario)):08x}",
-        planned=planned,
+        run=f"simulation {scenario.name} seed {seed} {zlib.crc32(repr(scenario).encode()):08x}",
+        planned=Run(scenario.procedure).total,
         sensor_xyz=tuple(scenario.sensor_position),
-        sensor_rpy=tuple(float(v) for v in np.deg2rad(scenario.sensor_rpy_deg)),
+        sensor_rpy=tuple(np.deg2rad(scenario.sensor_rpy_deg).tolist()),
         sensor_range=(scenario.sensor.range_force, scenario.sensor.range_torque),
         created=created,
     )
-
-
-def hash_text(text: str) -> int:
-    """A number that is the same in every process, to tell settings apart."""
-    return zlib.crc32(text.encode())
 
 
 def simulate(
@@ -56,18 +52,15 @@ def simulate(
         SessionError: the run ended early; what was measured is in the file.
     """
     cell = SimulatedCell(scenario, seed, pose_source)
-    empty = Run(scenario.procedure)
-    head = header(scenario, seed, empty.total, created)
-    writer = Writer(file, head) if file else None
-    samples = list(writer.finished) if writer else []
+    recorder = Recorder(file, header(scenario, seed, created))
+    samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0
-    run = Run(scenario.procedure, {s.key for s in samples}, head.X_TS)
     try:
-        _loop(run, cell, samples, writer)
+        run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS)
+        _loop(run, cell, recorder)
     finally:
-        if writer:
-            writer.close()
-    return Dataset(writer.header if writer else head, samples), cell
+        recorder.close()
+    return recorder.dataset, cell
 
 
 def at_rest(scenario: IdentificationScenario, seed: int) -> tuple[Dataset, SimulatedCell]:
@@ -81,28 +74,19 @@ def at_rest(scenario: IdentificationScenario, seed: int) -> tuple[Dataset, Simul
         for target in targets:
             command = Command(target.X_TC, width, grip, "measuring")
             samples.append(average(target, grip, cell.rest(command, readings), 1.0, False))
-    return Dataset(header(scenario, seed, len(samples), ""), samples), cell
+    return Dataset(header(scenario, seed, ""), samples), cell
 
 
-def _loop(run: Run, cell: SimulatedCell, samples: list[Sample], writer: Writer | None) -> None:
+def _loop(run: Run, cell: SimulatedCell, recorder: Recorder) -> None:
     command = Command(np.eye(4), run.procedure.widths[0], 0, "start")
     shown = time.monotonic()
     while not command.done:
         command = run.step(cell.step(command))
-        if command.event and writer:
-            writer.event(cell.stamp, command.event)
-        if command.sample:
-            samples.append(command.sample)
-            if writer:
-                writer.add(command.sample)
+        recorder.record(cell.stamp, command.sample, command.event)
         if command.failure:
             raise SessionError(f"{command.failure}; {run.done} of {run.total} poses are kept")
         if time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
-            _progress(run, cell)
-
-
-def _progress(run: Run, cell: SimulatedCell) -> None:
-    left = run.remaining(cell.stamp) / 60.0
-    text = f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min simulated, {left:.1f} min left"
-    print(f"\r{text:<70}", end="\n" if not sys.stderr.isatty() else "", file=sys.stderr, flush=True)
+            left = run.remaining(cell.stamp) / 60.0
+            text = f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min simulated, {left:.1f} min left"
+            print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)

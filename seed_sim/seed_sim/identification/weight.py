@@ -64,4 +64,4 @@ def identify_with_weight(scenario: IdentificationScenario, seed: int, model: Mod
 
 def _split_known(values: Array) -> dict[str, list[float | None]]:
     """A six-vector as rotation and translation, None where it is not known."""
-    return split(np.where(np.isfinite(values), values.astype(object), None))
+    return {half: [v if np.isfinite(v) else None for v in part] for half, part in split(values).items()}

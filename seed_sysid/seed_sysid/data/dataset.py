@@ -9,11 +9,10 @@ pose is visited, so that a crash loses at most the running one.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,21 @@ from seed_core.spatial import Array, pose_from_rpy, rpy_from_rotation
 FORMAT, VERSION = "seed-stiffness-samples", 1
 UNITS = {"length": "m", "angle": "rad", "force": "N", "torque": "N m", "pressure": "hPa", "time": "s"}
 MAX_BYTES = 200_000_000
+_SIZES: dict[str, int | None] = {  # of the vectors of a header, and of a sample
+    "sensor_xyz": 3,
+    "sensor_rpy": 3,
+    "sensor_range": 2,
+    "grasp_xyz": 3,
+    "grasp_rpy": 3,
+    "kinematic": 6,
+    "estimator": 6,
+    "wrench": 6,
+    "wrench_std": 6,
+    "pressures": None,
+}
+_NULLABLE = {"kinematic", "estimator", "wrench_std"}
+
+Pose = tuple[float, ...]  # x, y, z [m], roll, pitch, yaw [rad]
 
 
 class DatasetError(SeedError):
@@ -78,9 +92,9 @@ class Sample:
     kind: str
     grip: int
     stamp: float
-    kinematic: tuple[float, ...] | None
+    kinematic: Pose | None
     wrench: tuple[float, ...]
-    estimator: tuple[float, ...] | None = None
+    estimator: Pose | None = None
     wrench_std: tuple[float, ...] = (0.0,) * 6
     pressures: tuple[float, ...] = ()
     width: float = 0.0
@@ -88,7 +102,7 @@ class Sample:
     readings: int = 0
     slip: float = 0.0
     clipped: bool = False
-    via: tuple[tuple[float, ...], ...] = ()
+    via: tuple[Pose, ...] = ()
 
     @property
     def key(self) -> str:
@@ -124,14 +138,15 @@ class Dataset:
         """
         kept: list[Sample] = []
         missing: list[str] = []
-        way: tuple[tuple[float, ...], ...] = ()
+        way: list[Pose] = []
         for s in self.samples:
+            way += s.via
             if getattr(s, source) is not None:
-                kept.append(replace(s, via=(*way, *s.via)))
-                way = ()
+                kept.append(replace(s, via=tuple(way)))
+                way = []
             else:
                 missing.append(s.key)
-                way = (*way, *s.via, *((s.kinematic,) if s.kinematic else ()))
+                way += [s.kinematic] if s.kinematic else []
         if self.samples and not kept:
             raise DatasetError(f"no sample has an {source} pose: choose the other source with --poses, or record again")
         named = [f"without {source} pose, left out: {', '.join(missing)}"] if missing else []
@@ -143,7 +158,7 @@ class Dataset:
         return np.array([s.wrench for s in self.samples]).reshape(-1, 6)
 
 
-def flat_pose(X: Array) -> tuple[float, ...]:
+def flat_pose(X: Array) -> Pose:
     """[x, y, z, roll, pitch, yaw] of X (4, 4), as samples store it."""
     return tuple(float(v) for v in (*X[:3, 3], *rpy_from_rotation(X[:3, :3])))
 
@@ -156,57 +171,6 @@ def header_line(header: Header) -> str:
 def sample_line(sample: Sample) -> str:
     """A sample as one line."""
     return json.dumps({"sample": asdict(sample)})
-
-
-class Writer:
-    """Appends to a file of samples; continues one that the same run began."""
-
-    def __init__(self, path: Path, header: Header) -> None:
-        """Open path; `finished` holds what it already has.
-
-        Raises:
-            DatasetError: the file belongs to another run, or is no file of samples.
-        """
-        self.finished: list[Sample] = []
-        self.header = header
-        self._path = path
-        fresh = not path.exists() or path.stat().st_size == 0
-        if not fresh:
-            self._continue(path, header)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file: IO[str] = path.open("a", encoding="utf-8")
-        if fresh:
-            self._write(header_line(header))
-
-    def _continue(self, path: Path, header: Header) -> None:
-        old = read(path)
-        if old.header.run != header.run:
-            raise DatasetError(
-                f"{path} belongs to the run '{old.header.run}', not to '{header.run}': choose another --out, "
-                "or move the file away; it was left as it is"
-            )
-        self.finished, self.header = old.samples, old.header
-        text = path.read_bytes()
-        if not text.endswith(b"\n"):  # the line that a crash cut short
-            with path.open("r+b") as file:
-                file.truncate(text.rfind(b"\n") + 1)
-
-    def add(self, sample: Sample) -> None:
-        """Write one finished sample through to the disk."""
-        self._write(sample_line(sample))
-
-    def event(self, stamp: float, text: str) -> None:
-        """Write a remark: a limit met, a pose skipped."""
-        self._write(json.dumps({"event": {"stamp": stamp, "text": text}}))
-
-    def _write(self, line: str) -> None:
-        self._file.write(line + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 def read(path: Path) -> Dataset:
@@ -225,82 +189,76 @@ def read(path: Path) -> Dataset:
 
 
 def parse(lines: Iterable[str], source: str) -> Dataset:
-    """Header and samples from the lines of a file (or of a recorded topic)."""
+    """Header and samples from the lines of a file (or of a recorded topic), named source.
+
+    Raises:
+        DatasetError: another format or version, or a broken line other than the last.
+    """
     rows = list(lines)
     while rows and not rows[-1].strip():
         rows.pop()
     if not rows:
         raise DatasetError(f"{source}: the file is empty; record again")
-    header, samples, warnings = _header(rows[0], source), [], []
+    header, samples, warnings = _header(rows[0], f"{source}:1"), {}, []
     for number, row in enumerate(rows[1:], start=2):
+        where = f"{source}:{number}"
         try:
             entry = json.loads(row)
         except (ValueError, RecursionError) as error:
             if number < len(rows):
-                raise DatasetError(f"{source}:{number}: not JSON ({error}); restore the line or remove it") from error
-            warnings.append(
-                f"{source}:{number}: the last line is cut short; that pose is left out (resume to repeat it)"
-            )
+                raise DatasetError(f"{where}: not JSON ({error}); restore the line or remove it") from error
+            warnings.append(f"{where}: the last line is cut short; that pose is left out (resume to repeat it)")
             break
         if isinstance(entry, dict) and "sample" in entry:
-            samples.append(_sample(entry["sample"], f"{source}:{number}"))
-    return Dataset(header, _unique(samples), warnings)
+            sample = _sample(entry["sample"], where)
+            samples[sample.key] = sample  # of a pose that was repeated the last one
+    return Dataset(header, sorted(samples.values(), key=lambda s: s.stamp), warnings)
 
 
-def _unique(samples: list[Sample]) -> list[Sample]:
-    """In order of time; of a pose that was repeated the last one."""
-    return sorted({s.key: s for s in samples}.values(), key=lambda s: s.stamp)
-
-
-def _header(row: str, source: str) -> Header:
+def _header(row: str, where: str) -> Header:
     try:
         data = json.loads(row)
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{source}:1: no header in the first line ({error}): cut short, or no such file") from error
+        raise DatasetError(f"{where}: no header in the first line ({error}): cut short, or no such file") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise DatasetError(f'{source}:1: the first line is no header with "format": "{FORMAT}"')
+        raise DatasetError(f'{where}: the first line is no header with "format": "{FORMAT}"')
     if data.get("version") != VERSION:
         raise DatasetError(
-            f"{source}:1: version {data.get('version')!r}; this program reads version {VERSION}: "
+            f"{where}: version {data.get('version')!r}; this program reads version {VERSION}: "
             "convert the file, or use the program that wrote it"
         )
     units = data.get("units", UNITS)
     for quantity, unit in UNITS.items():
         if not isinstance(units, dict) or units.get(quantity, unit) != unit:
-            raise DatasetError(f"{source}:1: units {units!r}; {quantity} must be in {unit}: convert the file")
-    known = {f.name for f in fields(Header)}
-    values = {k: v for k, v in data.items() if k in known}
-    for name, size in (("sensor_xyz", 3), ("sensor_rpy", 3), ("sensor_range", 2), ("grasp_xyz", 3), ("grasp_rpy", 3)):
-        if name in values:
-            values[name] = _numbers(values[name], size, f"{source}:1: {name}")
-    return Header(**values)
+            raise DatasetError(f"{where}: units {units!r}; {quantity} must be in {unit}: convert the file")
+    return Header(**_values(data, Header, where))
 
 
 def _sample(data: Any, where: str) -> Sample:
     if not isinstance(data, dict):
         raise DatasetError(f"{where}: a sample must be a mapping")
-    known = {f.name for f in fields(Sample)}
     missing = [n for n in ("name", "kind", "grip", "stamp", "wrench") if n not in data]
     if missing or not (data.get("kinematic") or data.get("estimator")):
         raise DatasetError(f"{where}: the sample lacks {', '.join(missing) or 'a pose (kinematic or estimator)'}")
-    values = {k: v for k, v in data.items() if k in known}
-    for name in ("kinematic", "estimator", "wrench", "wrench_std"):
-        if values.get(name) is not None:
-            values[name] = _numbers(values[name], 6, f"{where}: {name}")
-    values.setdefault("kinematic", None)
-    values["via"] = tuple(_numbers(v, 6, f"{where}: via") for v in _list(values.get("via", ()), f"{where}: via"))
-    values["pressures"] = _numbers(values.get("pressures", ()), None, f"{where}: pressures")
-    (values["stamp"],) = _numbers([values["stamp"]], 1, f"{where}: stamp")
-    (values["width"],) = _numbers([values.get("width", 0.0)], 1, f"{where}: width")
+    values = {"kinematic": None} | _values(data, Sample, where)
+    for name in ("stamp", "width"):
+        (values[name],) = _numbers([values.get(name, 0.0)], 1, f"{where}: {name}")
+    via = values.get("via", ())
+    if not isinstance(via, list | tuple):
+        raise DatasetError(f"{where}: via = {via!r} must be a list")
+    values["via"] = tuple(_numbers(v, 6, f"{where}: via") for v in via)
     if not isinstance(values["grip"], int) or values["grip"] < 0:
         raise DatasetError(f"{where}: grip = {values['grip']!r} must be a whole number from 0")
     return Sample(**values)
 
 
-def _list(values: Any, name: str) -> list[Any]:
-    if not isinstance(values, list | tuple):
-        raise DatasetError(f"{name} = {values!r} must be a list")
-    return list(values)
+def _values(data: dict[str, Any], cls: type, where: str) -> dict[str, Any]:
+    """The fields of a dataclass that stand in data, its vectors checked; keys that it does not know are left out."""
+    out = {f.name: data[f.name] for f in fields(cls) if f.name in data}
+    for name in _NULLABLE & set(out):
+        if out[name] is None:
+            del out[name]
+    return out | {n: _numbers(out[n], size, f"{where}: {n}") for n, size in _SIZES.items() if n in out}
 
 
 def _numbers(values: Any, size: int | None, name: str) -> tuple[float, ...]:

@@ -45,7 +45,7 @@ from seed_ros.parameters import declare, refuse_unknown
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_sysid.data.bag import TOPIC
 from seed_sysid.data.dataset import Header
-from seed_sysid.fit.analysis import Analysis
+from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
 from seed_sysid.parameters import Procedure
 from seed_sysid.report.html_report import write_report
@@ -216,7 +216,7 @@ class SysidNode(Node):
         live = Live(self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), _date())
         assert self.streams.X_WE is not None
         self._active = _Active(goal, live, folder, source, Future(), self.streams.X_WE)
-        for line in live.lines():
+        for line in live.recorder.lines():
             self._lines.publish(String(data=line))
         self.get_logger().info(
             f"identification: {live.run.total - live.run.done} of {live.run.total} poses to go, {folder}"
@@ -247,7 +247,7 @@ class SysidNode(Node):
             return
         self._width.publish(Float64(data=float(command.width)))
         if command.sample:
-            self._lines.publish(String(data=active.live.lines()[-1]))
+            self._lines.publish(String(data=active.live.recorder.lines()[-1]))
         if command.done:
             active.job = self._worker.submit(_analysed, active)
         self._feed_back(active, command)
@@ -292,7 +292,7 @@ class SysidNode(Node):
 
     def _end(self, active: _Active, result: IdentifyStiffness.Result, how: str) -> None:
         self._active = None
-        active.live.close()
+        active.live.recorder.close()
         getattr(active.goal, how)()
         level = self.get_logger().info if result.success else self.get_logger().error
         level(result.message or "identification done")
@@ -301,13 +301,13 @@ class SysidNode(Node):
     def destroy_node(self) -> None:
         """Close the file of a running identification as well."""
         if self._active is not None:
-            self._active.live.close()
+            self._active.live.recorder.close()
         self._worker.shutdown(wait=False, cancel_futures=True)
         super().destroy_node()
 
 
 def _analysed(active: _Active) -> Findings:
-    analysis = active.live.analyse(active.source)
+    analysis = analyse(active.live.recorder.dataset, active.source, active.live.run.procedure.fit)
     if not active.clocks.seen:
         return Findings(analysis, None, ())
     try:

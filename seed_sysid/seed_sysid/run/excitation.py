@@ -22,7 +22,6 @@ from seed_sysid.stiffness_map import AXES, frame_derivatives, stiffness_map
 _CANDIDATES = 160
 _RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back
 _LEVER = 0.05  # [m]; makes torques and forces, turns and translations comparable
-MINIMUM = 6 * len(_RAMP) + 2
 
 
 @dataclass(frozen=True)
@@ -43,45 +42,28 @@ class Target:
         return Target(self.name, self.kind, tuple(factor * v for v in self.xi))
 
 
-def poses(xi: Array) -> Array:
-    """X_TC (n, 4, 4) of xi (n, 6)."""
-    return np.asarray([pose_from_rpy(v[:3], v[3:]) for v in xi]).reshape(-1, 4, 4)
-
-
 def design(parameters: ExcitationParameters, limits: LimitParameters, model: Model = "midpoint") -> list[Target]:
     """The poses of one grip, in the order of visiting.
 
     Raises:
         ConfigError: too few poses to visit every axis.
     """
-    combinations = parameters.poses - 6 * len(_RAMP) - parameters.homes
+    ramps = np.kron(np.eye(6), np.array(_RAMP)[:, None])  # (36, 6) shares of the amplitudes, axis by axis
+    combinations = parameters.poses - len(ramps) - parameters.homes
     if combinations < 0:
         raise ConfigError(
             f"excitation.poses = {parameters.poses} is too few: {len(_RAMP)} on each of 6 axes and "
-            f"{parameters.homes} of the centre need {6 * len(_RAMP) + parameters.homes}"
+            f"{parameters.homes} of the centre need {len(ramps) + parameters.homes}"
         )
-    single = [within_limits(s * _axis(parameters, j), parameters, limits) for j in range(6) for s in _RAMP]
-    kinds = [AXES[j] for j in range(6) for _ in _RAMP]
+    single = [within_limits(share * parameters.amplitudes, parameters, limits) for share in ramps]
     chosen = _combinations(np.array(single), combinations, parameters, limits, model)
-    kinds += ["combination"] * len(chosen)
+    kinds = [axis for axis in AXES for _ in _RAMP] + ["combination"] * combinations
     return _with_homes([*single, *chosen], kinds, parameters.homes)
-
-
-def amplitudes(parameters: ExcitationParameters) -> Array:
-    """(6,) largest excursion of each axis [rad, m]."""
-    return np.concatenate([np.deg2rad(parameters.rotation_deg), parameters.translation])
-
-
-def _axis(parameters: ExcitationParameters, j: int) -> Array:
-    xi = np.zeros(6)
-    xi[j] = amplitudes(parameters)[j]
-    return xi
 
 
 def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitParameters) -> Array:
     """xi (6,), drawn towards the centre until deflection and expected wrench stay within the planned limits."""
-    k = parameters.guess.vector()
-    load, share = k * xi, limits.planned_share
+    load, share = parameters.guess.vector() * xi, limits.planned_share
     uses = (
         np.linalg.norm(load[3:]) / (share * limits.force),
         np.linalg.norm(load[:3]) / (share * limits.torque),
@@ -91,24 +73,16 @@ def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitPara
     return xi / max(1.0, *(float(u) for u in uses))
 
 
-def information_rows(xi: Array, parameters: ExcitationParameters, model: Model) -> Array:
+def information_rows(xi: Array, parameters: ExcitationParameters, model: Model = "midpoint") -> Array:
     """(n, 6, 18) derivatives of the measured wrench by relative stiffness, frame offset and bias, made comparable."""
-    m = stiffness_map(poses(xi), model)
-    k = parameters.guess.vector()
-    w = np.einsum("nij,nj->ni", m.B, k * m.xi)
+    B, coordinates = stiffness_map(np.array([pose_from_rpy(v[:3], v[3:]) for v in xi]), model)
+    load = parameters.guess.vector() * coordinates
     J = np.zeros((len(xi), 6, 18))
-    J[:, :, :6] = m.B * (k * m.xi)[:, None, :]
-    J[:, :, 6:12] = frame_derivatives(w) * np.repeat([1.0, _LEVER], 3)
+    J[:, :, :6] = B * load[:, None, :]
+    J[:, :, 6:12] = frame_derivatives(np.einsum("nij,nj->ni", B, load)) * np.repeat([1.0, _LEVER], 3)
     J[:, :, 12:] = np.eye(6)
     J[:, :3] /= _LEVER
     return J
-
-
-def condition_number(xi: Array, parameters: ExcitationParameters, model: Model = "midpoint") -> float:
-    """Of the poses xi (n, 6), over stiffness, frame offset and bias with columns of equal length; 1 is perfect."""
-    J = information_rows(xi, parameters, model).reshape(-1, 18)
-    lengths = np.linalg.norm(J, axis=0)
-    return float("inf") if lengths.min() == 0.0 else float(np.linalg.cond(J / lengths))
 
 
 def _combinations(
@@ -116,7 +90,7 @@ def _combinations(
 ) -> list[Array]:
     rng = np.random.default_rng(parameters.seed)
     signs = rng.choice((-1.0, 1.0), size=(_CANDIDATES, 6)) * rng.uniform(0.4, 1.0, size=(_CANDIDATES, 6))
-    largest = parameters.combined * amplitudes(parameters)
+    largest = parameters.combined * parameters.amplitudes
     candidates = np.array([within_limits(s * largest, parameters, limits) for s in signs])
     rows = information_rows(candidates, parameters, model)
     start = information_rows(single, parameters, model).reshape(-1, 18)

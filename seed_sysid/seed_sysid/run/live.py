@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,8 @@ import numpy as np
 from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
-from seed_sysid.data.dataset import Dataset, Header, Sample, Writer, flat_pose, header_line, sample_line
-from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.data.dataset import Header, flat_pose
+from seed_sysid.data.recorder import Recorder
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 
@@ -86,39 +86,29 @@ class Live:
         streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
-        flat = flat_pose(X_WC)
-        run = Run(procedure)
-        head = Header(
-            hand=head.hand,
-            tool=head.tool,
+        grasp = flat_pose(X_WC)
+        head = replace(
+            head,
             run=f"{head.hand} {head.tool} {zlib.crc32(repr(procedure).encode()):08x}",
-            planned=run.total,
-            sensor_frame=head.sensor_frame,
-            sensor_xyz=head.sensor_xyz,
-            sensor_rpy=head.sensor_rpy,
-            sensor_range=head.sensor_range,
-            grasp_xyz=flat[:3],
-            grasp_rpy=flat[3:],
+            planned=Run(procedure).total,
+            grasp_xyz=grasp[:3],
+            grasp_rpy=grasp[3:],
             created=date,
         )
-        self.writer = Writer(file, head)
-        self.samples: list[Sample] = list(self.writer.finished)
-        self.header = self.writer.header
-        self.X_WT = pose_from_rpy(self.header.grasp_rpy, self.header.grasp_xyz)
+        self.recorder = Recorder(file, head)
+        head = self.recorder.header
+        self.X_WT = pose_from_rpy(head.grasp_rpy, head.grasp_xyz)
         X_TC = inverse_pose(self.X_WT) @ X_WC
         shift, turn = float(np.linalg.norm(X_TC[:3, 3])), float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
-        if shift > procedure.limits.translation or turn > procedure.limits.rotation_deg:
-            self.writer.close()
+        limits = procedure.limits
+        if shift > limits.translation or turn > limits.rotation_deg:
+            self.recorder.close()
             raise LiveError(
                 f"the arm is {1e3 * shift:.1f} mm and {turn:.1f} deg from the grasp of {file} (at most "
-                f"{1e3 * procedure.limits.translation:g} mm and {procedure.limits.rotation_deg:g} deg): "
+                f"{1e3 * limits.translation:g} mm and {limits.rotation_deg:g} deg): "
                 "bring it back, or choose another output"
             )
-        self.run = Run(procedure, {s.key for s in self.samples}, self.header.X_TS, X_TC)
-
-    def lines(self) -> list[str]:
-        """The file so far, line by line."""
-        return [header_line(self.header), *(sample_line(s) for s in self.samples)]
+        self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC)
 
     def tick(self, now: float) -> tuple[Array, Command]:
         """Target X_WE (4, 4) for time now [s], and what is being done.
@@ -127,41 +117,26 @@ class Live:
             LiveError: an input went stale, or the run had to end; the arm is to hold.
         """
         problem = self.streams.missing(now)
+        if not problem:
+            command = self.run.step(self._reading(now))
+            self.recorder.record(now, command.sample, command.event)
+            problem = command.failure
         if problem:
-            raise LiveError(f"{problem}; {self._kept()}")
-        command = self.run.step(self._reading(now))
-        if command.event:
-            self.writer.event(now, command.event)
-        if command.sample:
-            self.samples.append(command.sample)
-            self.writer.add(command.sample)
-        if command.failure:
-            raise LiveError(f"{command.failure}; {self._kept()}")
+            kept = f"{self.run.done} of {self.run.total} poses are kept: call again with the same output to go on"
+            raise LiveError(f"{problem}; {kept}")
         return self.X_WT @ command.X_TC @ inverse_pose(self.X_EC), command
-
-    def _kept(self) -> str:
-        return f"{self.run.done} of {self.run.total} poses are kept: call again with the same output to go on"
 
     def _reading(self, now: float) -> Reading:
         s = self.streams
         assert s.X_WE is not None
         estimate, s.estimate = s.estimate, None
-        good = estimate is not None and estimate.valid
         return Reading(
             stamp=now,
             X_TC=inverse_pose(self.X_WT) @ s.X_WE @ self.X_EC,
             wrench=s.take_wrench(),
             width=s.width if s.width is not None else 0.0,
             pressures=tuple(v for _, v in sorted(s.pressures.items())),
-            X_TC_estimated=inverse_pose(estimate.X_CT) if good and estimate is not None else None,
+            X_TC_estimated=inverse_pose(estimate.X_CT) if estimate is not None and estimate.valid else None,
             slip=float(np.median(s.slip)) if s.slip else 0.0,
-            gross_slip=bool(estimate.gross_slip) if estimate is not None else False,
+            gross_slip=estimate is not None and estimate.gross_slip,
         )
-
-    def analyse(self, source: str) -> Analysis:
-        """Fit what was measured. Raises DatasetError."""
-        return analyse(Dataset(self.header, self.samples), source, self.run.procedure.fit)
-
-    def close(self) -> None:
-        """Close the file."""
-        self.writer.close()

@@ -8,21 +8,22 @@ the wrench meets one, the pose is drawn back and tried once more; when the tool 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from seed_core.spatial import Array, interpolate_pose, so3_log
-from seed_sysid.data.dataset import Sample, flat_pose
-from seed_sysid.parameters import MotionParameters, Procedure
+from seed_sysid.data.dataset import Pose, Sample, flat_pose
+from seed_sysid.parameters import LimitParameters, MotionParameters, Procedure
 from seed_sysid.run.excitation import Target, design
-from seed_sysid.run.rest_detector import RestDetector, limit_reached
+from seed_sysid.run.rest_detector import RestDetector
 from seed_sysid.stiffness_map import wrench_transform
 
 _DRAW_BACK = 0.7  # factor on a pose whose wrench met a limit
 _ATTEMPTS = 3
+_CENTRE: Pose = (0.0,) * 6
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,12 @@ class Command:
 
 
 @dataclass
-class _Dwell:
-    """The pose being visited."""
+class _Visit:
+    """The pose being visited: since when the arm is there, and what was measured."""
 
     target: Target
     attempts: int = 1
-    start: float | None = None
+    arrival: float | None = None
     readings: list[Reading] = field(default_factory=list)
 
 
@@ -83,49 +84,55 @@ class Run:
 
         X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now.
         """
-        self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
         self.procedure = procedure
         targets = design(procedure.excitation, procedure.limits, procedure.fit.model)
-        plan = [(g, t) for g in range(len(procedure.widths)) for t in targets]
+        plan = [(grip, target) for grip in range(len(procedure.widths)) for target in targets]
         self.total = len(plan)
-        self._queue = [(g, t) for g, t in plan if f"{g}/{t.name}" not in finished]
+        self._queue = [(grip, target) for grip, target in plan if f"{grip}/{target.name}" not in finished]
         self.done = self.total - len(self._queue)
-        self._settle = RestDetector(procedure.settle)
-        self._dwell: _Dwell | None = None
-        self._grip: int | None = None
+        self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
+        self._rest = RestDetector(procedure.settle)
+        self._visit: _Visit | None = None
+        self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
         self._tare: Array | None = None
         self._at = np.eye(4) if start is None else start
-        self._stamp: float | None = None
-        self._begin: float | None = None
-        self._started_with = self.done
+        self._via: list[Pose] = [] if start is None else [flat_pose(start)]
         self._retreat = False
-        self._via: list[tuple[float, ...]] = [] if start is None else [flat_pose(start)]
+        self._begin: tuple[float, int] | None = None  # stamp, and poses that were done then
+        self._stamp: float | None = None
 
     def remaining(self, stamp: float) -> float:
         """Seconds left, from the pace so far; nan before the first pose."""
-        fresh = self.done - self._started_with
-        return float("nan") if not fresh or self._begin is None else (stamp - self._begin) / fresh * len(self._queue)
+        if self._begin is None or self.done == self._begin[1]:
+            return float("nan")
+        return (stamp - self._begin[0]) / (self.done - self._begin[1]) * len(self._queue)
 
     def step(self, reading: Reading) -> Command:
         """The command that answers a reading."""
         dt = 0.0 if self._stamp is None else reading.stamp - self._stamp
         self._stamp = reading.stamp
-        self._begin = reading.stamp if self._begin is None else self._begin
+        self._begin = self._begin or (reading.stamp, self.done)
         if self._retreat:  # straight to the centre, where every load falls
             self._retreat = not self._approach(np.eye(4), dt)
             return self._command("retreating")
-        if self._dwell is None:
+        if self._visit is None:
             if not self._queue:
                 return self._command("home", done=self._approach(np.eye(4), dt))
             grip, target = self._queue[0]
             if grip != self._grip and not self._change_grip(grip, reading.stamp, dt):
                 return self._command("gripping")
-            self._dwell = _Dwell(target)
-        trouble = self._trouble(reading)
-        if trouble:
-            return trouble
-        return self._visit(self._dwell, reading, dt)
+            self._visit = _Visit(target)
+        limits = self.procedure.limits
+        if reading.gross_slip or reading.slip > limits.slip:
+            reason = f"the tool slips in the grasp (slip {reading.slip:.2f}, limits.slip = {limits.slip:g})"
+            return self._command("failed", failure=f"{reason}: grip again, more firmly or with smaller poses")
+        if self._tare is None:
+            self._tare = reading.wrench
+        reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
+        if reason and self._visit.target.kind != "home":
+            return self._draw_back(self._visit, reason)
+        return self._measure(self._visit, reading, dt)
 
     def _command(self, state: str, **more: object) -> Command:
         grip = self._queue[0][0] if self._queue else len(self.procedure.widths) - 1
@@ -137,7 +144,7 @@ class Run:
             return False
         if self._grip_start is None:
             self._grip_start = stamp
-            self._via.append((0.0,) * 6)
+            self._via.append(_CENTRE)
         if stamp - self._grip_start < self.procedure.motion.grip_time:
             return False
         self._grip, self._grip_start, self._tare = grip, None, None
@@ -148,51 +155,55 @@ class Run:
         self._at, there = towards(self._at, goal, dt, self.procedure.motion)
         return there
 
-    def _trouble(self, reading: Reading) -> Command | None:
-        """What to do about slip or a limit; None when all is well."""
-        limits = self.procedure.limits
-        if reading.gross_slip or reading.slip > limits.slip:
-            reason = f"the tool slips in the grasp (slip {reading.slip:.2f}, limits.slip = {limits.slip:g})"
-            return self._command("failed", failure=f"{reason}: grip again, more firmly or with smaller poses")
-        if self._tare is None:
-            self._tare = reading.wrench
-        reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
-        dwell = self._dwell
-        if not reason or dwell is None or dwell.target.kind == "home":
-            return None
-        return self._draw_back(dwell, reason)
-
-    def _draw_back(self, dwell: _Dwell, reason: str) -> Command:
-        self._settle.reset()
+    def _draw_back(self, visit: _Visit, reason: str) -> Command:
+        self._rest.reset()
         self._retreat = True
-        self._via += [flat_pose(self._at), (0.0,) * 6]
-        if dwell.attempts == _ATTEMPTS:
+        self._via += [flat_pose(self._at), _CENTRE]
+        if visit.attempts == _ATTEMPTS:
             self._queue.pop(0)
-            self._dwell = None
-            return self._command("skipped", event=f"{dwell.target.name} skipped: {reason}")
-        self._dwell = _Dwell(dwell.target.scaled(_DRAW_BACK), dwell.attempts + 1)
-        return self._command("drawing back", event=f"{dwell.target.name} drawn back: {reason}")
+            self._visit = None
+            return self._command("skipped", event=f"{visit.target.name} skipped: {reason}")
+        self._visit = _Visit(visit.target.scaled(_DRAW_BACK), visit.attempts + 1)
+        return self._command("drawing back", event=f"{visit.target.name} drawn back: {reason}")
 
-    def _visit(self, dwell: _Dwell, reading: Reading, dt: float) -> Command:
-        if dwell.start is None:
-            if self._approach(dwell.target.X_TC, dt):
-                dwell.start = reading.stamp
-                self._settle.reset()
+    def _measure(self, visit: _Visit, reading: Reading, dt: float) -> Command:
+        """Go to the pose, wait for rest, average."""
+        settle = self.procedure.settle
+        if visit.arrival is None:
+            if self._approach(visit.target.X_TC, dt):
+                visit.arrival = reading.stamp
+                self._rest.reset()
             return self._command("moving")
-        if not dwell.readings:
-            rest = self._settle.update(reading.stamp, reading.wrench)
-            if not rest and reading.stamp - dwell.start < self.procedure.settle.timeout:
+        if not visit.readings:
+            rest = self._rest.update(reading.stamp, reading.wrench)
+            if not rest and reading.stamp - visit.arrival < settle.timeout:
                 return self._command("settling")
-        dwell.readings.append(reading)
-        if reading.stamp - dwell.readings[0].stamp < self.procedure.settle.average:
+        visit.readings.append(reading)
+        if reading.stamp - visit.readings[0].stamp < settle.average:
             return self._command("measuring", measuring=True)
         grip, _ = self._queue.pop(0)
-        self._dwell, self.done = None, self.done + 1
-        sample = average(dwell.target, grip, dwell.readings, self._settle.quality, dwell.attempts > 1, tuple(self._via))
+        self._visit, self.done = None, self.done + 1
+        sample = average(visit.target, grip, visit.readings, self._rest.quality, visit.attempts > 1, self._via)
         self._via = []
-        if dwell.target.kind == "home":
+        if visit.target.kind == "home":
             self._tare = np.array(sample.wrench)
         return self._command("measured", sample=sample)
+
+
+def limit_reached(X_TC: Array, wrench: Array, limits: LimitParameters) -> str:
+    """The limit that displacement X_TC (4, 4) or wrench (6,) (bias taken off) exceeds, with its value; '' if none."""
+    turn = float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
+    shift = float(np.linalg.norm(X_TC[:3, 3]))
+    torque, force = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
+    if turn > 1.02 * limits.rotation_deg:  # 2 %: the command itself may lie on the limit
+        return f"rotation {turn:.1f} deg exceeds limits.rotation_deg = {limits.rotation_deg:g} deg"
+    if shift > 1.02 * limits.translation:
+        return f"deflection {1e3 * shift:.1f} mm exceeds limits.translation = {1e3 * limits.translation:g} mm"
+    if force > limits.force:
+        return f"force {force:.1f} N exceeds limits.force = {limits.force:g} N"
+    if torque > limits.torque:
+        return f"torque {torque:.2f} N m exceeds limits.torque = {limits.torque:g} N m"
+    return ""
 
 
 def towards(X: Array, goal: Array, dt: float, motion: MotionParameters) -> tuple[Array, bool]:
@@ -205,40 +216,34 @@ def towards(X: Array, goal: Array, dt: float, motion: MotionParameters) -> tuple
     return interpolate_pose(X, goal, dt / needed), False
 
 
-def mean_pose(X: list[Array]) -> Array:
-    """Mean (4, 4) of poses that lie close together."""
-    out = np.eye(4)
-    out[:3, 3] = np.mean([x[:3, 3] for x in X], axis=0)
-    out[:3, :3] = Rotation.from_matrix(np.array([x[:3, :3] for x in X])).mean().as_matrix()
-    return out
-
-
 def average(
-    target: Target,
-    grip: int,
-    readings: list[Reading],
-    settle: float,
-    clipped: bool,
-    via: tuple[tuple[float, ...], ...] = (),
+    target: Target, grip: int, readings: list[Reading], settle: float, clipped: bool, via: Sequence[Pose] = ()
 ) -> Sample:
     """One sample from the readings of one pose at rest."""
     wrenches = np.array([r.wrench for r in readings])
     estimated = [r.X_TC_estimated for r in readings if r.X_TC_estimated is not None]
-    pressures = np.array([r.pressures for r in readings]).reshape(len(readings), -1)
     return Sample(
         name=target.name,
         kind=target.kind,
         grip=grip,
         stamp=float(np.mean([r.stamp for r in readings])),
-        kinematic=flat_pose(mean_pose([r.X_TC for r in readings])),
-        estimator=flat_pose(mean_pose(estimated)) if estimated else None,
-        wrench=tuple(float(v) for v in wrenches.mean(axis=0)),
-        wrench_std=tuple(float(v) for v in wrenches.std(axis=0)),
-        pressures=tuple(float(v) for v in pressures.mean(axis=0)),
+        kinematic=_mean_pose([r.X_TC for r in readings]),
+        estimator=_mean_pose(estimated) if estimated else None,
+        wrench=tuple(wrenches.mean(axis=0).tolist()),
+        wrench_std=tuple(wrenches.std(axis=0).tolist()),
+        pressures=tuple(np.mean([r.pressures for r in readings], axis=0).tolist()),
         width=float(np.mean([r.width for r in readings])),
         settle=round(settle, 3),
         readings=len(readings),
         slip=max(r.slip for r in readings),
         clipped=clipped,
-        via=via,
+        via=tuple(via),
     )
+
+
+def _mean_pose(X: list[Array]) -> Pose:
+    """Mean of poses (4, 4) that lie close together."""
+    out = np.eye(4)
+    out[:3, 3] = np.mean([x[:3, 3] for x in X], axis=0)
+    out[:3, :3] = Rotation.from_matrix(np.array([x[:3, :3] for x in X])).mean().as_matrix()
+    return flat_pose(out)

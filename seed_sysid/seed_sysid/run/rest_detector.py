@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a pose has come to rest, judged from the readings themselves, and whether it stays within its limits."""
+"""The rest detector: tells from the wrenches themselves when a pose has come to rest."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections import deque
 
 import numpy as np
 
-from seed_core.spatial import Array, so3_log
-from seed_sysid.parameters import LimitParameters, SettleParameters
+from seed_core.spatial import Array
+from seed_sysid.parameters import SettleParameters
 
 _DEVIATIONS = 3.0  # noise may move the mean of half a window by this many standard deviations
 
@@ -46,19 +46,3 @@ class RestDetector:
         elif self._since is None:
             self._since = stamp
         return self._since is not None and stamp - self._since >= self._parameters.hold
-
-
-def limit_reached(X_TC: Array, wrench: Array, limits: LimitParameters, enforce_wrench: bool = True) -> str:
-    """The limit that displacement X_TC (4, 4) or wrench (6,) (bias taken off) exceeds, with its value; '' if none."""
-    turn = float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
-    shift = float(np.linalg.norm(X_TC[:3, 3]))
-    torque, force = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
-    if turn > 1.02 * limits.rotation_deg:  # 2 %: the command itself may lie on the limit
-        return f"rotation {turn:.1f} deg exceeds limits.rotation_deg = {limits.rotation_deg:g} deg"
-    if shift > 1.02 * limits.translation:
-        return f"deflection {1e3 * shift:.1f} mm exceeds limits.translation = {1e3 * limits.translation:g} mm"
-    if enforce_wrench and force > limits.force:
-        return f"force {force:.1f} N exceeds limits.force = {limits.force:g} N"
-    if enforce_wrench and torque > limits.torque:
-        return f"torque {torque:.2f} N m exceeds limits.torque = {limits.torque:g} N m"
-    return ""
