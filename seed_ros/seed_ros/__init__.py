@@ -7,7 +7,7 @@ from seed_ros.diagnostics import Counters, Diagnostics
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
 from seed_ros.node import SeedNode, TransformBroadcaster, run
-from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR
+from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, TF
 
 __all__ = [
     "CLOCK",
@@ -15,6 +15,7 @@ __all__ = [
     "LATCHED",
     "QUEUE",
     "SENSOR",
+    "TF",
     "Counters",
     "Diagnostics",
     "FixedRateLoop",

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, PoseStamped, Quaternion, TransformStamped, WrenchStamped
+from geometry_msgs.msg import Pose, PoseStamped, TransformStamped, WrenchStamped
 from geometry_msgs.msg import Wrench as WrenchMsg
 from seed_msgs.msg import RelativePose
 
@@ -15,6 +17,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, pose_from_quaternion, quaternion_from_rotation
 
+T = TypeVar("T")
 _SWAP = [3, 4, 5, 0, 1, 2]  # rotation-first to translation-first and back
 
 
@@ -40,38 +43,40 @@ def pose_to_matrix(pose: Pose, name: str = "pose") -> Array:
     return pose_from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z), name)
 
 
+def fill(message: Any, numbers: Iterable[float]) -> None:
+    """Write x, y, z (and w) into a Point, Vector3 or Quaternion message."""
+    for name, number in zip("xyzw", numbers, strict=False):
+        setattr(message, name, float(number))
+
+
 def fill_pose(pose: Pose, X: Array) -> Pose:
     """Write X (4, 4) into a Pose message."""
-    pose.position.x, pose.position.y, pose.position.z = (float(v) for v in X[:3, 3])
-    fill_quaternion(pose.orientation, X[:3, :3])
+    fill(pose.position, X[:3, 3])
+    fill(pose.orientation, quaternion_from_rotation(X[:3, :3]))
     return pose
 
 
-def fill_quaternion(quaternion: Quaternion, R: Array) -> Quaternion:
-    """Write R (3, 3) into a Quaternion message."""
-    q = quaternion_from_rotation(R)
-    quaternion.x, quaternion.y, quaternion.z, quaternion.w = (float(v) for v in q)
-    return quaternion
+def stamped(kind: type[T], stamp: float | Time, frame_id: str) -> T:
+    """A message of a kind with a header; stamp: [s], or as a message."""
+    message: Any = kind()
+    message.header.stamp = stamp if isinstance(stamp, Time) else stamp_from_seconds(stamp)
+    message.header.frame_id = frame_id
+    return message
 
 
 def pose_stamped(X: Array, t: float, frame_id: str) -> PoseStamped:
     """PoseStamped of X (4, 4) at time t [s]."""
-    message = PoseStamped()
-    message.header.stamp = stamp_from_seconds(t)
-    message.header.frame_id = frame_id
+    message = stamped(PoseStamped, t, frame_id)
     fill_pose(message.pose, X)
     return message
 
 
 def transform_stamped(X_AB: Array, t: float, frame_a: str, frame_b: str) -> TransformStamped:
     """TransformStamped of X_AB (4, 4)."""
-    message = TransformStamped()
-    message.header.stamp = stamp_from_seconds(t)
-    message.header.frame_id = frame_a
+    message = stamped(TransformStamped, t, frame_a)
     message.child_frame_id = frame_b
-    v = message.transform.translation
-    v.x, v.y, v.z = (float(x) for x in X_AB[:3, 3])
-    fill_quaternion(message.transform.rotation, X_AB[:3, :3])
+    fill(message.transform.translation, X_AB[:3, 3])
+    fill(message.transform.rotation, quaternion_from_rotation(X_AB[:3, :3]))
     return message
 
 
@@ -86,25 +91,21 @@ def wrench_to_core(message: WrenchMsg, name: str = "wrench") -> Wrench:
 
 def fill_wrench(message: WrenchMsg, wrench: Wrench) -> WrenchMsg:
     """Write a core wrench into a Wrench message."""
-    message.force.x, message.force.y, message.force.z = (float(v) for v in wrench.force)
-    message.torque.x, message.torque.y, message.torque.z = (float(v) for v in wrench.torque)
+    fill(message.force, wrench.force)
+    fill(message.torque, wrench.torque)
     return message
 
 
 def wrench_stamped(wrench: Wrench, t: float, frame_id: str) -> WrenchStamped:
     """WrenchStamped of a core wrench."""
-    message = WrenchStamped()
-    message.header.stamp = stamp_from_seconds(t)
-    message.header.frame_id = frame_id
+    message = stamped(WrenchStamped, t, frame_id)
     fill_wrench(message.wrench, wrench)
     return message
 
 
 def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: str) -> RelativePose:
     """RelativePose message of an estimate."""
-    message = RelativePose()
-    message.header.stamp = stamp_from_seconds(estimate.stamp)
-    message.header.frame_id = frame_c
+    message = stamped(RelativePose, estimate.stamp, frame_c)
     message.child_frame_id = frame_t
     fill_pose(message.pose.pose, estimate.X_CT)
     message.pose.covariance = estimate.covariance[np.ix_(_SWAP, _SWAP)].ravel()

@@ -15,15 +15,15 @@ from seed_core.errors import SeedError
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 Report = tuple[bytes, str, Mapping[str, object]]  # level, message, values
-REPEAT = 5.0  # [s] the same kind of event is not logged earlier
 PERIOD = 1.0  # [s] between two reports
 
 
 class Counters:
-    """Nothing is dropped silently: counts events by cause, logs each cause every 5 s at most, keeps the last words."""
+    """Nothing is dropped silently: counts events by cause, logs each now and then, keeps the last words."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, repeat: float = 5.0) -> None:
+        """repeat: [s] the same cause is not logged earlier."""
+        self._node, self._repeat = node, repeat
         self._counts: Counter[str] = Counter()
         self._logged: dict[str, float] = {}  # [s] when each cause was logged last
         self.last = ""
@@ -33,7 +33,7 @@ class Counters:
         self._counts[cause] += 1
         self.last = reason
         now = self._node.get_clock().now().nanoseconds * 1e-9
-        if not 0.0 <= now - self._logged.get(cause, float("-inf")) < REPEAT:
+        if not 0.0 <= now - self._logged.get(cause, float("-inf")) < self._repeat:
             self._logged[cause] = now
             self._node.get_logger().warning(reason)
 

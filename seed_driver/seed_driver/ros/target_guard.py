@@ -8,36 +8,34 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from seed_core.arm.target_checks import Target
+from seed_core.errors import SeedError
 from seed_driver.target_guard import GuardConfig, Pose, TargetGuard
-from seed_ros.conversions import seconds
-from seed_ros.node import run
-from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND, LATCHED, QUEUE
+from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, SeedNode
+from seed_ros.conversions import fill, seconds, stamped
 
 
-class GuardNode(Node):
+class GuardNode(SeedNode):
     """Topics: target_frame and current_pose in, guarded_frame and ~/hold_reason out. Services as the driver's."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("guard", **arguments)
-        self.guard = TargetGuard(declare(self, GuardConfig()))
-        refuse_unknown(self)
-        self._said: str | None = None
+        self.guard = TargetGuard(self.declare(GuardConfig()))
+        self.refuse_unknown()
+        self._reason_told: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)
         self._reason = self.create_publisher(String, "~/hold_reason", LATCHED)
-        self.create_subscription(PoseStamped, "target_frame", self._on_target, COMMAND)
-        self.create_subscription(PoseStamped, "current_pose", self._on_pose, QUEUE)
-        self.create_service(Trigger, "~/resend_robot_program", self._resume)
-        self.create_service(Trigger, "~/stop", self._stop)
-        self.create_timer(1.0 / self.guard.config.rate, self._step)
+        self.loop = FixedRateLoop(self, self.guard.config.rate, self._step, rest=0.0)
+        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+        self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
+        self.serve(Trigger, "~/resend_robot_program", self._resume)
+        self.serve(Trigger, "~/stop", self._stop)
 
     def _on_target(self, message: PoseStamped) -> None:
-        age = self.get_clock().now().nanoseconds * 1e-9 - seconds(message.header.stamp)
+        age = self.now() - seconds(message.header.stamp)
         why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), time.monotonic())
         if why:
             self.get_logger().warning(f"target_frame is not followed: {why}", throttle_duration_sec=1.0)
@@ -45,23 +43,26 @@ class GuardNode(Node):
     def _on_pose(self, message: PoseStamped) -> None:
         self.guard.measured(_pose(message), time.monotonic())
 
-    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = self.guard.resume(time.monotonic())
-        response.success = not response.message
-        return response
+    def _resume(self) -> str:
+        refusal = self.guard.resume(time.monotonic())
+        if refusal:
+            raise SeedError(refusal)
+        return ""
 
-    def _stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _stop(self) -> str:
         self.guard.hold("stopped on request")
-        response.success = True
-        return response
+        return ""
 
     def _step(self) -> None:
         pose = self.guard.step(time.monotonic())
-        if self.guard.reason != self._said:
-            self._said = self.guard.reason
-            self._reason.publish(String(data=self._said))
+        if self.guard.reason != self._reason_told:
+            self._reason_told = self.guard.reason
+            self._reason.publish(String(data=self._reason_told))
         if pose is not None:
-            self._out.publish(_message(pose, self.guard.config.base_frame, self.get_clock().now().to_msg()))
+            message = stamped(PoseStamped, self.now(), self.guard.config.base_frame)
+            fill(message.pose.position, pose[0])
+            fill(message.pose.orientation, pose[1])
+            self._out.publish(message)
 
 
 def _pose(message: PoseStamped) -> Pose:
@@ -69,18 +70,7 @@ def _pose(message: PoseStamped) -> Pose:
     return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 
 
-def _message(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
-    message = PoseStamped()
-    message.header.frame_id, message.header.stamp = frame, stamp
-    p, q = message.pose.position, message.pose.orientation
-    (p.x, p.y, p.z), (q.x, q.y, q.z, q.w) = pose
-    return message
-
-
-def main() -> None:
-    """Run the node until it is interrupted."""
-    sys.exit(run(GuardNode))
-
+main = GuardNode.main
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

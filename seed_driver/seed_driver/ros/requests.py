@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver's services: each waits for the servo process, or for the controller's dashboard, and blocks nothing."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Future as ThreadFuture
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+from seed_core.errors import SeedError
+from seed_driver.process.supervisor import Supervisor
+from seed_driver.robot.dashboard import dashboard
+from seed_ros import SeedNode
+
+ANSWER_TIMEOUT = 8.0  # [s] of a service call
+
+
+class RequestError(SeedError):
+    """The robot did not do what a service asked for."""
+
+
+class Requests:
+    """Served between `begin` and `end`; `answer` is called now and then."""
+
+    def __init__(self, node: SeedNode) -> None:
+        self._active: tuple[Supervisor, str] | None = None  # and the controller's address
+        self._waiting: dict[int, tuple[Future, float]] = {}  # answers by number of the request, and deadlines [s]
+        self._thread = ThreadPoolExecutor(1, "dashboard")
+        self._thread_calls: list[tuple[ThreadFuture[str], Future]] = []
+        group = ReentrantCallbackGroup()  # a call that waits for the robot does not hold up another
+        for name, method in {
+            "stop": partial(self._ask, "stop"),
+            "zero_ftsensor": partial(self._ask, "zero_ft"),
+            "resend_robot_program": partial(self._ask, "start"),
+            "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
+            "power_on": partial(self._release, "power on", "brake release"),
+        }.items():
+            node.serve(Trigger, f"~/{name}", method, group=group)
+        node.serve(SetBool, "~/set_freedrive", lambda on: self._ask("freedrive", on=on), group=group)
+
+    def begin(self, supervisor: Supervisor, robot_ip: str) -> None:
+        """The driver is active."""
+        self._active = supervisor, robot_ip
+
+    def end(self) -> None:
+        """The driver is not active any more."""
+        self._active = None
+        for future in (*(f for f, _ in self._waiting.values()), *(f for _, f in self._thread_calls)):
+            future.set_exception(RequestError("the driver was deactivated"))
+        self._waiting.clear()
+        self._thread_calls.clear()
+
+    def close(self) -> None:
+        """End the thread as well."""
+        self.end()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    async def _ask(self, do: str, **arguments: Any) -> str:
+        """The servo process's answer to a request."""
+        supervisor, _ = self._where()
+        future, number = Future(), supervisor.send(do, **arguments)
+        self._waiting[number] = (future, time.monotonic() + ANSWER_TIMEOUT)
+        return str(await future)
+
+    async def _release(self, *commands: str) -> str:
+        """The dashboard server's answer to commands of which the last releases something."""
+        _, robot_ip = self._where()
+        future = Future()
+        self._thread_calls.append((self._thread.submit(dashboard, robot_ip, *commands), future))
+        answer = str(await future)
+        if "releasing" not in answer.lower():
+            raise RequestError(answer)
+        return answer
+
+    def _where(self) -> tuple[Supervisor, str]:
+        if self._active is None:
+            raise RequestError("the driver is not active")
+        return self._active
+
+    def answer(self, now: float) -> None:
+        """Pass on what has been answered since the last look; now: time.monotonic() [s]."""
+        supervisor, _ = self._where()
+        for number, (future, deadline) in list(self._waiting.items()):
+            reply = supervisor.replies.pop(number, None)
+            if reply is not None and reply.ok:
+                future.set_result(reply.text)
+            elif reply is not None or now > deadline:
+                words = reply.text if reply is not None else f"no answer within {ANSWER_TIMEOUT} s"
+                future.set_exception(RequestError(words))
+            else:
+                continue
+            del self._waiting[number]
+        for call, future in [c for c in self._thread_calls if c[0].done()]:
+            error = call.exception()
+            future.set_result(str(error) if error is not None else call.result())
+            self._thread_calls.remove((call, future))
