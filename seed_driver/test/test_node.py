@@ -20,11 +20,11 @@ pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip instal
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from seed_core.quaternion import rotate, turned
 from seed_testing.fault_bench.bench import leftover_processes
-from seed_testing.peer import Peer, SetBool
+from seed_testing.peer import Peer
 from seed_ur.standin_client import StandIn
 
 pytestmark = pytest.mark.ros

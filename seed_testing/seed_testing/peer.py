@@ -6,24 +6,28 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from seed_core.errors import FailedError
 from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
+from seed_ros.qos import COMMAND, LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-Path = Callable[[float], tuple[Vector3, Quaternion]]
+Pose = tuple[Vector3, Quaternion]
+Path = Callable[[float], Pose]  # a pose for each time [s]
+MEASUREMENTS = {"current_twist": TwistStamped, "wrench": WrenchStamped, "joint_states": JointState}
+STATE_WORDS = {"robot_mode": Int8, "safety_mode": UInt8, "robot_program_running": Bool, "hold_reason": String}
 
 
 class Peer:
@@ -40,17 +44,12 @@ class Peer:
         self.latest: dict[str, Any] = {}
         self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
         listen = self.node.create_subscription
-        listen(PoseStamped, "current_pose", self._on_pose, 10)
-        for kind, name in ((TwistStamped, "current_twist"), (WrenchStamped, "wrench"), (JointState, "joint_states")):
-            listen(kind, name, self._keep(name), 10)
-        for word, name in (
-            (Int8, "robot_mode"),
-            (UInt8, "safety_mode"),
-            (Bool, "robot_program_running"),
-            (String, "hold_reason"),
-        ):
-            listen(word, f"{driver}/{name}", self._keep(name), LATCHED)
-        self.targets = self.node.create_publisher(PoseStamped, "target_frame", 1)
+        listen(PoseStamped, "current_pose", lambda message: self.poses.append((time.monotonic(), message)), 10)
+        for name, kind in MEASUREMENTS.items():
+            listen(kind, name, partial(self.latest.__setitem__, name), 10)
+        for name, kind in STATE_WORDS.items():
+            listen(kind, f"{driver}/{name}", partial(self.latest.__setitem__, name), LATCHED)
+        self.targets = self.node.create_publisher(PoseStamped, "target_frame", COMMAND)
 
     def __enter__(self) -> Peer:
         return self
@@ -58,15 +57,6 @@ class Peer:
     def __exit__(self, *_: object) -> None:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
-
-    def _keep(self, name: str) -> Callable[[Any], None]:
-        def keep(message: Any) -> None:
-            self.latest[name] = message
-
-        return keep
-
-    def _on_pose(self, message: PoseStamped) -> None:
-        self.poses.append((time.monotonic(), message))
 
     def spin(self, seconds: float) -> None:
         """Listen."""
@@ -77,7 +67,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.01)
 
     def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> float:
-        """Listen until `condition`; the seconds it took. Raises SeedError after `timeout`."""
+        """Listen until `condition`; the seconds it took. Raises FailedError after `timeout` [s]."""
         start = time.monotonic()
         while not condition():
             self.executor.spin_once(timeout_sec=0.01)
@@ -85,7 +75,7 @@ class Peer:
                 raise FailedError(f"{what}: not within {timeout} s")
         return time.monotonic() - start
 
-    def pose(self) -> tuple[Vector3, Quaternion]:
+    def pose(self) -> Pose:
         """The newest pose of the flange, position [m] and quaternion."""
         if not self.poses:
             raise FailedError("no current_pose was received: is the arm running, and in this namespace and domain?")
@@ -129,11 +119,6 @@ class Peer:
 
     def set_parameter(self, name: str, value: Any) -> tuple[bool, str]:
         """Set a parameter of the arm's node: success and reason."""
-        from rcl_interfaces.srv import SetParameters
-
         message = Parameter(name, value=value).to_parameter_msg()
         result = self.call("set_parameters", SetParameters, parameters=[message]).results[0]
         return result.successful, result.reason
-
-
-__all__ = ["Peer", "SetBool", "Trigger"]

@@ -21,8 +21,8 @@ from rclpy.parameter import Parameter
 
 from seed_core.config import ConfigError
 from seed_driver.ros.target_guard import GuardNode
-from seed_testing import arm_contract as contract_node
-from seed_testing.arm_contract import Limits
+from seed_testing import arm_contract, contract_clauses
+from seed_testing.contract_clauses import Limits
 from seed_ur.standin_client import StandIn
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a minute of motion
@@ -34,7 +34,7 @@ def test_our_driver_keeps_every_clause() -> None:
         command = [sys.executable, "-m", "seed_driver.ros.node", "--ros-args", "-p", f"robot_ip:={robot.host}"]
         node = subprocess.Popen(command)
         try:
-            verdicts = contract_node.run("driver", PATIENT)
+            verdicts = arm_contract.run("driver", PATIENT)
         finally:
             node.terminate()
             node.wait(10.0)
@@ -89,14 +89,14 @@ def reckless_arm(listens_to: str):
 @pytest.mark.neighbourly
 def test_an_arm_that_obeys_everything_is_found_out() -> None:
     clauses = [
-        contract_node.targets_are_reached,
-        contract_node.jumps_are_refused,
-        contract_node.old_targets_are_refused,
-        contract_node.foreign_frames_are_refused,
-        contract_node.after_silence_nothing_moves_unasked,
+        contract_clauses.targets_are_reached,
+        contract_clauses.jumps_are_refused,
+        contract_clauses.old_targets_are_refused,
+        contract_clauses.foreign_frames_are_refused,
+        contract_clauses.after_silence_nothing_moves_unasked,
     ]
     with reckless_arm("target_frame"):
-        verdicts = {v.clause: v.kept for v in contract_node.run("reckless", PATIENT._replace(enable=""), clauses)}
+        verdicts = {v.clause: v.kept for v in arm_contract.run("reckless", PATIENT._replace(enable=""), clauses)}
     assert verdicts["targets are reached"]
     assert not verdicts["jumps are refused"]
     assert not verdicts["old targets are refused"]
@@ -114,7 +114,7 @@ def test_the_guard_makes_it_keep_the_contract() -> None:
     guard = subprocess.Popen([sys.executable, "-m", "seed_driver.ros.target_guard"])
     try:
         with reckless_arm("guarded_frame"):
-            verdicts = contract_node.run("guard", PATIENT)
+            verdicts = arm_contract.run("guard", PATIENT)
     finally:
         guard.terminate()
         guard.wait(10.0)
