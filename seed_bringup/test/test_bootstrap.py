@@ -111,8 +111,9 @@ def test_missing_tools_are_named_in_one_line_to_paste(
 def test_failed_command_shows_the_end_of_its_log(load: object, tmp_path: Path) -> None:
     progress: ModuleType = load("progress")  # type: ignore[operator]
     command = ["sh", "-c", "seq 100; echo the disk is full; exit 3"]
-    with pytest.raises(progress.SetupError, match=r"(?s)installing: failed with exit code 3.*the disk is full"):
-        progress.run_logged(command, "installing", tmp_path / "log", dict(os.environ), lambda line: line)
+    failed = pytest.raises(progress.SetupError, match=r"(?s)installing: failed with exit code 3.*the disk is full")
+    with failed, (tmp_path / "lock").open("w") as lock:
+        progress.run_logged(command, "installing", tmp_path / "log", dict(os.environ), lambda line: line, lock.fileno())
     assert (tmp_path / "log").read_text().startswith("1\n2\n")
 
 
@@ -140,10 +141,10 @@ def test_second_start_runs_the_command_in_the_same_environment() -> None:
     assert done.stdout.strip() == os.environ["VIRTUAL_ENV"]
 
 
-def test_leftovers_are_named_and_what_is_in_use_is_not(
+def test_what_is_unused_is_named_and_what_is_in_use_is_not(
     load: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    leftovers: ModuleType = load("leftovers")  # type: ignore[operator]
+    unused: ModuleType = load("unused")  # type: ignore[operator]
     for name in ("env-wheels-wheels-new", "env-wheels-wheels-old", "env-wheels-apt-other"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "seed-complete").touch()
@@ -152,7 +153,7 @@ def test_leftovers_are_named_and_what_is_in_use_is_not(
         (tmp_path / name).mkdir()
         variables = {"VIRTUAL_ENV": str(tmp_path / f"env-wheels-wheels-{env}")}
         (tmp_path / name / "stamp.json").write_text(json.dumps({"checkout": str(checkout), "variables": variables}))
-    leftovers.name_leftovers(tmp_path, tmp_path / "env-wheels-wheels-new", ROOT)
+    unused.name_unused(tmp_path, tmp_path / "env-wheels-wheels-new", ROOT)
     assert capsys.readouterr().err == (
         f"seed: 4 old folders are used no longer; to free their space: rm -r $(cat {tmp_path / 'unused'})\n"
     )

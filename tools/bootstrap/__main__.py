@@ -14,7 +14,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" 
 
 import command_table  # noqa: E402
 
+from environment import ready_environment  # noqa: E402
 from progress import SetupError, UsageError, say  # noqa: E402
+from workspace import ready_workspace  # noqa: E402
 
 
 def main(arguments: list[str]) -> int:
@@ -42,18 +44,12 @@ def main(arguments: list[str]) -> int:
 
 def start(arguments: list[str]) -> None:
     """Replace this process by the command, inside the finished environment."""
-    from environment import ready_environment
-    from workspace import ready_workspace
-
     pins = _pins_asked_for(arguments)
     environment = ready_environment(ROOT, pins)
-    variables = ready_workspace(ROOT, environment, force=_builds(arguments), extra=arguments[1:])
+    builds = arguments[0] == "build" and arguments[1:2] not in (["-h"], ["--help"])
+    variables = ready_workspace(ROOT, environment, rebuild=arguments[1:] if builds else None)
     python = str(environment.python)
     os.execve(python, [python, "-P", "-m", "seed_bringup.commands.dispatch", *arguments], variables)
-
-
-def _builds(arguments: list[str]) -> bool:
-    return arguments[0] == "build" and arguments[1:2] not in (["-h"], ["--help"])
 
 
 def _pins_asked_for(arguments: list[str]) -> str:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python environment: one per set of pins, interpreter and ROS 2, shared by all checkouts of a user."""
 
-import json
 import os
 import re
 import shutil
@@ -38,22 +37,16 @@ def ready_environment(root: Path, pins: str) -> Environment:
     if pins not in ("wheels", "apt"):
         raise UsageError(f"SEED_PINS={pins}: must be wheels (NumPy 2) or apt (NumPy 1.26)")
     python = _interpreter(ros)
-    files = _requirement_files(root, ros, pins)
-    identity = [
-        *(f.read_bytes() for f in files),
-        str(python).encode(),
-        ros.kind.encode(),
-        str(ros.prefix).encode(),
-    ]
+    names = ["build", "common", pins, "dev", *(["ros-wheels"] if ros.prefix is None else [])]
+    files = [root / "requirements" / f"{name}.txt" for name in names]
+    identity = [*(f.read_bytes() for f in files), *(str(v).encode() for v in (python, ros.kind, ros.prefix))]
     base = home.seed_home()
     environment = Environment(base / f"env-{ros.kind}-{pins}-{home.digest(identity)}", ros, pins)
-    stamp = environment.path / "seed-complete"
-    if stamp.is_file() and environment.python.exists():
-        return environment
+    complete = environment.path / "seed-complete"
     with home.locked(base / f"{environment.path.name}.lock", "the environment") as lock:
-        if not (stamp.is_file() and environment.python.exists()):
+        if not (complete.is_file() and environment.python.exists()):
             _make(environment, python, files, lock)
-            stamp.touch()
+            complete.touch()
     return environment
 
 
@@ -61,16 +54,10 @@ def _interpreter(ros: Ros) -> Path:
     """ROS from apt brings its own Python; the wheels take the one that runs this."""
     if ros.python is None:
         return Path(os.path.realpath(sys.executable))
-    name = f"python{ros.python[0]}.{ros.python[1]}"
-    found = Path("/usr/bin") / name
+    found = Path(f"/usr/bin/python{ros.python[0]}.{ros.python[1]}")
     if not found.exists():
         raise SetupError(f"the ROS 2 at {ros.prefix} needs {found}, which is missing; or choose SEED_ROS=wheels")
     return found
-
-
-def _requirement_files(root: Path, ros: Ros, pins: str) -> list[Path]:
-    names = ["build", "common", pins, "dev"] + (["ros-wheels"] if ros.prefix is None else [])
-    return [root / "requirements" / f"{name}.txt" for name in names]
 
 
 def _make(environment: Environment, python: Path, files: list[Path], lock: int) -> None:
@@ -79,48 +66,41 @@ def _make(environment: Environment, python: Path, files: list[Path], lock: int) 
     if environment.path.exists():
         say("an earlier set-up did not finish; starting the environment over")
         shutil.rmtree(environment.path)
-    say(f"setting up {environment.path} with {_name(environment.ros)} (1.1 GB; a few minutes, once)")
-    flags = [] if environment.ros.prefix is None else ["--system-site-packages"]
+    prefix = environment.ros.prefix
+    name = "the ROS 2 wheels" if prefix is None else f"the ROS 2 at {prefix}"
+    say(f"setting up {environment.path} with {name} (1.1 GB; a few minutes, once)")
+    flags = [] if prefix is None else ["--system-site-packages"]
     subprocess.run([str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,))
     _install(environment, files, lock)
-    if environment.ros.prefix is None:
+    if prefix is None:
         _repair_exported_cmake(environment)
-    (environment.path / "seed-environment.json").write_text(json.dumps({"requirements": [f.name for f in files]}))
-
-
-def _name(ros: Ros) -> str:
-    return "the ROS 2 wheels" if ros.prefix is None else f"the ROS 2 at {ros.prefix}"
 
 
 def _install(environment: Environment, files: list[Path], lock: int) -> None:
     """Every distribution is pinned, so pip resolves nothing; setuptools first, for the one that has no wheel."""
     pip = [str(environment.python), "-I", "-m", "pip", "install", "--no-deps", "--no-input"]
     pip += ["--disable-pip-version-check", "--progress-bar", "off", "--only-binary", ":all:"]
-    if not home.can_make(os.environ.get("PIP_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"):
+    cache = os.environ.get("PIP_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    if home.why_not_writable(Path(cache)):
         pip += ["--no-cache-dir"]
-    command = [*pip, "--no-binary", "empy", "--no-build-isolation"]
-    command += [argument for f in files if f.name != "common.txt" for argument in ("-r", str(f))]
-    total = sum(_counts(line) for f in files for line in f.read_text().splitlines())
+    pins = [line for f in files for line in f.read_text().splitlines() if line.strip() and line[0] not in "#-"]
+    first = [line.split()[0] for line in pins if line.startswith("setuptools==")]
+    everything = [argument for f in files if f.name != "common.txt" for argument in ("-r", str(f))]
     seen = 0
 
     def shorten(line: str) -> str:
         nonlocal seen
         if line.startswith("Collecting "):
             seen += 1
-            return f"{seen} of {total}: {line.split()[1]}"
+            return f"{seen} of {len(pins)}: {line.split()[1]}"
         return line.strip()[:90] if line.startswith("Installing") else ""
 
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH")}
-    # The wheels' bootstrapper would start every Python twice.
-    env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
-    first = [line.split()[0] for f in files for line in f.read_text().splitlines() if line.startswith("setuptools==")]
+    env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"  # the wheels' bootstrapper would start every Python twice
     logs = environment.path
-    run_logged([*pip, *first], "installing setuptools", logs / "install-first.log", env, lambda _: "", [lock])
-    run_logged(command, "installing packages", logs / "install.log", env, shorten, [lock])
-
-
-def _counts(line: str) -> bool:
-    return bool(line.strip()) and line[0] not in "#-"
+    run_logged([*pip, *first], "installing setuptools", logs / "install-first.log", env, lambda _: "", lock)
+    command = [*pip, "--no-binary", "empy", "--no-build-isolation", *everything]
+    run_logged(command, "installing packages", logs / "install.log", env, shorten, lock)
 
 
 def _repair_exported_cmake(environment: Environment) -> None:

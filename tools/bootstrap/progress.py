@@ -7,9 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO
 
 
 class SetupError(Exception):
@@ -30,27 +29,43 @@ def say(text: str) -> None:
 
 
 def run_logged(
-    command: list[str],
-    what: str,
-    log: Path,
-    env: dict[str, str],
-    shorten: Callable[[str], str],
-    hold: Iterable[int] = (),
+    command: list[str], what: str, log: Path, env: dict[str, str], shorten: Callable[[str], str], lock: int
 ) -> None:
     """Run a command with its output in `log` and a line of progress; SetupError when it fails.
 
-    `shorten` turns a line of output into a progress text ('' for none); `hold` are lock descriptors that the
-    command keeps too, so that an orphan of a killed set-up still holds the lock.
+    `shorten` turns a line of output into a progress text ('' for none). The command keeps the descriptor `lock` too,
+    so that an orphan of a killed set-up still holds the lock; it runs in a session of its own, so that an interrupt
+    reaches it through us, children included.
     """
     say(f"{what} (log: {log})")
-    started = time.monotonic()
-    with log.open("w") as file, _start(command, env, hold) as process:
+    started = shown = time.monotonic()
+    with (
+        log.open("w") as file,
+        subprocess.Popen(
+            command,
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            pass_fds=[lock],
+            start_new_session=True,
+        ) as process,
+    ):
         try:
-            _follow(process, file, started, shorten)
+            for line in process.stdout or ():
+                file.write(line)
+                text = shorten(line.rstrip())
+                if text and (sys.stderr.isatty() or time.monotonic() - shown > 5.0):
+                    shown = time.monotonic()
+                    _show(f"{text} ({shown - started:.0f} s)")
         except BaseException:
-            _end(process)
+            _end(process.pid, process.wait)
             raise
-    _end_progress()
+        finally:
+            if sys.stderr.isatty():
+                print("\r\033[K", end="", file=sys.stderr, flush=True)
     if process.returncode != 0:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
         code = process.returncode
@@ -58,46 +73,16 @@ def run_logged(
     say(f"{what}: done in {time.monotonic() - started:.0f} s")
 
 
-def _start(command: list[str], env: dict[str, str], hold: Iterable[int]) -> "subprocess.Popen[str]":
-    """In a session of its own, so that an interrupt reaches it through us, children included."""
-    return subprocess.Popen(
-        command,
-        env=env,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        pass_fds=tuple(hold),
-        start_new_session=True,
-    )
-
-
-def _follow(process: "subprocess.Popen[str]", file: IO[str], started: float, shorten: Callable[[str], str]) -> None:
-    shown = time.monotonic()
-    for line in process.stdout or ():
-        file.write(line)
-        text = shorten(line.rstrip())
-        if text and (sys.stderr.isatty() or time.monotonic() - shown > 5.0):
-            shown = time.monotonic()
-            _progress(f"{text} ({shown - started:.0f} s)")
-
-
-def _end(process: "subprocess.Popen[str]") -> None:
-    _end_progress()
-    for number, patience in ((signal.SIGINT, 2.0), (signal.SIGKILL, 2.0)):
+def _end(group: int, wait: Callable[..., int]) -> None:
+    """Interrupt a process group; kill it 2 s later."""
+    for number in (signal.SIGINT, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
-            os.killpg(process.pid, number)
-            process.wait(timeout=patience)
+            os.killpg(group, number)
+            wait(timeout=2.0)
 
 
-def _progress(text: str) -> None:
+def _show(text: str) -> None:
     if sys.stderr.isatty():
         print(f"\r\033[Kseed:   {text[:100]}", end="", file=sys.stderr, flush=True)
     else:
         say(f"  {text}")
-
-
-def _end_progress() -> None:
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr, flush=True)

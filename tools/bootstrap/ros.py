@@ -27,6 +27,11 @@ class Ros(NamedTuple):
 WHEELS = Ros(None, None)
 
 
+def entries(variable: str) -> tuple[str, ...]:
+    """The entries of a search path."""
+    return tuple(entry for entry in os.environ.get(variable, "").split(":") if entry)
+
+
 def find_ros() -> Ros:
     """Obey SEED_ROS; else take what is sourced, what is installed, or the wheels."""
     wanted = os.environ.get("SEED_ROS", "")
@@ -38,27 +43,14 @@ def find_ros() -> Ros:
             raise UsageError(
                 f"SEED_ROS={wanted}: no ROS 2 with setup.bash and rclpy there; name its prefix, or 'wheels'"
             )
-        return found._replace(underlays=tuple(filter(None, os.environ.get("SEED_UNDERLAYS", "").split(":"))))
-    return _sourced() or _installed() or WHEELS
-
-
-def _sourced() -> Ros | None:
-    prefixes = tuple(p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p)
-    for prefix in prefixes:
-        found = _ros_at(Path(prefix))
-        if found is not None and found.python is not None:
-            if found.python >= (3, 11):
-                return found._replace(underlays=prefixes)
-            say(f"the sourced ROS 2 at {prefix} has Python 3.{found.python[1]}; 3.11 is needed: looking on")
-    return None
-
-
-def _installed() -> Ros | None:
-    for name in INSTALLED:
-        found = _ros_at(Path("/opt/ros") / name)
-        if found is not None:
-            return found
-    return None
+        return found._replace(underlays=entries("SEED_UNDERLAYS"))
+    sourced = entries("AMENT_PREFIX_PATH")
+    for found in filter(None, (_ros_at(Path(prefix)) for prefix in sourced)):
+        if found.python >= (3, 11):
+            return found._replace(underlays=sourced)
+        say(f"the sourced ROS 2 at {found.prefix} has Python 3.{found.python[1]}; 3.11 is needed: looking on")
+    installed = (_ros_at(Path("/opt/ros", name)) for name in INSTALLED)
+    return next(filter(None, installed), WHEELS)
 
 
 def _ros_at(prefix: Path) -> Ros | None:
@@ -72,7 +64,11 @@ def _ros_at(prefix: Path) -> Ros | None:
     return None
 
 
+def lies_in(entry: str, *folders: object) -> bool:
+    """Whether an entry of a search path is one of the folders or below one."""
+    return any(Path(entry).is_relative_to(str(folder)) for folder in folders)
+
+
 def foreign(entry: str) -> bool:
     """Whether an entry of a search path belongs to a ROS 2 that the wheels must not see."""
-    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
-    return entry.startswith("/opt/ros/") or any(entry == p or entry.startswith(p + "/") for p in prefixes)
+    return lies_in(entry, "/opt/ros", *entries("AMENT_PREFIX_PATH"))

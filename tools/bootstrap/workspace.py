@@ -9,19 +9,18 @@ import json
 import os
 import shlex
 import subprocess
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import home
 from environment import Environment
-from leftovers import name_leftovers
 from progress import SetupError, run_logged
-from ros import foreign
+from ros import entries, foreign, lies_in
+from unused import name_unused
 
 # What a build reads by content, and where a new or removed file matters (contents are linked).
 BUILD_FILES = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", "msg/*", "srv/*", "action/*")
-LINKED_FOLDERS = ("config", "launch", "rviz", "layouts", "urdf", "resource", "*/__init__.py")
+LINKED_FILES = (*(f"{f}/**/*" for f in ("config", "launch", "rviz", "layouts", "urdf", "resource")), "*/__init__.py")
 LISTS = (
     "AMENT_PREFIX_PATH",
     "CMAKE_PREFIX_PATH",
@@ -31,6 +30,7 @@ LISTS = (
     "PKG_CONFIG_PATH",
     "PYTHONPATH",
 )
+KEPT = (*LISTS, "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "VIRTUAL_ENV")
 DEFAULTS = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "OPENBLAS_NUM_THREADS": "1",
@@ -38,22 +38,30 @@ DEFAULTS = {
 }
 
 
-def ready_workspace(root: Path, environment: Environment, force: bool, extra: list[str]) -> dict[str, str]:
-    """The variables for a process in the built workspace; builds first what is out of date."""
-    key = home.digest(
-        [str(root).encode(), str(environment.path).encode(), ":".join(environment.ros.underlays).encode()]
-    )
+def ready_workspace(root: Path, environment: Environment, rebuild: list[str] | None) -> dict[str, str]:
+    """The variables for a process in the built workspace; builds first what is out of date.
+
+    rebuild: build every package, with these arguments for CMake.
+    """
+    key = home.digest(str(part).encode() for part in (root, environment.path, ":".join(environment.ros.underlays)))
     workspace = environment.path.parent / f"ws-{key}"
-    wanted = _digests(root, environment)
-    stamp = _read(workspace / "stamp.json")
-    if force or stamp.get("packages") != wanted:
-        workspace.mkdir(exist_ok=True)
-        with home.locked(workspace / "lock", "the build") as lock:
-            stamp = _read(workspace / "stamp.json")
-            if force or stamp.get("packages") != wanted:
-                stamp = _build(
-                    root, workspace, environment, wanted, {} if force else stamp, extra if force else [], lock
-                )
+    workspace.mkdir(exist_ok=True)
+    standins = [root / "tools" / "standins" / "tf2_msgs"] if environment.ros.prefix is None else []
+    packages = sorted(p.parent for p in root.glob("seed_*/package.xml")) + standins
+    wanted = {package.name: _digest(package) for package in packages}
+    with home.locked(workspace / "lock", "the build") as lock:
+        stamp = _read(workspace / "stamp.json")
+        built = stamp.get("packages", {}) if rebuild is None else {}
+        if built != wanted:
+            changed = [name for name, value in wanted.items() if built.get(name) != value]
+            paths = [package.relative_to(root) for package in packages]
+            (workspace / "stamp.json").unlink(missing_ok=True)
+            _build(root, workspace, environment, paths, changed, rebuild or [], lock)
+            stamp = {"packages": wanted, "variables": _captured(workspace, environment), "checkout": str(root)}
+            temporary = workspace / "stamp.json.new"
+            temporary.write_text(json.dumps(stamp, indent=1))
+            temporary.replace(workspace / "stamp.json")
+            name_unused(workspace.parent, environment.path, root)
     return _merged(stamp["variables"], root, environment)
 
 
@@ -65,115 +73,57 @@ def _read(stamp: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _packages(root: Path, environment: Environment) -> list[Path]:
-    standins = [root / "tools" / "standins" / "tf2_msgs"] if environment.ros.prefix is None else []
-    return sorted(p.parent for p in root.glob("seed_*/package.xml")) + standins
-
-
-def _digests(root: Path, environment: Environment) -> dict[str, str]:
-    return {package.name: _digest(package) for package in _packages(root, environment)}
-
-
 def _digest(package: Path) -> str:
     contents = [f for pattern in BUILD_FILES for f in sorted(package.glob(pattern)) if f.is_file()]
-    listed = [f for pattern in LINKED_FOLDERS for f in _files_below(package, pattern)]
+    listed = [f for pattern in LINKED_FILES for f in sorted(package.glob(pattern)) if f.is_file()]
     parts = [part for f in contents for part in (f.name.encode(), f.read_bytes())]
     return home.digest([*parts, *(str(f.relative_to(package)).encode() for f in listed)])
-
-
-def _files_below(package: Path, pattern: str) -> list[Path]:
-    matches = sorted(package.glob(pattern))
-    return [f for match in matches for f in ([match] if match.is_file() else sorted(match.rglob("*"))) if f.is_file()]
 
 
 def _build(
     root: Path,
     workspace: Path,
     environment: Environment,
-    wanted: dict[str, str],
-    old: dict[str, Any],
+    packages: list[Path],
+    changed: list[str],
     extra: list[str],
     lock: int,
-) -> dict[str, Any]:
-    built = old.get("packages", {})
-    changed = [name for name, value in wanted.items() if built.get(name) != value]
+) -> None:
+    """Build the changed ones of the packages (paths from the root) with colcon."""
     link = workspace / "src"
     link.unlink(missing_ok=True)
     link.symlink_to(root, target_is_directory=True)
-    paths = [str(link / package.relative_to(root)) for package in _packages(root, environment)]
-    command = [
-        str(environment.python),
-        "-m",
-        "colcon",
-        "--log-base",
-        str(workspace / "log"),
-        "build",
-        "--symlink-install",
-    ]
-    command += ["--build-base", str(workspace / "build"), "--install-base", str(workspace / "install")]
-    command += ["--base-paths", *paths, "--packages-select", *changed]
-    command += [
-        "--event-handlers",
-        "console_direct+",
-        "console_cohesion-",
-        "--metas",
-        str(link / "colcon.meta"),
-    ]
-    command += [
-        "--cmake-args",
-        f"-DPython3_EXECUTABLE={environment.python}",
-        "-DBUILD_TESTING=OFF",
-        "-Wno-dev",
-        *extra,
-    ]
-    (workspace / "stamp.json").unlink(missing_ok=True)
+    command = [str(environment.python), "-m", "colcon", "--log-base", str(workspace / "log"), "build"]
+    command += ["--symlink-install", "--build-base", str(workspace / "build")]
+    command += ["--install-base", str(workspace / "install"), "--metas", str(link / "colcon.meta")]
+    command += ["--base-paths", *(str(link / package) for package in packages), "--packages-select", *changed]
+    command += ["--event-handlers", "console_direct+", "console_cohesion-"]
+    command += ["--cmake-args", f"-DPython3_EXECUTABLE={environment.python}", "-DBUILD_TESTING=OFF", "-Wno-dev", *extra]
+    variables = _sourced([], environment)  # the ROS 2 below us and nothing else of ours
     what = f"building {len(changed)} packages with colcon"
-    run_logged(command, what, workspace / "build.log", _build_variables(environment), _shorten, [lock])
-    stamp = {"packages": wanted, "variables": _captured(workspace, environment), "checkout": str(root)}
-    temporary = workspace / "stamp.json.new"
-    temporary.write_text(json.dumps(stamp, indent=1))
-    temporary.replace(workspace / "stamp.json")
-    name_leftovers(workspace.parent, environment.path, root)
-    return stamp
+    run_logged(command, what, workspace / "build.log", variables, _shorten, lock)
 
 
 def _shorten(line: str) -> str:
     return line.strip() if line.startswith(("Starting >>>", "Finished <<<", "Failed", "[")) else ""
 
 
-def _build_variables(environment: Environment) -> dict[str, str]:
-    """What colcon starts from: the ROS 2 below us and nothing else of ours."""
-    return _sourced([], environment)
-
-
 def _captured(workspace: Path, environment: Environment) -> dict[str, str]:
-    """What sourcing the workspace sets, kept so that later starts need no shell."""
+    """What sourcing the workspace sets, kept so that later starts need no shell; nothing that the caller happened
+    to have in a search path."""
     variables = _sourced([workspace / "install" / "local_setup.bash"], environment)
-    kept = (
-        *LISTS,
-        "ROS_DISTRO",
-        "ROS_VERSION",
-        "ROS_PYTHON_VERSION",
-        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
-        "VIRTUAL_ENV",
-    )
-    ours = (environment.path, workspace, *variables["AMENT_PREFIX_PATH"].split(":"))
-    found = {name: variables[name] for name in kept if variables.get(name)}
-    return {name: _below(value, ours) if name in LISTS else value for name, value in found.items()}
-
-
-def _below(entries: str, folders: Iterable[Path | str | None]) -> str:
-    """The entries of a search path that lie in one of the folders: not those the caller happened to have."""
-    prefixes = [str(folder) for folder in folders if folder]
-    return ":".join(e for e in entries.split(":") if any(e == p or e.startswith(p + "/") for p in prefixes))
+    ours = (environment.path, workspace, *filter(None, variables["AMENT_PREFIX_PATH"].split(":")))
+    for name in LISTS:
+        found = variables.get(name, "").split(":")
+        variables[name] = ":".join(entry for entry in found if entry and lies_in(entry, *ours))
+    return {name: variables[name] for name in KEPT if variables.get(name)}
 
 
 def _sourced(scripts: list[Path], environment: Environment) -> dict[str, str]:
     """The variables of a bash that sources the ROS 2 and then the scripts."""
     ros = environment.ros
-    start = {
-        k: v for k, v in os.environ.items() if k not in LISTS and k not in ("SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")
-    }
+    dropped = (*LISTS, "SEED_ROOT", "ROS_DISTRO", "PYTHONHOME")
+    start = {name: value for name, value in os.environ.items() if name not in dropped}
     path = [p for p in os.environ.get("PATH", os.defpath).split(":") if not foreign(p)]
     start["PATH"] = ":".join([str(environment.path / "bin"), *path])
     start["VIRTUAL_ENV"] = str(environment.path)
@@ -181,7 +131,7 @@ def _sourced(scripts: list[Path], environment: Environment) -> dict[str, str]:
         start |= _wheels_variables(environment.path)
     elif ros.underlays:
         start |= {name: os.environ[name] for name in LISTS if name in os.environ and name != "PATH"}
-    elif ros.prefix is not None:
+    else:
         scripts = [ros.prefix / "setup.bash", *scripts]
     lines = [f"source {shlex.quote(str(script))} || exit 1" for script in scripts]
     command = ["bash", "--noprofile", "--norc", "-c", "\n".join([*lines, "exec env -0"])]
@@ -207,25 +157,21 @@ def _wheels_variables(path: Path) -> dict[str, str]:
 
 def _merged(variables: dict[str, str], root: Path, environment: Environment) -> dict[str, str]:
     """The caller's variables with ours in front; with the wheels, without those of another ROS 2."""
-    result = dict(os.environ)
     wheels = environment.ros.prefix is None
-    for name, value in variables.items():
-        if name not in LISTS:
-            result[name] = value
-            continue
-        ours = value.split(":")
-        theirs = [p for p in result.get(name, "").split(":") if p and p not in ours and not (wheels and foreign(p))]
+    result = DEFAULTS | dict(os.environ) | variables
+    for name in variables.keys() & set(LISTS):
+        ours = variables[name].split(":")
+        theirs = [p for p in entries(name) if p not in ours and not (wheels and foreign(p))]
         result[name] = ":".join(ours + theirs)
     if wheels:
         result["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
-    for name, value in DEFAULTS.items():
-        result.setdefault(name, value)
-    if not {"ROS_HOME", "ROS_LOG_DIR"} & result.keys() and not home.can_make("~/.ros"):
+    if not {"ROS_HOME", "ROS_LOG_DIR"} & result.keys() and home.why_not_writable(Path("~/.ros")):
         result["ROS_LOG_DIR"] = str(environment.path.parent / "log")  # nodes do not start without a place for logs
     result.pop("PYTHONHOME", None)
     # A start from within finds the same ROS 2 and pins again.
-    result["SEED_PINS"] = environment.pins
-    result["SEED_ROS"] = "wheels" if wheels else str(environment.ros.prefix)
-    result["SEED_UNDERLAYS"] = ":".join(environment.ros.underlays)
-    result["SEED_ROOT"] = str(root)
-    return result
+    return result | {
+        "SEED_PINS": environment.pins,
+        "SEED_ROS": "wheels" if wheels else str(environment.ros.prefix),
+        "SEED_UNDERLAYS": ":".join(environment.ros.underlays),
+        "SEED_ROOT": str(root),
+    }

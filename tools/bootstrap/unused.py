@@ -3,12 +3,11 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from progress import say
 
 
-def name_leftovers(base: Path, environment: Path, root: Path) -> None:
+def name_unused(base: Path, environment: Path, root: Path) -> None:
     """Say which folders can go: of checkouts that are gone, and of earlier pins of this one. Their list is a file."""
     listed = base / "unused"
     listed.unlink(missing_ok=True)
@@ -32,7 +31,7 @@ def name_leftovers(base: Path, environment: Path, root: Path) -> None:
 def _described(workspace: Path) -> tuple[Path, str]:
     """The checkout of a build and the name of its environment; nothing of use when the stamp is damaged."""
     try:
-        stamp: dict[str, Any] = json.loads((workspace / "stamp.json").read_text())
+        stamp = json.loads((workspace / "stamp.json").read_text())
         return Path(stamp["checkout"]), Path(stamp["variables"]["VIRTUAL_ENV"]).name
     except (OSError, ValueError, KeyError):
         return Path("/nowhere"), ""
