@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from seed_core.config import load_file
+from seed_core.hand import Hand
 from seed_estimation import EstimatorParameters, TactileImages
+from seed_estimation.contact.patch import PatchFinder
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
 from seed_testing.recordings.infrared import Motion
@@ -34,7 +36,9 @@ def test_a_recorded_press_is_found_and_held(recorded: press.Press, decimate: int
     """No contact in frames 0-58, contact from 64 at the latest, centroid steady from 72, depth follows force."""
     p = load_file(ROOT / "seed_estimation" / "config" / "d405.yaml", EstimatorParameters)
     p = EstimatorParameters(**{**p.__dict__, "decimate": decimate})
-    found = press.patches(recorded, p)
+    depth = [np.ascontiguousarray(i.depth[::decimate, ::decimate]) for i in recorded.images]
+    finder = PatchFinder("left", recorded.camera.decimated(decimate), Hand().X_CL, depth[:15], p)
+    found = [finder.find(d + finder.correction)[1] for d in depth]
     assert not any(q.in_contact for q in found[:59])
     assert all(q.in_contact for q in found[64:])
     assert np.std([q.centroid for q in found[72:]], axis=0).max() < 0.15e-3

@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real infrared images under known motions: what no renderer can flatter.
 
-    python -m seed_testing.recordings.infrared IMAGES.npz      (ir_mono16 (n, H, W) uint16 and K (3, 3))
-
 A recorded image is turned and shifted by a B-spline warp (cubic convolution would inflate the truth), given a flat
 piece of membrane in contact as depth, and followed by the whole estimator with one finger.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 from collections.abc import Sequence
 from math import cos, radians, sin
 from pathlib import Path
@@ -20,12 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from seed_core.command_line import command
-from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import Array, so3_log
 from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
 from seed_estimation.images.tactile_images import Image
+from seed_testing.recordings.npz import read_arrays
 
 REST, PRESSED = 0.090, 0.085  # [m] depth of the membrane and of the patch
 PERIOD = 1.0 / 45.0  # [s]
@@ -145,15 +140,9 @@ def load(path: Path) -> tuple[Image, Array]:
     Raises:
         SeedError: the file is none, too large, or lacks the arrays.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SeedError(
-                f"{path}: {path.stat().st_size} bytes are too many for infrared images (at most {MAX_BYTES})"
-            )
-        with np.load(path, allow_pickle=False) as data:
-            return np.asarray(data["ir_mono16"], np.float32), np.asarray(data["K"], float)
-    except (OSError, EOFError, KeyError, ValueError) as error:
-        raise SeedError(f"{path}: no infrared images in it (ir_mono16 and K of an npz file): {error}") from error
+    problem = "no infrared images in it (ir_mono16 and K of an npz file)"
+    ir, K = read_arrays(path, ("ir_mono16", "K"), "infrared images", problem, MAX_BYTES)
+    return np.asarray(ir, np.float32), np.asarray(K, float)
 
 
 def report(path: Path) -> bool:
@@ -165,16 +154,3 @@ def report(path: Path) -> bool:
         good &= all(v <= (0.1 if name == "drift_deg" else 0.015) for name, v in result.items())
         print(json.dumps({"image": index, **{k: round(v, 5) for k, v in result.items()}}))
     return good
-
-
-@command("seed_testing.recordings.infrared")
-def main(argv: list[str]) -> int:
-    """Command line; 0 when all is within its bounds."""
-    parser = argparse.ArgumentParser(description="Follow recorded infrared images through known motions.")
-    parser.add_argument("images", type=Path, help="npz with ir_mono16 (n, H, W) and K (3, 3)")
-    options = parser.parse_args(argv)
-    return 0 if report(options.images) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,12 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.errors import SeedError
-from seed_core.hand import Hand
 from seed_core.spatial import Array
-from seed_estimation import ContactPatch, EstimatorParameters, PinholeCamera, TactileImages
-from seed_estimation.contact.patch import PatchFinder
+from seed_estimation import ContactPatch, PinholeCamera, TactileImages
 from seed_estimation.images.tactile_images import Image
+from seed_testing.recordings.npz import read_arrays
 
 MAX_BYTES = 500_000_000
 UNTOUCHED, TOUCHED, HELD = 59, 64, 72  # frames: no contact before, contact from here on, still from here on
@@ -49,21 +47,18 @@ def load(path: Path) -> Press:
     Raises:
         SeedError: the file is none, too large, or lacks an array.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SeedError(f"{path}: {path.stat().st_size} bytes are too many for a press (at most {MAX_BYTES})")
-        with np.load(path, allow_pickle=False) as data:
-            a = {key: np.asarray(data[key]) for key in _KEYS}
-    except (OSError, KeyError, ValueError) as error:
-        raise SeedError(f"{path}: not a recorded press (needs {', '.join(_KEYS)}): {error}") from error
-    fx, fy, cx, cy = (float(v) for v in a["intrinsics_fxfycxcy"])
-    h, w = a["depth_0p1mm"].shape[1:]
-    camera = PinholeCamera(
-        w, h, np.array(((fx, 0, cx), (0, fy, cy), (0, 0, 1.0))), a["inv_brown_conrady"], "inverse_brown_conrady"
+    stamps, depths, greys, wrench, intrinsics, distortion = read_arrays(
+        path, _KEYS, "a press", f"not a recorded press (needs {', '.join(_KEYS)})", MAX_BYTES
     )
-    frames = zip(a["depth_0p1mm"], a["gray_320x240"], a["t"], strict=True)
-    images = [TactileImages(metres(d), registered(g, (h, w)), float(t)) for d, g, t in frames]
-    return Press(camera, images, np.asarray(a["wrench_N_Nm"], float))
+    fx, fy, cx, cy = (float(v) for v in intrinsics)
+    h, w = depths.shape[1:]
+    K = np.array(((fx, 0, cx), (0, fy, cy), (0, 0, 1.0)))
+    camera = PinholeCamera(w, h, K, np.asarray(distortion, float), "inverse_brown_conrady")
+    images = [
+        TactileImages(metres(depth), registered(grey, (h, w)), float(t))
+        for depth, grey, t in zip(depths, greys, stamps, strict=True)
+    ]
+    return Press(camera, images, np.asarray(wrench, float))
 
 
 def metres(depth: NDArray[np.uint16]) -> Image:
@@ -107,11 +102,3 @@ def findings(found: Sequence[ContactPatch], force: Array) -> Findings:
         centroid_std_mm=1e3 * float(np.std(centroid, axis=0).max()),
         correlation=float(np.corrcoef(indentation, force)[0, 1]),
     )
-
-
-def patches(press: Press, parameters: EstimatorParameters, still: int = 15) -> list[ContactPatch]:
-    """Contact of each frame against the mean of the first `still`."""
-    n = parameters.decimate
-    depth: Sequence[Image] = [np.ascontiguousarray(i.depth[::n, ::n]) for i in press.images]
-    finder = PatchFinder("left", press.camera.decimated(n), Hand().X_CL, depth[:still], parameters)
-    return [finder.find(d + finder.correction)[1] for d in depth]

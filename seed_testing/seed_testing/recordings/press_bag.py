@@ -13,63 +13,37 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from rclpy.serialization import serialize_message
 
 from seed_bringup.bags.files import BagWriter
 from seed_core.command_line import command
+from seed_ros.images.arrays import image_message
+from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_testing.recordings.press import Press, load
 
-START = 1_000_000_000  # [ns] time of the first frame where the recording starts at zero
+START = 1.0  # [s] time of the first frame where the recording starts at zero
+TYPES = {"depth/camera_info": "CameraInfo", "depth/image_rect_raw": "Image", "ir/image_rect_raw": "Image"}
 
 
-def write(press: Press, path: Path, finger: str = "left", start: int = START, frames: int | None = None) -> None:
+def write(press: Press, path: Path, finger: str = "left", start: float = START, frames: int | None = None) -> None:
     """One bag with depth (32FC1, metres), grey (mono8, on depth's pixels) and camera_info of one finger.
 
-    start: time of the first frame [ns]; frames: how many of the first to write, all when None.
+    start: time of the first frame [s]; frames: how many of the first to write, all when None.
     """
-    space = f"/bubble_{finger}"
+    camera, frame_id = press.camera, f"bubble_{finger}_optical_frame"
+    intrinsics = Intrinsics(camera.width, camera.height, list(camera.K.ravel()), list(camera.D), camera.model)
     with BagWriter(path) as bag:
-        image, info = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-        topics = {
-            "depth": bag.add_topic(f"{space}/depth/image_rect_raw", image),
-            "ir": bag.add_topic(f"{space}/ir/image_rect_raw", image),
-            "info": bag.add_topic(f"{space}/depth/camera_info", info),
-        }
-        store, first = bag.types.store, press.images[0].stamp
+        topics = {t: bag.add_topic(f"/bubble_{finger}/{t}", f"sensor_msgs/msg/{kind}") for t, kind in TYPES.items()}
         for images in press.images[:frames]:
-            stamp = start + round((images.stamp - first) * 1e9)
-            depth, grey = images.depth.astype("<f4"), np.rint(images.ir).astype(np.uint8)
-            for key, kind, message in (
-                ("info", info, _info(store, press, stamp, finger)),
-                ("depth", image, _image(store, depth, "32FC1", stamp, finger)),
-                ("ir", image, _image(store, grey, "mono8", stamp, finger)),
-            ):
-                bag.write(topics[key], stamp, bytes(store.serialize_cdr(message, kind)))
-
-
-def _header(store, stamp: int, finger: str):  # type: ignore[no-untyped-def]
-    types = store.types
-    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    return types["std_msgs/msg/Header"](stamp=time, frame_id=f"bubble_{finger}_optical_frame")
-
-
-def _image(store, pixels: np.ndarray, encoding: str, stamp: int, finger: str):  # type: ignore[no-untyped-def]
-    h, w = pixels.shape
-    return store.types["sensor_msgs/msg/Image"](
-        header=_header(store, stamp, finger), height=h, width=w, encoding=encoding, is_bigendian=0,
-        step=w * pixels.itemsize, data=np.frombuffer(pixels.tobytes(), np.uint8),
-    )  # fmt: skip
-
-
-def _info(store, press: Press, stamp: int, finger: str):  # type: ignore[no-untyped-def]
-    camera = press.camera
-    roi = store.types["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    P = np.zeros((3, 4))
-    P[:, :3] = camera.K
-    return store.types["sensor_msgs/msg/CameraInfo"](
-        header=_header(store, stamp, finger), height=camera.height, width=camera.width, distortion_model=camera.model,
-        d=camera.D.copy(), k=camera.K.ravel().copy(), r=np.eye(3).ravel(), p=P.ravel(), binning_x=0,
-        binning_y=0, roi=roi,
-    )  # fmt: skip
+            t = start + images.stamp - press.images[0].stamp
+            grey = np.rint(images.ir).astype(np.uint8)
+            messages = {
+                "depth/camera_info": camera_info(intrinsics, t, frame_id),
+                "depth/image_rect_raw": image_message(images.depth.astype("<f4"), "32FC1", t, frame_id),
+                "ir/image_rect_raw": image_message(grey, "mono8", t, frame_id),
+            }
+            for topic, message in messages.items():
+                bag.write(topics[topic], round(t * 1e9), serialize_message(message))
 
 
 @command("seed_testing.recordings.press_bag")

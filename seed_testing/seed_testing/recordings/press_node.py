@@ -5,15 +5,17 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from contextlib import closing
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from ament_index_python.packages import get_package_share_directory
-from rosbags.highlevel import AnyReader
 from seed_msgs.msg import ContactPatches
 from std_srvs.srv import Trigger
 
+from seed_bringup.bags.files import open_bag
 from seed_bringup.bags.types import message_class
 from seed_core.config import load_file
 from seed_core.errors import FailedError
@@ -21,60 +23,46 @@ from seed_estimation import ContactPatch, EstimatorParameters
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
-from seed_testing.recordings import press
+from seed_testing.recordings.press import Findings, Press, findings
 from seed_testing.recordings.press_bag import START, write
 
 STILL = 15  # frames of the press that make the reference
-LEAD = 10_000_000_000  # [ns] from the reference to the press
+LEAD = 10.0  # [s] from the reference to the press
 PATIENCE = 10.0  # [s] for the node's answer to one frame
 
+Messages = list[tuple[str, str, bytes]]  # topic, type, message in CDR
 
-def through_node(recording: press.Press) -> press.Findings:
+
+def through_node(recording: Press) -> Findings:
     """Contact of every frame as the node tells it, with the settings for a D405.
 
     Raises:
         SeedError: the node does not answer.
     """
-    file = Path(get_package_share_directory("seed_estimation")) / "config" / "d405.yaml"
-    with tempfile.TemporaryDirectory() as name:
-        return _play(recording, Path(name), load_file(file, EstimatorParameters).__dict__)
-
-
-def _play(recording: press.Press, place: Path, settings: dict[str, Any]) -> press.Findings:
-    write(recording, place / "still.mcap", start=START, frames=STILL + 1)  # the first comes before camera_info
-    write(recording, place / "press.mcap", start=START + LEAD)
-    bench = Bench()
-    try:
-        node = bench.add(EstimatorNode, fingers="left", reference_frames=STILL, publish_tf=False, **settings)
-        player = _Player(bench, node)
-        player.reference(place / "still.mcap")
-        found = [player.patch(frame) for frame in frames(place / "press.mcap")]
-    finally:
-        bench.close()
-    return press.findings(found, recording.force())
-
-
-Messages = list[tuple[str, str, bytes]]  # topic, type, message in CDR
+    file = Path(get_package_share_directory("seed_estimation"), "config", "d405.yaml")
+    with tempfile.TemporaryDirectory() as name, closing(Bench()) as bench:
+        still, pressed = Path(name, "still.mcap"), Path(name, "press.mcap")
+        write(recording, still, frames=STILL + 1)  # the first comes before camera_info
+        write(recording, pressed, start=START + LEAD)
+        player = _Player(bench, load_file(file, EstimatorParameters).__dict__)
+        player.reference(frames(still))
+        found = [player.patch(frame) for frame in frames(pressed)]
+    return findings(found, recording.force())
 
 
 def frames(bag: Path) -> Iterator[Messages]:
     """Messages of a bag that belong to one time."""
-    frame, at = [], None
-    with AnyReader([bag]) as reader:
-        for connection, stamp, data in reader.messages():
-            if at is not None and stamp != at:
-                yield frame
-                frame = []
-            at = stamp
-            frame.append((connection.topic, connection.msgtype, bytes(data)))
-    yield frame
+    with open_bag(bag) as reader:
+        for _, frame in groupby(reader.messages(), key=lambda message: message[1]):
+            yield [(connection.topic, connection.msgtype, bytes(data)) for connection, _, data in frame]
 
 
 class _Player:
-    """Publishes a bag's frames and waits for the node's answer to each."""
+    """Publishes frames and waits for the estimator node's answer to each."""
 
-    def __init__(self, bench: Any, node: Any) -> None:
-        self._bench, self._node = bench, node
+    def __init__(self, bench: Any, settings: dict[str, Any]) -> None:
+        self._bench = bench
+        self._node = bench.add(EstimatorNode, fingers="left", reference_frames=STILL, publish_tf=False, **settings)
         self._outputs: dict[str, Any] = {}
         self._answers: list[Any] = []
         bench.client.create_subscription(ContactPatches, "contact_patches", self._answers.append, COMMAND)
@@ -88,13 +76,13 @@ class _Player:
         for topic, _, data in frame:
             self._outputs[topic].publish(data)
 
-    def reference(self, bag: Path) -> None:
-        """The frames of a bag as the reference without contact."""
+    def reference(self, still: Iterator[Messages]) -> None:
+        """The frames as the reference without contact."""
         client = self._bench.client.create_client(Trigger, "estimator/capture_reference")
         self._bench.until(client.service_is_ready, PATIENCE)
         answer = client.call_async(Trigger.Request())
         self._bench.spin(0.3)
-        for frame in frames(bag):
+        for frame in still:
             before = self._node.inputs.counts()["pairs"]
             self._publish(frame)
             self._bench.until(lambda before=before: self._node.inputs.counts()["pairs"] > before, PATIENCE)

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the arrays of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_core.errors import SeedError
+
+
+def read_arrays(
+    path: Path, names: Sequence[str], what: str, problem: str, most_bytes: int
+) -> list[NDArray[np.generic]]:
+    """The named arrays of an npz file.
+
+    Args:
+        path: The file.
+        names: Of the arrays.
+        what: What the recording is of, for the refusal of a file that is too large.
+        problem: What is said of a file that lacks an array or is no npz file.
+        most_bytes: Largest size [bytes].
+
+    Raises:
+        SeedError: The file is none, too large, or lacks an array.
+    """
+    try:
+        size = path.stat().st_size
+        if size > most_bytes:
+            raise SeedError(f"{path}: {size} bytes are too many for {what} (at most {most_bytes})")
+        with np.load(path, allow_pickle=False) as data:
+            return [np.asarray(data[name]) for name in names]
+    except (OSError, EOFError, KeyError, ValueError) as error:
+        raise SeedError(f"{path}: {problem}: {error}") from error
