@@ -11,7 +11,7 @@ PERIODS = 1.6  # [periods] of the stream that are waited for at least, however l
 PAUSE = 1.0  # [s] a longer gap tells nothing about the period
 
 
-class Awaited:
+class LateStream:
     """`hear` each message; while it is `late`, time should stand still."""
 
     def __init__(self, patience: float, longest: float = LONGEST) -> None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from seed_msgs.msg import RelativePose
 from seed_msgs.srv import SetGripperWidth
 from std_msgs.msg import Float64, String
@@ -24,34 +21,20 @@ from seed_core.arm.hold import HoldLatch
 from seed_core.arm.target_checks import jump, stale
 from seed_core.config import field
 from seed_core.errors import SeedError
-from seed_core.hand import weight_about_T
 from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
-from seed_ros import diagnostics
+from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
-from seed_ros.diagnostics import Counters
-from seed_ros.frames import FrameNames
-from seed_ros.loop import FixedRateLoop
-from seed_ros.node import run
-from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND, LATCHED
 from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.arm import ELBOW_UP
-from seed_sim.plant.plant import DT, Plant, PlantError, save_replay
-from seed_sim.ros.late_stream import LONGEST, Awaited
+from seed_sim.plant.plant import Plant, PlantError, save_replay
+from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.ros.outputs import Outputs
+from seed_sim.ros.plant_time import PlantTime
 from seed_sim.scenario import load_scenario
-from seed_ur.plant_link import ArmState, PlantLink
+from seed_ur.plant_link import PlantLink
 
-BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
-ROBOT_BEHIND = 0.1  # [s] the same, of the time of a stand-in controller
-AHEAD = 1.0  # [periods] that a stand-in controller may be ahead of the plant, which follows it
-MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
-LETTING_DOWN = 0.4  # [s]
 REMEDY = "; call ~/resend_robot_program"
-PATIENCE = {"target_frame": 0.05, "relative_pose": 0.13}  # [s] age, from which the plant waits for the next
-ROBOT_PATIENCE = {"target_frame": 0.012, "current_pose": 0.012, "relative_pose": 0.1}  # [s] with a robot's own lag
-LONG = {"relative_pose": 15.0}  # [s] of waiting; a disk may hold an estimator up, and poses end only with it
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -73,289 +56,168 @@ class SimSettings:
     replay: str = field("", doc="file for ~/save_replay; empty: nothing is recorded for a replay")
 
 
-class SimNode(Node):
+class SimNode(SeedNode):
     """See docs/interfaces.md. A holder carries the tool until the arm moves after a grasp."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("sim", **arguments)
-        self.settings = declare(self, SimSettings())
-        self.frames = declare(self, FrameNames(), "frames")
-        refuse_unknown(self)
-        self.counters = Counters(self)
-        self.scenario = load_scenario(self.settings.scenario)
-        self._meshcat = _meshcat() if self.settings.replay else None
-        task = load_task(self.settings.task)
+        self.settings = settings = self.declare(SimSettings())
+        self.frames = self.declare(FrameNames(), "frames")
+        self.refuse_unknown()
+
+        self.scenario = load_scenario(settings.scenario)
+        task = load_task(settings.task)
         self._X_WE_start = start_pose(self.scenario, task)
-        self.plant = Plant(self.scenario, self.settings.seed, task.frame.pose, self._X_WE_start, meshcat=self._meshcat)
-        self.grasped = False
-        self.in_holder = True
-        self._held_at = self._X_WE_start
-        self._let_down = 0.0  # share of its weight that the holder has given to the grasp
-        self._latch, self._said = HoldLatch(self.settings.target_timeout), ""
-        self.real_time_factor = 1.0
-        self._link = self._join_robot()
-        own_arm = self._link is None
-        self._outputs = Outputs(
-            self, self.plant, self.frames, self.settings.relative_pose, own_arm, self.settings.clock
-        )
-        self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
+        self._meshcat = _meshcat() if settings.replay else None
+        self.plant = Plant(self.scenario, settings.seed, task.frame.pose, self._X_WE_start, meshcat=self._meshcat)
+        self.holder = ToolHolder(self.plant)
+        self._latch, self._reason_told = HoldLatch(settings.target_timeout), ""
+        self._robot = self._join_robot()
+
+        own_arm = self._robot is None
+        self._outputs = Outputs(self, self.plant, self.frames, settings.relative_pose, own_arm, settings.clock)
+        self.loop = FixedRateLoop(self, settings.rate, self._tick)
         if own_arm:
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
-            self._hold_reason = self.create_publisher(String, "~/hold_reason", LATCHED)
-            self.create_service(Trigger, "~/resend_robot_program", self._resume)
-        elif self.settings.clock:
-            self._await(PoseStamped, "target_frame")
-            self._await(PoseStamped, "current_pose")
-        if self.settings.clock:
-            self._await(RelativePose, "relative_pose")
+            self._hold_reason = self.publisher(String, "~/hold_reason", LATCHED)
+            self.serve(Trigger, "~/resend_robot_program", self._resume)
+        elif settings.clock:
+            self._wait_for(PoseStamped, "target_frame")
+            self._wait_for(PoseStamped, "current_pose")
+        if settings.clock:
+            self._wait_for(RelativePose, "relative_pose")
         self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
-        self.create_service(Trigger, "~/grasp", self._grasp)
-        self.create_service(Trigger, "~/release", self._release)
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_service(Trigger, "~/save_replay", self._save_replay)
+
+        self.serve(Trigger, "~/grasp", self._grasp)
+        self.serve(Trigger, "~/release", self._release)
+        self.serve(Trigger, "~/reset", self._reset)
+        self.serve(Trigger, "~/save_replay", self._save_replay)
         self.create_service(SetGripperWidth, "~/set_gripper_width", self._set_width)
-        self._diagnostics = diagnostics.Diagnostics(self, f"scenario {self.scenario.name}", self._report)
+        self.create_timer(1.0, self._measure, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.diagnose(f"scenario {self.scenario.name}", self._report)
         if self._meshcat is not None:
             self._meshcat.StartRecording(frames_per_second=10.0, set_visualizations_while_recording=False)
-        self._start_clock()
-        self.create_timer(1.0, self._rate_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.time = PlantTime(self.plant, self.holder, self._robot, self.now, settings.clock)
 
     def _join_robot(self) -> PlantLink | None:
         """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own."""
         if not self.settings.robot_ip:
             return None
         link = PlantLink(self.settings.robot_ip)
-        link.place(self._X_WE_start, ELBOW_UP, self._ros_now() if self.settings.clock else None)
+        link.place(self._X_WE_start, ELBOW_UP, self.now() if self.settings.clock else None)
         return link
 
-    def _await(self, kind: Any, topic: str) -> None:
+    def _wait_for(self, kind: Any, topic: str) -> None:
         """Have the plant's time stand still when this stream is late."""
-        self.loop.poll(kind, topic, lambda m: self._awaited[topic].hear(seconds(m.header.stamp)), COMMAND)
+        self.loop.poll(kind, topic, lambda m: self.time.streams[topic].hear(seconds(m.header.stamp)), COMMAND)
 
-    # time
-    def _start_clock(self) -> None:
-        """Tie the plant's time to the wall's, both steady and ROS's, from now on; or to a robot's clock."""
-        self._steady_offset = time.monotonic() - self.plant.time
-        self._ros_offset = self._ros_now() - self.plant.time
-        self._robot_offset: float | None = None
-        if self._link is not None and self._link.clock is not None:
-            self._robot_offset = self._ros_offset = self._link.clock - self.plant.time
-        self._lost = 0.0
-        self._rated = (time.monotonic(), self.plant.time)
-        patience = PATIENCE if self._link is None else ROBOT_PATIENCE
-        self._awaited = {topic: Awaited(age, LONG.get(topic, LONGEST)) for topic, age in patience.items()}
-
-    def _ros_now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
-
-    @property
-    def stamp(self) -> float:
-        """ROS time of the plant's present state [s]."""
-        return self._ros_offset + self.plant.time
-
+    # the tick
     def _tick(self) -> None:
-        before = self.plant.time
-        if self._link is None:
-            self._follow_clock()
-        else:
-            self._follow_robot(self._link)
-        if self.in_holder:
-            self._hold_tool(self.plant.time - before)
-        self._outputs.publish(self.stamp, self.grasped)
-        self._latch.check(self.stamp)
-        self._say_why_it_holds()
+        self.time.advance(1.0 / self.settings.rate)
+        self._outputs.publish(self.time.stamp, self.holder.grasped)
+        self._latch.check(self.time.stamp)
+        if self._latch.reason != self._reason_told:
+            self._reason_told = self._latch.reason
+            self._hold_reason.publish(String(data=self._reason_told))
 
-    def _say_why_it_holds(self) -> None:
-        if self._latch.reason != self._said:
-            self._said = self._latch.reason
-            self._hold_reason.publish(String(data=self._said))
-
-    def _waits(self) -> bool:
-        """Whether the plant stands still for a process that this machine is too busy to run in time."""
-        steady = time.monotonic()
-        late = {topic for topic, stream in self._awaited.items() if stream.late(self.stamp, steady)}
-        if not self._awaited["target_frame"].runs:
-            late.discard("current_pose")  # nobody steers by it, and a driver that starts its program says nothing
-        return self.settings.clock and bool(late)
-
-    def _lose(self, lost: float) -> None:
-        """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""
-        self._steady_offset += lost
-        self._lost += lost
-        if not self.settings.clock:
-            self._ros_offset += lost
-
-    def _follow_clock(self) -> None:
-        """An arm of our own, by the wall's time less what the plant has lost."""
-        behind = time.monotonic() - self._steady_offset - self.plant.time
-        advance = 0.0 if self._waits() else min(behind, BEHIND)
-        self._lose(behind - advance)
-        t = self.plant.time + advance
-        if not self.in_holder:
-            self.plant.advance(t)
-            return
-        while self.plant.time < t - DT:
-            self.plant.advance(self.plant.time + DT)
-            self.plant.grasp(self._let_down * self._sag())
-
-    def _follow_robot(self, link: PlantLink) -> None:
-        """The flange goes where the stand-in's arm is, in its time; the arm feels what the tool does to it."""
-        state = link.receive()
-        if state is not None:
-            self._drive(state)
-        load = self.plant.ft_wrench
-        link.report(load.force, load.torque, self._lets_robot_run())
-
-    def _drive(self, state: ArmState) -> None:
-        if self._robot_offset is None:
-            self._robot_offset = state.time - self.plant.time
-        behind = state.time - self._robot_offset - self.plant.time
-        if behind > ROBOT_BEHIND and not self.settings.clock:
-            self._robot_offset += behind - ROBOT_BEHIND
-            self._lose(behind - ROBOT_BEHIND)
-            behind = ROBOT_BEHIND
-        if behind > 0.5 * DT:
-            self.plant.drive(state.X_WE, self.plant.time + behind)
-        if self.in_holder:
-            self.plant.grasp(self._let_down * self._sag())
-
-    def _lets_robot_run(self) -> float | None:
-        """How far a stand-in may run by its own clock, which then is the plant's [s]; None: as it likes."""
-        if not self.settings.clock:
-            return None
-        return self.stamp + (0.0 if self._waits() else AHEAD / self.settings.rate)
-
-    def _hold_tool(self, dt: float) -> None:
-        """The holder carries the tool, and lets it down gently once the arm moves; dt: [s] since the last look."""
-        moved = float(np.abs(self.plant.X_WE[:3, 3] - self._held_at[:3, 3]).max())
-        if self.grasped and (moved > MOVED or self._let_down > 0.0):
-            self._let_down += dt / LETTING_DOWN
-            self.in_holder = self._let_down < 1.0
-
-    def _sag(self) -> Array:
-        """Where the tool hangs in the grasp: p_CT (3,) [m]."""
-        mass = self.scenario.true_mass if self.scenario.true_mass is not None else self.scenario.tool.mass
-        weight = weight_about_T(mass, self.scenario.tool.center_of_mass, self.plant.X_WC[:3, :3])
-        return np.asarray(weight.force / np.array(self.plant.stiffness.translation))
-
-    def _rate_it(self) -> None:
-        now, then = (time.monotonic(), self.plant.time), self._rated
-        self._rated = now
-        if now[0] > then[0] and now[1] >= then[1]:
-            self.real_time_factor = (now[1] - then[1]) / (now[0] - then[0])
-            self._outputs.publish_slow(self.stamp, self.real_time_factor)
-            if self.real_time_factor < SLOW:
-                self.counters.add("slow", f"real-time factor {self.real_time_factor:.3f} is below {SLOW}")
+    def _measure(self) -> None:
+        if self.time.measure():
+            self._outputs.publish_factor(self.time.factor)
+            if self.time.factor < SLOW:
+                self.counters.add("slow", f"real-time factor {self.time.factor:.3f} is below {SLOW}")
 
     # in
     def _on_target(self, message: PoseStamped) -> None:
         try:
-            X_WE, age = self._checked(message), self._age(message)
+            X_WE = self._checked(message)
         except SeedError as error:
             self._latch.refused(str(error))
             self.counters.add("targets_refused", f"{error}; the arm holds")
             return
-        if age or self._latch.reason:
-            self.counters.add("targets_refused", age or f"target_frame is not followed: {self._latch.reason}{REMEDY}")
-            return
-        self._latch.heard(self.stamp)
-        self._awaited["target_frame"].hear(seconds(message.header.stamp))
-        self.plant.command(X_WE)
-
-    def _age(self, message: PoseStamped) -> str:
-        """What is wrong with a target's stamp. It is left out without a hold: a busy computer delays some."""
-        now = self.stamp if self.settings.clock else self._ros_now()
-        age = now - seconds(message.header.stamp)
-        why = stale(age, self.settings.target_timeout)
-        return f"{why}; the arm holds" if why else ""
+        # a target that is old alone is left out without a hold: a busy computer delays some
+        age = (self.time.stamp if self.settings.clock else self.now()) - seconds(message.header.stamp)
+        if too_old := stale(age, self.settings.target_timeout):
+            self.counters.add("targets_refused", f"{too_old}; the arm holds")
+        elif self._latch.reason:
+            self.counters.add("targets_refused", f"target_frame is not followed: {self._latch.reason}{REMEDY}")
+        else:
+            self._latch.heard(self.time.stamp)
+            self.time.streams["target_frame"].hear(seconds(message.header.stamp))
+            self.plant.command(X_WE)
 
     def _checked(self, message: PoseStamped) -> Array:
         check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
         X_WE = pose_to_matrix(message.pose, "target_frame")
         places = as_vector3(X_WE[:3, 3]), as_vector3(self.plant.X_WE[:3, 3])
         if why := jump(*places, self.settings.max_step, "is {} from the flange"):
-            raise SeedError(why)
+            raise MessageError(why)
         return X_WE
 
-    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_width(self, message: Float64) -> None:
+        with self.counters.refusing("widths_refused"):
+            self._close_to(message.data)
+
+    # services
+    def _resume(self) -> str:
         self._latch.resume()
-        response.success, response.message = True, "following target_frame"
-        return response
+        return "following target_frame"
 
-    # gripper
-    def _grasp(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.grasped:
-            response.success, response.message = False, "the tool is in the grasp already: call ~/release first"
-            return response
-        self.plant.grasp()
-        self.grasped, self.in_holder, self._held_at = True, True, self.plant.X_WE.copy()
-        self._let_down = 0.0
-        response.success = True
-        response.message = f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
-        return response
+    def _grasp(self) -> str:
+        if self.holder.grasped:
+            raise PlantError("the tool is in the grasp already: call ~/release first")
+        self.holder.grasp()
+        return f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
 
-    def _release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.plant.grasp()
-        self.grasped, self.in_holder, self._let_down = False, True, 0.0
+    def _release(self) -> str:
+        self.holder.release()
         self._outputs.regrasped()
-        response.success, response.message = True, "released; the tool stands in its holder"
-        return response
+        return "released; the tool stands in its holder"
 
-    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._link is not None:
-            response.success, response.message = False, "the arm is the UR controller's: move it with target_frame"
-            return response
+    def _reset(self) -> str:
+        if self._robot is not None:
+            raise PlantError("the arm is the UR controller's: move it with target_frame")
         self.plant.reset(self._X_WE_start)
-        self.grasped, self.in_holder, self._held_at = False, True, self._X_WE_start
-        self._let_down = 0.0
+        self.holder.release()
         self._latch.resume()
         self._outputs.restart()
-        self._start_clock()
-        response.success, response.message = True, "arm at its start, tool in its holder, gripper open"
-        return response
+        self.time.restart()
+        return "arm at its start, tool in its holder, gripper open"
 
     def _set_width(
         self, request: SetGripperWidth.Request, response: SetGripperWidth.Response
     ) -> SetGripperWidth.Response:
-        response.success, response.message = self._close_to(request.width)
+        try:
+            response.success, response.message = True, self._close_to(request.width)
+        except PlantError as error:
+            response.success, response.message = False, str(error)
         response.width, response.pressure = float(self.plant.width), float(self.plant.pressure)
         return response
 
-    def _on_width(self, message: Float64) -> None:
-        done, words = self._close_to(message.data)
-        if not done:
-            self.counters.add("widths_refused", words)
-
-    def _close_to(self, width: float) -> tuple[bool, str]:
+    def _close_to(self, width: float) -> str:
         if not np.isfinite(width) or width < 0.0:
-            return False, f"gripper width = {width} m must be finite and not negative"
-        try:
-            self.plant.set_gripper_width(width)
-        except PlantError as error:
-            return False, str(error)
-        return True, f"fingers {1e3 * width:.1f} mm apart"
+            raise PlantError(f"gripper width = {width} m must be finite and not negative")
+        self.plant.set_gripper_width(width)
+        return f"fingers {1e3 * width:.1f} mm apart"
 
-    def _save_replay(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _save_replay(self) -> str:
         if self._meshcat is None:
-            response.success, response.message = False, "nothing was recorded: start with the parameter replay:=FILE"
-            return response
+            raise PlantError("nothing was recorded: start with the parameter replay:=FILE")
         self._meshcat.StopRecording()
         self._meshcat.PublishRecording()
         file = Path(self.settings.replay)
         save_replay(self._meshcat, file)
-        response.success, response.message = True, str(file)
-        return response
+        return str(file)
 
     def _report(self) -> diagnostics.Report:
         values = {
             "scenario": self.scenario.name,
-            "real_time_factor": round(self.real_time_factor, 4),
-            "lost_seconds": round(self._lost, 3),
-            "grasped": self.grasped,
+            "real_time_factor": round(self.time.factor, 4),
+            "lost_seconds": round(self.time.lost, 3),
+            "grasped": self.holder.grasped,
             **self.counters.values(),
         }
-        if self.real_time_factor < SLOW:
-            return diagnostics.WARN, f"slower than real time: {self.real_time_factor:.3f}", values
+        if self.time.factor < SLOW:
+            return diagnostics.WARN, f"slower than real time: {self.time.factor:.3f}", values
         if self._latch.reason:
             return diagnostics.WARN, f"holds: {self._latch.reason}{REMEDY}", values
         if not self._latch.following:
@@ -369,10 +231,4 @@ def _meshcat() -> Any:
     return Meshcat(MeshcatParams(host="localhost"))
 
 
-def main() -> None:
-    """Run the node until it is interrupted."""
-    sys.exit(run(SimNode))
-
-
-if __name__ == "__main__":
-    main()
+main = SimNode.main

@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import JointState
@@ -16,16 +13,16 @@ from std_msgs.msg import Float32, Float64
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.regrasp import Regrasp
 from seed_core.spatial import Array, so3_log
+from seed_ros import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, FrameNames, SeedNode, TransformBroadcaster
 from seed_ros.conversions import (
     estimate_to_message,
+    fill,
     pose_stamped,
     stamp_from_seconds,
+    stamped,
     transform_stamped,
     wrench_stamped,
 )
-from seed_ros.frames import FrameNames
-from seed_ros.node import QUIET, TransformBroadcaster
-from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR
 from seed_sim.plant.plant import Plant
 from seed_ur.models import JOINT_NAMES
 
@@ -34,7 +31,7 @@ class Outputs:
     """Publishers of the node; `publish` is called once per tick."""
 
     def __init__(
-        self, node: Node, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool = True, clock: bool = False
+        self, node: SeedNode, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool, clock: bool
     ) -> None:
         """stand_in: publish relative_pose from the truth, in place of cameras and estimator.
 
@@ -43,7 +40,7 @@ class Outputs:
         """
         self._own_arm = own_arm
         self._plant, self._frames = plant, frames
-        create = partial(node.create_publisher, event_callbacks=QUIET)
+        create = node.publisher
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
         self._next_image = 0.0
         self._regrasp = Regrasp()
@@ -63,7 +60,7 @@ class Outputs:
         self._tf = TransformBroadcaster(node)
         self._count = 0
         self._before: tuple[float, Array] | None = None
-        self._table.publish(pose_stamped(plant.surface.X_WS, node.get_clock().now().nanoseconds * 1e-9, frames.base))
+        self._table.publish(pose_stamped(plant.surface.X_WS, node.now(), frames.base))
 
     def publish(self, t: float, grasped: bool) -> None:
         """Everything that is due at time t [s]: the pose at the full rate, loads and truth at half of it."""
@@ -91,17 +88,15 @@ class Outputs:
         self.regrasped()
         self._next_image, self._before = 0.0, None
 
-    def publish_slow(self, t: float, factor: float) -> None:
-        """Once a second."""
-        del t
+    def publish_factor(self, factor: float) -> None:
+        """The real-time factor."""
         self._factor.publish(Float32(data=float(factor)))
 
     def _publish_loads(self, t: float) -> None:
-        load = self._plant.ft_wrench
-        flange = self._frames.flange
-        self._ft.publish(wrench_stamped(load, t, flange))
+        message = wrench_stamped(self._plant.ft_wrench, t, self._frames.flange)
+        self._ft.publish(message)
         if self._own_arm:
-            self._wrench.publish(wrench_stamped(load, t, flange))  # what an arm's own sensor reports
+            self._wrench.publish(message)  # what an arm's own sensor reports
 
     def _publish_truth(self, t: float, grasped: bool) -> None:
         plant, frames = self._plant, self._frames
@@ -125,17 +120,13 @@ class Outputs:
         self._tf.send(transform_stamped(X_WE, t, self._frames.base, self._frames.flange))
         if before is None or t <= before[0]:
             return
-        dt = t - before[0]
-        twist = TwistStamped()
-        twist.header.stamp, twist.header.frame_id = stamp_from_seconds(t), self._frames.base
-        linear = (X_WE[:3, 3] - before[1][:3, 3]) / dt
-        angular = so3_log(X_WE[:3, :3] @ before[1][:3, :3].T) / dt
-        for target, values in ((twist.twist.linear, linear), (twist.twist.angular, angular)):
-            target.x, target.y, target.z = (float(v) for v in values)
+        twist = stamped(TwistStamped, t, self._frames.base)
+        fill(twist.twist.linear, (X_WE[:3, 3] - before[1][:3, 3]) / (t - before[0]))
+        fill(twist.twist.angular, so3_log(X_WE[:3, :3] @ before[1][:3, :3].T) / (t - before[0]))
         self._twist.publish(twist)
         if len(self._plant.arm.q):
-            joints = JointState(name=list(JOINT_NAMES), position=[float(q) for q in self._plant.arm.q])
-            joints.header.stamp, joints.header.frame_id = stamp_from_seconds(t), self._frames.base
+            joints = stamped(JointState, t, self._frames.base)
+            joints.name, joints.position = list(JOINT_NAMES), [float(q) for q in self._plant.arm.q]
             self._joints.publish(joints)
 
     def _publish_gripper(self) -> None:

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant's time: tied to the wall's, or to the clock of a stand-in UR controller whose arm carries the gripper.
+
+Where this machine is too busy to run other processes in time, the plant stands still for them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from seed_sim.plant.plant import Plant
+from seed_sim.plant.tool_holder import ToolHolder
+from seed_sim.ros.late_stream import LONGEST, LateStream
+from seed_ur.plant_link import ArmState, PlantLink
+
+BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
+ROBOT_BEHIND = 0.1  # [s] the same, of the time of a stand-in controller
+AHEAD = 1.0  # [periods] that a stand-in controller may be ahead of the plant, which follows it
+PATIENCE = {"target_frame": 0.05, "relative_pose": 0.13}  # [s] age, from which the plant waits for the next
+ROBOT_PATIENCE = {"target_frame": 0.012, "current_pose": 0.012, "relative_pose": 0.1}  # [s] with a robot's own lag
+LONG = {"relative_pose": 15.0}  # [s] of waiting; a disk may hold an estimator up, and poses end only with it
+
+
+class PlantTime:
+    """`advance` moves the plant on to the present.
+
+    Attributes:
+        streams: what the plant waits for when it is late, by topic.
+        lost: [s] of wall time in which the plant did not move.
+        factor: the real-time factor, simulated over wall time, between the last two calls of `measure`.
+    """
+
+    def __init__(
+        self, plant: Plant, holder: ToolHolder, robot: PlantLink | None, now: Callable[[], float], clock: bool
+    ) -> None:
+        """Start now.
+
+        Args:
+            robot: stand-in controller that moves the arm; None: the plant's own arm.
+            now: ROS time [s].
+            clock: the plant's time is everybody's, and stands still for late streams.
+        """
+        self._plant, self._holder, self._robot, self._now, self._clock = plant, holder, robot, now, clock
+        self.factor = 1.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Tie the plant's time, which may have gone back to zero, to the present."""
+        self._steady_offset = time.monotonic() - self._plant.time
+        self._ros_offset = self._now() - self._plant.time
+        self._robot_offset: float | None = None
+        if self._robot is not None and self._robot.clock is not None:
+            self._robot_offset = self._ros_offset = self._robot.clock - self._plant.time
+        self.lost = 0.0
+        self._measured = (time.monotonic(), self._plant.time)
+        patience = PATIENCE if self._robot is None else ROBOT_PATIENCE
+        self.streams = {topic: LateStream(age, LONG.get(topic, LONGEST)) for topic, age in patience.items()}
+
+    @property
+    def stamp(self) -> float:
+        """ROS time of the plant's present state [s]."""
+        return self._ros_offset + self._plant.time
+
+    def advance(self, period: float) -> None:
+        """Move the plant on; period: [s] until the next call."""
+        if self._robot is None:
+            self._follow_clock()
+            return
+        state = self._robot.receive()
+        if state is not None:
+            self._follow_robot(state)
+        load = self._plant.ft_wrench
+        until = None  # how far the stand-in may run by its own clock, which then is the plant's [s]; None: as it likes
+        if self._clock:
+            until = self.stamp + (0.0 if self._waits() else AHEAD * period)
+        self._robot.report(load.force, load.torque, until)
+
+    def measure(self) -> bool:
+        """Measure the real-time factor; whether that was possible: not when the plant's time was set back."""
+        now, then = (time.monotonic(), self._plant.time), self._measured
+        self._measured = now
+        if now[0] <= then[0] or now[1] < then[1]:
+            return False
+        self.factor = (now[1] - then[1]) / (now[0] - then[0])
+        return True
+
+    def _follow_clock(self) -> None:
+        """An arm of the plant's own, by the wall's time less what the plant has lost."""
+        behind = time.monotonic() - self._steady_offset - self._plant.time
+        advance = 0.0 if self._waits() else min(behind, BEHIND)
+        self._lose(behind - advance)
+        self._holder.advance(self._plant.time + advance)
+
+    def _follow_robot(self, state: ArmState) -> None:
+        """The flange goes where the stand-in's arm is, in its time; the arm feels what the tool does to it."""
+        if self._robot_offset is None:
+            self._robot_offset = state.time - self._plant.time
+        behind = state.time - self._robot_offset - self._plant.time
+        if behind > ROBOT_BEHIND and not self._clock:
+            self._robot_offset += behind - ROBOT_BEHIND
+            self._lose(behind - ROBOT_BEHIND)
+            behind = ROBOT_BEHIND
+        self._holder.drive(state.X_WE, self._plant.time + behind)
+
+    def _waits(self) -> bool:
+        """Whether the plant stands still for a process that this machine is too busy to run in time."""
+        steady = time.monotonic()
+        late = {topic for topic, stream in self.streams.items() if stream.late(self.stamp, steady)}
+        if not self.streams["target_frame"].runs:
+            late.discard("current_pose")  # nobody steers by it, and a driver that starts its program says nothing
+        return self._clock and bool(late)
+
+    def _lose(self, lost: float) -> None:
+        """Wall time [s] in which the plant did not move; its own clock knows nothing of it."""
+        self._steady_offset += lost
+        self.lost += lost
+        if not self._clock:
+            self._ros_offset += lost
