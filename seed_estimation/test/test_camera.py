@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from seed_estimation import CameraError, PinholeCamera
-from seed_estimation.images.sampling import project32
 
 PICOFLEXX = PinholeCamera.from_info(
     224, 171, [214.06, 0, 116.25, 0, 214.06, 87.57, 0, 0, 1], [0.368, -4.494, 0, 0, 7.971], "plumb_bob"
@@ -33,7 +32,7 @@ def test_projection_inverts_back_projection(camera: PinholeCamera) -> None:
 def test_the_quick_projection_agrees_with_the_exact_one(camera: PinholeCamera) -> None:
     pixels = np.random.default_rng(3).uniform((0, 0), (camera.width - 1, camera.height - 1), (2000, 2))
     points = (0.09 * camera.pixel_rays(pixels)).astype(np.float32)
-    np.testing.assert_allclose(project32(camera, points.T).T, pixels, atol=0.02)  # [px]
+    np.testing.assert_allclose(camera.project32(points.T).T, pixels, atol=0.02)  # [px]
 
 
 def test_plumb_bob_agrees_with_opencv() -> None:
@@ -49,14 +48,14 @@ def test_inverse_model_follows_its_formula() -> None:
     r2 = a * a + b * b
     c = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     expected = (a * c + 2 * p1 * a * b + p2 * (r2 + 2 * a * a), b * c + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b, 1.0)
-    np.testing.assert_allclose(D405.rays()[50, 100], expected, atol=1e-12)
+    np.testing.assert_allclose(D405.rays[50, 100], expected, atol=1e-12)
 
 
 def test_back_projection_leaves_out_pixels_without_depth() -> None:
     depth = np.full(PICOFLEXX.shape, np.nan, np.float32)
     depth[80, 100] = 0.1
     points = PICOFLEXX.back_project(depth, np.ones(PICOFLEXX.shape, bool))
-    np.testing.assert_allclose(points, 0.1 * PICOFLEXX.rays()[80, 100][None], rtol=1e-6)
+    np.testing.assert_allclose(points, 0.1 * PICOFLEXX.rays[80, 100][None], rtol=1e-6)
 
 
 def test_a_point_behind_the_camera_has_no_pixel() -> None:

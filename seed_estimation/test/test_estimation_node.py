@@ -264,7 +264,7 @@ def test_a_silent_camera_is_named_and_the_rest_goes_on_when_it_is_back(bench: Be
 
 def test_after_a_slip_nothing_is_valid_until_the_grasp_is_taken_anew(bench: Bench, renderer: Any) -> None:
     rig = Rig(bench, renderer, **QUICK).grasped()
-    rig.node.core._tracker.gross_slip = True  # test_gross_slip.py has slips that raise it
+    rig.node.core._tracker.gross_slip = True  # test_gross.py has slips that raise it
     rig.X_CT = pose_from_rpy((0.0, 0.05, 0.0), (0.001, 0.0, 0.004))
     assert rig.reason("initialize the grasp again")
     bench.spin(5 * PERIOD)

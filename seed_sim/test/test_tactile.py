@@ -31,7 +31,7 @@ def clean():
 def points(renderer, finger, images):
     """(H, W, 3) in C."""
     X_CX = renderer.hand.X_CL if finger == "left" else renderer.hand.X_CR
-    p = renderer.cameras[finger].rays() * images[finger].depth[..., None]
+    p = renderer.cameras[finger].rays * images[finger].depth[..., None]
     return p @ X_CX[:3, :3].T + X_CX[:3, 3]
 
 

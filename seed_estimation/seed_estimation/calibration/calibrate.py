@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of a hand's cameras: how wrong their range is, and where they sit. docs/estimation.md walks through it.
+"""Calibration of a hand's cameras: their range error and their poses. docs/estimation.md walks through it.
 
     ./seed calibrate CAPTURE.npz --out calibration.yaml [--membrane membrane.yaml] [--radius 0.012]
 
@@ -18,7 +18,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -28,17 +27,17 @@ from seed_core.config import field, from_mapping, load_file
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
-from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, load, save
-from seed_estimation.contact.patch import PatchFinder, mean_depth
+from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
+from seed_estimation.contact.membrane import mean_depth
+from seed_estimation.contact.patch import PatchFinder
 from seed_estimation.contact.surface import smooth_depth
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Image
 from seed_estimation.parameters import EstimatorParameters
 
-__all__ = ["Calibration", "FingerCalibration", "MembraneShape", "calibrate", "frame_of", "load", "main", "save"]
-
 SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
 FILL = 40.0  # [px] blur of what stands in for pixels without depth
+NEAR, FAR = 0.03, 0.15  # [m] of a membrane; an uncalibrated range reads up to 20 mm far
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class MembraneShape:
 
     def depth(self, camera: PinholeCamera) -> Image:
         """Depth (H, W) [m] that the camera would see; NaN beside the dome."""
-        d = camera.rays() / np.array((self.rim_x, self.rim_y, self.height))
+        d = camera.rays / np.array((self.rim_x, self.rim_y, self.height))
         rim = self.apex - self.height
         o = np.array((0.0, 0.0, -rim / self.height))
         a, b, c = (d * d).sum(-1), d @ o, float(o @ o) - 1.0
@@ -60,6 +59,40 @@ class MembraneShape:
         with np.errstate(invalid="ignore"):
             z = (-b + np.sqrt(root)) / a
             return np.where(z >= rim, z, np.nan).astype(np.float32)
+
+
+def calibrate(
+    cameras: Mapping[str, PinholeCamera],
+    no_contact: Mapping[str, Sequence[Image]],
+    grasped: Mapping[str, Sequence[Image]],
+    shape: MembraneShape,
+    radius: float,
+    hand: Hand,
+) -> Calibration:
+    """Range offset and camera pose of each finger.
+
+    Args:
+        cameras: by finger.
+        no_contact: depth images (H, W) [m] of the membrane touching nothing.
+        grasped: mean depth of the cylinder, one per pose; camera poses stay as drawn with fewer than three.
+        shape: of the membrane.
+        radius: of the cylinder [m].
+        hand: as drawn.
+
+    Raises:
+        SeedError: the captures do not show what they should.
+    """
+    p = replace(EstimatorParameters(), near=NEAR, far=FAR)
+    X, lines, nodes = {"left": hand.X_CL, "right": hand.X_CR}, {}, {}
+    for finger, camera in cameras.items():
+        measured, _ = mean_depth(no_contact[finger], p.near, p.far)
+        offset = range_error(measured, shape.depth(camera))  # of every pixel: its fixed pattern would tilt the axis
+        nodes[finger] = range_offset(offset)
+        finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
+        lines[finger] = [seen_axis(finder, frame + offset, radius, p) for frame in grasped.get(finger, ())]
+    if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
+        X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
+    return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
 
 
 def range_error(measured: Image, known: Image) -> Image:
@@ -85,51 +118,30 @@ def range_offset(error: Image) -> list[list[float]]:
     return [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
 
 
-def calibrate(
-    cameras: Mapping[str, PinholeCamera],
-    no_contact: Mapping[str, Sequence[Image]],
-    grasped: Mapping[str, Sequence[Image]],
-    shape: MembraneShape | Mapping[str, Image],
-    radius: float,
-    hand: Hand,
-    parameters: EstimatorParameters | None = None,
-) -> Calibration:
-    """Range offset and camera poses of each finger; shape: of the membrane, or its known depth image by finger.
+Captures = dict[str, list[Image]]  # depth images by finger
+
+
+def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captures]:
+    """Cameras, images without contact and images of the grasped cylinder, by finger.
 
     Raises:
-        SeedError: the captures do not show what they should.
+        SeedError: the file is no capture.
     """
-    p = replace(parameters or EstimatorParameters(), near=0.03, far=0.15)
-    X, lines, nodes = {"left": hand.X_CL, "right": hand.X_CR}, {}, {}
-    for finger, camera in cameras.items():
-        known = shape.depth(camera) if isinstance(shape, MembraneShape) else shape[finger]
-        measured, _ = mean_depth(no_contact[finger], p.near, p.far)
-        offset = range_error(measured, known)  # of every pixel: its fixed pattern would tilt the cylinder's axis
-        nodes[finger] = range_offset(offset)
-        finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
-        lines[finger] = [seen_axis(finder, frame + offset, radius) for frame in grasped.get(finger, ())]
-    if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
-        X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
-    return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
-
-
-def _read(path: Path) -> tuple[dict[str, PinholeCamera], dict[str, Any], dict[str, Any]]:
-    cameras, still, held = {}, {}, {}
+    cameras, no_contact, grasped = {}, {}, {}
     try:
         with np.load(path, allow_pickle=False) as data:
             for finger in ("left", "right"):
                 if f"{finger}_no_contact" in data:
-                    still[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
-                    held[finger] = (
-                        list(np.asarray(data[f"{finger}_grasped"], np.float32)) if f"{finger}_grasped" in data else []
-                    )
-                    h, w = still[finger][0].shape
+                    no_contact[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
+                    h, w = no_contact[finger][0].shape
                     cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
+                    if f"{finger}_grasped" in data:
+                        grasped[finger] = list(np.asarray(data[f"{finger}_grasped"], np.float32))
     except (OSError, EOFError, KeyError, ValueError, IndexError) as error:
         raise SeedError(f"{path}: not a capture for calibration: {error}") from error
     if not cameras:
         raise SeedError(f"{path}: neither left_no_contact nor right_no_contact in it")
-    return cameras, still, held
+    return cameras, no_contact, grasped
 
 
 def read_hand(path: Path) -> Hand:
@@ -157,8 +169,7 @@ def main(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
     hand = read_hand(options.hand) if options.hand else Hand()
-    cameras, still, held = _read(options.capture)
-    calibration = calibrate(cameras, still, held, shape, options.radius, hand)
+    calibration = calibrate(*read_capture(options.capture), shape, options.radius, hand)
     save(calibration, options.out)
     for finger, one in calibration.fingers.items():
         median = float(np.median(one.offset_map())) * 1e3

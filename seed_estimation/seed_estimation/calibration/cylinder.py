@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where two cameras sit against each other, from a cylinder that both of them see: their axes must be one line."""
+"""Places of two cameras against each other, from a cylinder that both of them see: their axes must be one line."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -11,8 +12,9 @@ from scipy.optimize import least_squares
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation.contact.patch import PatchFinder
-from seed_estimation.contact.surface import smooth_depth, touches
+from seed_estimation.contact.surface import lies_on_tool, smooth_depth
 from seed_estimation.images.tactile_images import Image
+from seed_estimation.parameters import EstimatorParameters
 
 PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of a hand may be
 # Deviations of one cylinder's axis as one camera sees it: its place [m], its direction turned about x, y, z of C [rad].
@@ -20,8 +22,80 @@ PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of 
 GAP, TURN = 1e-4, np.array((2.5e-3, 8e-3, 8e-3))
 
 
-def cylinder_axis(points: Array, radius: float) -> tuple[Array, Array]:
-    """A point on the axis and its direction (3,), both in the camera's frame, of a cylinder seen as points (N, 3) [m].
+class Line(NamedTuple):
+    """A point p (3,) [m] on a line and its unit direction d (3,)."""
+
+    p: Array
+    d: Array
+
+    def moved(self, X: Array) -> Line:
+        """The same line in another frame, of pose X (4, 4)."""
+        return Line(X[:3, :3] @ self.p + X[:3, 3], X[:3, :3] @ self.d)
+
+    def offsets(self, points: Array) -> Array:
+        """(N, 3) from the line to points (N, 3) [m], at right angles to it."""
+        offset = points - self.p
+        return np.asarray(offset - np.outer(offset @ self.d, self.d))
+
+
+def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: Array) -> tuple[Array, Array]:
+    """Poses of both cameras, corrected by equal and opposite steps that make their axes of each grasp one line.
+
+    Args:
+        left, right: the cylinder's axis in each camera's frame, in each grasp.
+        X_CL, X_CR: (4, 4) poses of the cameras as drawn.
+
+    Returns:
+        X_CL and X_CR.
+    """
+
+    def corrected(q: Array) -> tuple[Array, Array]:
+        half = 0.5 * q * PRIOR
+        return make_pose(so3_exp(half[:3]), half[3:]) @ X_CL, make_pose(so3_exp(-half[:3]), -half[3:]) @ X_CR
+
+    def residual(q: Array) -> Array:
+        A, B = corrected(q)
+        out = [q]  # the drawing counts where nothing else tells
+        for a, b in zip(left, right, strict=True):
+            a_C, b_C = a.moved(A), b.moved(B)
+            gap = b_C.p - a_C.p
+            out += [(gap - (gap @ a_C.d) * a_C.d) / GAP, np.cross(a_C.d, b_C.d) / TURN]
+        return np.concatenate(out)
+
+    return corrected(least_squares(residual, np.zeros(6)).x)
+
+
+def seen_axis(finder: PatchFinder, depth: Image, radius: float, p: EstimatorParameters) -> Line:
+    """Axis of a grasped cylinder in the camera's frame, from the pixels where the membrane lies on it.
+
+    Which those are, its axis tells: the two are found in turns.
+
+    Args:
+        finder: of the finger.
+        depth: (H, W) [m].
+        radius: of the cylinder [m].
+        p: in force.
+
+    Raises:
+        SeedError: no contact, too few points, or they are no such cylinder.
+    """
+    depth = depth + finder.correction
+    mask, patch = finder.find(depth, p)
+    if not patch.in_contact:
+        raise SeedError(f"{finder.finger}: a capture of the grasped cylinder shows no contact")
+    smooth = smooth_depth(depth, np.isfinite(depth) & (mask > 0), 1.0)
+    seen = (finder.core(depth, mask, p) > 0) & np.isfinite(smooth)
+    points, rest = finder.camera.back_project(smooth, seen), finder.rest[seen]
+    line = cylinder_axis(points, radius)
+    for _ in range(3):
+        outward = line.offsets(points)
+        n = (outward / np.linalg.norm(outward, axis=1, keepdims=True)).T.astype(np.float32)
+        line = cylinder_axis(points[lies_on_tool(rest, points[:, 2].astype(np.float32), n, p.decay)], radius)
+    return line
+
+
+def cylinder_axis(points: Array, radius: float) -> Line:
+    """Axis of a cylinder seen as points (N, 3) [m], in the camera's frame; radius [m].
 
     Raises:
         SeedError: too few points, or they are no such cylinder to 2 mm.
@@ -36,60 +110,15 @@ def cylinder_axis(points: Array, radius: float) -> tuple[Array, Array]:
     into = np.cross(across, d0)
     into *= np.sign(into[2])
 
-    def line(q: Array) -> tuple[Array, Array]:
+    def line(q: Array) -> Line:
         d = d0 + q[0] * across + q[1] * into
-        return centre + q[2] * across + (radius + q[3]) * into, d / np.linalg.norm(d)
+        return Line(centre + q[2] * across + (radius + q[3]) * into, d / np.linalg.norm(d))
 
     def residual(q: Array) -> Array:
-        a, d = line(q)
-        offset = points - a
-        return np.asarray((np.linalg.norm(offset - np.outer(offset @ d, d), axis=1) - radius) * 1e3)
+        return np.asarray((np.linalg.norm(line(q).offsets(points), axis=1) - radius) * 1e3)  # [mm]
 
     found = least_squares(residual, np.zeros(4), loss="soft_l1")
-    if not np.sqrt(np.mean(found.fun**2)) < 2.0:
-        raise SeedError(
-            f"the points fit a cylinder of {radius * 1e3:g} mm to {np.sqrt(np.mean(found.fun**2)):.1f} mm rms only"
-        )
+    rms = np.sqrt(np.mean(found.fun**2))
+    if not rms < 2.0:
+        raise SeedError(f"the points fit a cylinder of {radius * 1e3:g} mm to {rms:.1f} mm rms only")
     return line(found.x)
-
-
-def extrinsics(
-    left: Sequence[tuple[Array, Array]], right: Sequence[tuple[Array, Array]], X_CL: Array, X_CR: Array
-) -> tuple[Array, Array]:
-    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each pose one line."""
-
-    def corrected(q: Array) -> tuple[Array, Array]:
-        half = 0.5 * q * PRIOR
-        return make_pose(so3_exp(half[:3]), half[3:]) @ X_CL, make_pose(so3_exp(-half[:3]), -half[3:]) @ X_CR
-
-    def residual(q: Array) -> Array:
-        A, B = corrected(q)
-        out = [q]  # the drawing counts where nothing else tells
-        for (a, d), (b, e) in zip(left, right, strict=True):
-            a_C, d_C = A[:3, :3] @ a + A[:3, 3], A[:3, :3] @ d
-            b_C, e_C = B[:3, :3] @ b + B[:3, 3], B[:3, :3] @ e
-            gap = b_C - a_C
-            out += [(gap - (gap @ d_C) * d_C) / GAP, np.cross(d_C, e_C) / TURN]
-        return np.concatenate(out)
-
-    return corrected(least_squares(residual, np.zeros(6)).x)
-
-
-def seen_axis(finder: PatchFinder, depth: Image, radius: float) -> tuple[Array, Array]:
-    """The cylinder's axis from the pixels where the membrane lies on it; which those are, its axis tells."""
-    depth = depth + finder.correction
-    mask, patch = finder.find(depth)
-    if not patch.in_contact:
-        raise SeedError(f"{finder.finger}: a capture of the grasped cylinder shows no contact")
-    smooth = smooth_depth(depth, np.isfinite(depth) & (mask > 0), 1.0)
-    seen = (finder.core(depth, mask) > 0) & np.isfinite(smooth)
-    points, rest = finder.camera.back_project(smooth, seen), finder.rest[seen]
-    line = cylinder_axis(points, radius)
-    for _ in range(3):
-        a, d = line
-        offset = points - a
-        outward = offset - np.outer(offset @ d, d)
-        n = (outward / np.linalg.norm(outward, axis=1, keepdims=True)).T.astype(np.float32)
-        on = touches(rest, points[:, 2].astype(np.float32), n, finder.parameters.decay)
-        line = cylinder_axis(points[on], radius)
-    return line

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a calibration of a hand's cameras says, and its file: written by `./seed calibrate`, loaded by the estimator."""
+"""Calibration of a hand's cameras and its file: written by `./seed calibrate`, loaded by the estimator."""
 
 from __future__ import annotations
 
@@ -48,20 +48,17 @@ class FingerCalibration:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What `./seed calibrate` writes and the estimator loads."""
+    """Range and camera poses of a hand, by finger."""
 
     fingers: dict[str, FingerCalibration] = field({}, doc="left, right")
 
     def hand(self, hand: Hand) -> Hand:
         """The hand with the calibrated camera poses."""
-        for finger in ("left", "right"):
-            if finger in self.fingers:
-                pose = self.fingers[finger].pose
-                hand = replace(hand, C_L=pose) if finger == "left" else replace(hand, C_R=pose)
-        return hand
+        left, right = self.fingers.get("left"), self.fingers.get("right")
+        return replace(hand, C_L=left.pose if left else hand.C_L, C_R=right.pose if right else hand.C_R)
 
     def range_offsets(self) -> dict[str, Image]:
-        """Offset map (H, W) [m] of each finger that has one."""
+        """Offset map (H, W) [m], true minus measured, of each finger that has one."""
         return {name: one.offset_map() for name, one in self.fingers.items() if one.range_offset}
 
 
@@ -77,6 +74,6 @@ def save(calibration: Calibration, path: Path) -> None:
 
 def frame_of(X: Array) -> Frame:
     """A pose (4, 4) as position and angles."""
-    rpy = np.rad2deg(rpy_from_rotation(X[:3, :3]))
-    p = X[:3, 3]
-    return Frame((float(p[0]), float(p[1]), float(p[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))
+    x, y, z = X[:3, 3].tolist()
+    roll, pitch, yaw = np.rad2deg(rpy_from_rotation(X[:3, :3])).tolist()
+    return Frame((x, y, z), (roll, pitch, yaw))

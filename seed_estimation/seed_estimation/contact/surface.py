@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces seen as depth images: smoothing, normals, and where a membrane lies on what pushes it.
+"""Surfaces seen as depth images: smoothing, normals, and the part of a membrane that lies on the tool.
 
 Beside a tool an imprint decays by e within a length `decay` (8.5 mm on a recorded press, on every side). So the
 membrane lies on the tool only where the tool's surface falls away from the membrane at rest less steeply than that:
@@ -10,25 +10,23 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from seed_core.spatial import Array
 from seed_estimation.images.camera import PinholeCamera
-from seed_estimation.images.tactile_images import NOTHING, Image
+from seed_estimation.images.tactile_images import NOTHING, Array32, Bools, Image
 
-Vec = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 REST_BLUR = 5.0  # [px] a membrane at rest has no smaller features
 
 
 def smooth_depth(depth: Image, valid: Bools, sigma: float) -> Image:
-    """Depth blurred over its valid pixels only (normalised convolution)."""
+    """Depth (H, W) blurred by a Gaussian [px] over its valid pixels only (normalised convolution)."""
     weight = cv2.GaussianBlur(valid.astype(np.float32), (0, 0), sigma)
     blurred = cv2.GaussianBlur(np.where(valid, depth, np.float32(0.0)), (0, 0), sigma)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(weight > 0.2, blurred / weight, np.nan).astype(np.float32)
 
 
-def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
+def fitted_parabolas(depth: Image, valid: Bools, sigma: float) -> Image:
     """Depth (H, W) of the parabola that fits best around each pixel, weighed by a Gaussian [px]; NaN beside `valid`.
 
     Local regression of second order: unlike a blur it neither flattens a dome nor lifts its rim, so it may be wide,
@@ -41,7 +39,7 @@ def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
     filled = np.where(valid, depth, np.float32(0.0))
     powers = [(i, j) for i in range(3) for j in range(3 - i)]
 
-    def blurred(image: Image, i: int, j: int) -> NDArray[np.float64]:
+    def blurred(image: Image, i: int, j: int) -> Array:
         return np.asarray(cv2.GaussianBlur((image * u**i * v**j).astype(np.float64), (0, 0), sigma), np.float64)
 
     moments = {(i, j): blurred(weight, i, j) for i in range(5) for j in range(5 - i)}
@@ -54,7 +52,7 @@ def at_rest(depth: Image, valid: Bools, sigma: float) -> Image:
     return out
 
 
-def surface(camera: PinholeCamera, depth: Image, valid: Bools, blur: float) -> tuple[Vec, Vec]:
+def surface(camera: PinholeCamera, depth: Image, valid: Bools, blur: float) -> tuple[Array32, Array32]:
     """Points and unit normals towards the camera, (H, W, 3), of depth blurred by so many pixels; NaN where invalid."""
     points = camera.rays32 * smooth_depth(depth, valid, blur)[..., None]
     normal = np.cross(cv2.Sobel(points, cv2.CV_32F, 0, 1), cv2.Sobel(points, cv2.CV_32F, 1, 0))
@@ -63,7 +61,7 @@ def surface(camera: PinholeCamera, depth: Image, valid: Bools, blur: float) -> t
     return points, np.where(normal[..., 2:] > 0.0, -normal, normal).astype(np.float32)
 
 
-def rest_surface(camera: PinholeCamera, depth: Image) -> Image:
+def rest_surface(camera: PinholeCamera, depth: Image) -> Array32:
     """(H, W, 3) depth of the membrane at rest [m] and its slopes to the right and downwards [1]; NOTHING beside it."""
     points, normals = surface(camera, depth, np.isfinite(depth), REST_BLUR)
     with np.errstate(invalid="ignore"):
@@ -72,8 +70,14 @@ def rest_surface(camera: PinholeCamera, depth: Image) -> Image:
     return np.ascontiguousarray(out, np.float32)
 
 
-def touches(rest: Vec, z: Vec, n: Vec, decay: float) -> Bools:
-    """Whether the membrane lies on a surface with depths z (N,) [m] and normals n (3, N); rest (N, 3) as above."""
+def lies_on_tool(rest: Array32, z: Array32, n: Array32, decay: float) -> Bools:
+    """Whether the membrane lies on a tool's surface.
+
+    Args:
+        rest: (N, 3) depth and slopes of the membrane at rest there, as `rest_surface` gives them.
+        z, n: depths (N,) [m] and normals (3, N) of the tool's surface.
+        decay: way beside the tool over which an imprint falls by e [m].
+    """
     imprint = rest[:, 0] - z
     slope = n[:2] / n[2]
     slope += rest[:, 1:].T

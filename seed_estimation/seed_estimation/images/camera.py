@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pinhole camera with lens distortion: pixels to rays and back.
 
-Two models of distortion (named as in sensor_msgs/CameraInfo). With a = (u - cx)/fx, b = (v - cy)/fy measured,
-x, y true, c = 1 + k1 r2 + k2 r2^2 + k3 r2^3 and
-
-    B(x, y) = (x c + 2 p1 x y + p2 (r2 + 2 x^2), y c + p1 (r2 + 2 y^2) + 2 p2 x y)
-
-`plumb_bob` (Brown and Conrady) is (a, b) = B(x, y); `inverse_brown_conrady` (RealSense) is (x, y) = B(a, b).
-D is k1 k2 p1 p2 k3.
+Two models of distortion, named as in sensor_msgs/CameraInfo. With a = (u - cx)/fx, b = (v - cy)/fy measured, x, y true
+and B of `distortion`, `plumb_bob` (Brown and Conrady) is (a, b) = B(x, y); `inverse_brown_conrady` (RealSense) is
+(x, y) = B(a, b).
 """
 
 from __future__ import annotations
@@ -15,33 +11,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
+from seed_estimation.images.distortion import brown, fitted_inverse, inverse_brown
+from seed_estimation.images.tactile_images import Array32, Bools, Image, Mask
 
 MODELS = ("plumb_bob", "inverse_brown_conrady")
 MAX_SIDE = 4096  # [px]; larger sizes are a broken message
-_STEPS = 20  # Newton steps; the strongest lens in use needs 6
-_ALIKE = 0.02  # [px] another model of the lens may differ by
-_EXACT = 1e-9  # [1], on unit-z rays: 2e-7 px
+_ALIKE = 0.02  # [px] by which another model of the lens may differ
 
 
 class CameraError(SeedError):
     """A calibration that is none."""
-
-
-class Single(NamedTuple):
-    """Focal lengths (2, 1), principal point (2, 1) [px], distortion (5), and which parts of that there are."""
-
-    focal: NDArray[np.float32]
-    centre: NDArray[np.float32]
-    D: tuple[np.float32, ...]
-    distorted: bool
-    tangential: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +38,9 @@ class PinholeCamera:
         K: (3, 3) camera matrix [px].
         D: (5,) k1 k2 p1 p2 k3 of `model`; zeros for a rectified stream.
         model: 'plumb_bob' or 'inverse_brown_conrady'.
+
+    Raises:
+        CameraError: a value is missing, not finite, or contradicts the image size.
     """
 
     width: int
@@ -62,7 +50,9 @@ class PinholeCamera:
     model: str = "plumb_bob"
 
     def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
+        for name, value in (("width", self.width), ("height", self.height)):
+            if not 8 <= value <= MAX_SIDE:
+                raise CameraError(f"camera {name} = {value} px must be within 8 and {MAX_SIDE}")
         object.__setattr__(self, "K", _checked_matrix(self.K, self.width, self.height))
         object.__setattr__(self, "D", _checked_distortion(self.D))
         if self.model not in MODELS:
@@ -72,7 +62,13 @@ class PinholeCamera:
     def from_info(
         cls, width: int, height: int, k: Sequence[float], d: Sequence[float], model: str = ""
     ) -> PinholeCamera:
-        """From the values of a sensor_msgs/CameraInfo: k (9,) row-major; d may be empty (rectified).
+        """From the values of a sensor_msgs/CameraInfo.
+
+        Args:
+            width, height: of the image [px].
+            k: (9,) camera matrix, row-major [px].
+            d: distortion coefficients; empty for a rectified stream.
+            model: distortion_model.
 
         Raises:
             CameraError: a value is missing, not finite, or contradicts the image size.
@@ -102,46 +98,20 @@ class PinholeCamera:
         K[:2] /= n
         return PinholeCamera(-(-self.width // n), -(-self.height // n), K, self.D, self.model)
 
-    def rays(self) -> Array:
-        """(H, W, 3) undistorted rays with z = 1: a point at depth d in pixel (v, u) is d * rays()[v, u]."""
-        return self._rays
-
     @cached_property
-    def _rays(self) -> Array:
+    def rays(self) -> Array:
+        """(H, W, 3) undistorted rays with z = 1: a point at depth d in pixel (v, u) is d * rays[v, u]."""
         u, v = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
         rays = self.pixel_rays(np.stack((u, v), axis=-1))
         rays.setflags(write=False)
         return rays
 
     @cached_property
-    def rays32(self) -> NDArray[np.float32]:
-        """rays() in single precision, for work at the frame rate."""
-        rays = self._rays.astype(np.float32)
+    def rays32(self) -> Array32:
+        """The rays in single precision."""
+        rays = self.rays.astype(np.float32)
         rays.setflags(write=False)
         return rays
-
-    @cached_property
-    def single(self) -> Single | None:
-        """The calibration in single precision, as plumb_bob; None where that model does not fit the lens."""
-        D = self.D if self.model == "plumb_bob" else self._as_plumb_bob()
-        if D is None:
-            return None
-        K = self.K.astype(np.float32)
-        tangential = bool(D[2:4].any())
-        return Single(K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:]), tuple(D.astype(np.float32)),
-                      bool(D.any()), tangential)  # fmt: skip
-
-    def _as_plumb_bob(self) -> Array | None:
-        """(5,) of the plumb_bob that gives the same pixels to _ALIKE all over the image, by least squares."""
-        u, v = np.meshgrid(np.linspace(0.0, self.width - 1.0, 33), np.linspace(0.0, self.height - 1.0, 33))
-        a, b = (u.ravel() - self.K[0, 2]) / self.K[0, 0], (v.ravel() - self.K[1, 2]) / self.K[1, 1]
-        x, y = brown(a, b, self.D)
-        unit = np.eye(5)
-        columns = np.array([np.concatenate(brown(x, y, one)) - np.concatenate((x, y)) for one in unit]).T
-        shift = np.concatenate((a - x, b - y))
-        D = np.linalg.lstsq(columns, shift, rcond=None)[0]
-        worst = float(np.abs(columns @ D - shift).max()) * float(max(self.K[0, 0], self.K[1, 1]))
-        return np.asarray(D) if worst < _ALIKE else None
 
     def pixel_rays(self, pixels: ArrayLike) -> Array:
         """(..., 3) rays with z = 1 through pixels (..., 2) given as (u, v)."""
@@ -158,52 +128,50 @@ class PinholeCamera:
         a, b = brown(x, y, self.D) if self.model == "plumb_bob" else inverse_brown(x, y, self.D)
         return np.stack((self.K[0, 0] * a + self.K[0, 2], self.K[1, 1] * b + self.K[1, 2]), axis=-1)
 
-    def back_project(self, depth: NDArray[Any], mask: NDArray[Any]) -> Array:
+    def project32(self, p: Array32) -> Array32:
+        """Pixels (2, N) of points (3, N) in the optical frame [m], in single precision, to 0.02 px."""
+        D = self._plumb_bob
+        if D is None:
+            return np.ascontiguousarray(self.project(p.T).T, dtype=np.float32)
+        out = p[:2] / p[2]
+        if any(D):
+            k1, k2, p1, p2, k3 = D
+            square = out * out
+            r2 = square[0] + square[1]
+            c = ((k3 * r2 + k2) * r2 + k1) * r2 + np.float32(1.0)
+            if p1 or p2:
+                xy = np.float32(2.0) * out[0] * out[1]
+                shift = np.stack((p1 * xy + p2 * (r2 + 2 * square[0]), p1 * (r2 + 2 * square[1]) + p2 * xy))
+                out = np.asarray(out * c + shift, np.float32)
+            else:
+                out *= c
+        focal, centre = self._focal_and_centre
+        out *= focal
+        out += centre
+        return np.asarray(out, np.float32)
+
+    @cached_property
+    def _focal_and_centre(self) -> tuple[Array32, Array32]:
+        """Focal lengths and principal point, (2, 1) each [px]."""
+        K = self.K.astype(np.float32)
+        return K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:])
+
+    @cached_property
+    def _plumb_bob(self) -> tuple[np.float32, ...] | None:
+        """k1 k2 p1 p2 k3 of the plumb_bob that gives the same pixels all over the image; None where none does."""
+        if self.model == "plumb_bob":
+            return tuple(self.D.astype(np.float32))
+        u, v = np.meshgrid(np.linspace(0.0, self.width - 1.0, 33), np.linspace(0.0, self.height - 1.0, 33))
+        a, b = (u.ravel() - self.K[0, 2]) / self.K[0, 0], (v.ravel() - self.K[1, 2]) / self.K[1, 1]
+        D, worst = fitted_inverse(a, b, self.D)
+        return tuple(D.astype(np.float32)) if worst * float(max(self.K[0, 0], self.K[1, 1])) < _ALIKE else None
+
+    def back_project(self, depth: Image, mask: Mask | Bools) -> Array:
         """Points (N, 3) [m] in the optical frame of the pixels in mask (H, W) whose depth (H, W) [m] is finite."""
         v, u = np.nonzero(mask)
         z = depth[v, u]
         good = np.isfinite(z)
-        return np.asarray(self._rays[v[good], u[good]] * z[good, None].astype(float))
-
-
-def brown(x: Array, y: Array, D: Array) -> tuple[Array, Array]:
-    """B(x, y) of the module's head."""
-    k1, k2, p1, p2, k3 = (float(d) for d in D)
-    r2 = x * x + y * y
-    c = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return x * c + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), y * c + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-
-
-def inverse_brown(a: Array, b: Array, D: Array) -> tuple[Array, Array]:
-    """x, y with B(x, y) = (a, b), by Newton's method from (a, b); NaN where it does not settle (outside the lens)."""
-    if not D.any():
-        return np.array(a), np.array(b)
-    k1, k2, p1, p2, k3 = (float(d) for d in D)
-    x, y = np.array(a, dtype=float), np.array(b, dtype=float)
-    ex, ey = np.zeros_like(x), np.zeros_like(y)
-    with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
-            fx, fy = brown(x, y, D)
-            ex, ey = fx - a, fy - b
-            if np.nanmax(np.abs(ex) + np.abs(ey), initial=0.0) < 1e-14:
-                break
-            r2 = x * x + y * y
-            c = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
-            xx = c + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-            xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-            yy = c + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-            det = xx * yy - xy * xy
-            x, y = x - (yy * ex - xy * ey) / det, y - (xx * ey - xy * ex) / det
-        fx, fy = brown(x, y, D)
-        settled = np.abs(fx - a) + np.abs(fy - b) < _EXACT
-    return np.where(settled, x, np.nan), np.where(settled, y, np.nan)
-
-
-def _check_size(width: int, height: int) -> None:
-    for name, value in (("width", width), ("height", height)):
-        if not 8 <= value <= MAX_SIDE:
-            raise CameraError(f"camera {name} = {value} px must be within 8 and {MAX_SIDE}")
+        return np.asarray(self.rays[v[good], u[good]] * z[good, None].astype(float))
 
 
 def _checked_matrix(values: ArrayLike, width: int, height: int) -> Array:

@@ -13,23 +13,24 @@ from seed_estimation.images.tactile_images import Image
 
 OFFSET = 20.0  # [counts] keeps the noise of dark pixels small
 FLOOR = 0.03  # [1] where there is no contrast there shall be none afterwards
-MEAN_BOX = 5  # [px] a dot and little more: shading goes with the tool's outline, not with the membrane's material
-COARSE_MEAN_BOX = 11  # [px] wider than the spacing of the dots (7 px)
+MEAN_BOX = 5  # [px] a marker and little more: shading goes with the tool's outline, not with the membrane's material
+COARSE_MEAN_BOX = 11  # [px] wider than the spacing of the markers (7 px)
 DEVIATION_BOX = 13  # [px]
 FINE, COARSE = 0.5, 1.8  # [px] blur of the two levels
-MARGIN = DEVIATION_BOX  # [px] from a crop's border within which the result differs from the whole image's
 
 
 def normalised(ir: Image) -> Image:
     """(H, W) float32 of zero mean and about unit deviation everywhere, of ir (H, W) [counts]."""
-    logarithm = cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET))
-    return _standardised(cv2.GaussianBlur(logarithm, (5, 5), FINE), MEAN_BOX)
+    return _standardised(cv2.GaussianBlur(_logarithm(ir), (5, 5), FINE), MEAN_BOX)
 
 
 def coarse(ir: Image) -> Image:
     """The same at the coarse level, whose broader features lead home from further away."""
-    logarithm = cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET))
-    return _standardised(cv2.GaussianBlur(logarithm, (0, 0), COARSE), COARSE_MEAN_BOX)
+    return _standardised(cv2.GaussianBlur(_logarithm(ir), (0, 0), COARSE), COARSE_MEAN_BOX)
+
+
+def _logarithm(ir: Image) -> Image:
+    return np.asarray(cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET)), np.float32)
 
 
 def _standardised(image: Image, box: int) -> Image:

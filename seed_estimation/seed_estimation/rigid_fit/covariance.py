@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far off a fit may be: covariance from what contradicts itself in the images, not from their noise alone.
+"""Covariance of a fit: from what contradicts itself in the images, not from their noise alone.
 
-Residuals of neighbouring pixels err alike (blurred dots, smooth range errors, shading), so the inverse of the
+Residuals of neighbouring pixels err alike (blurred markers, smooth range errors, shading), so the inverse of the
 information H promises too much. The patches are cut into cells whose errors count as independent; with g_c the
 gradient of cell c, sum over c of H^-1 g_c g_c^T H^-1 is what the fit's error scatters by (a sandwich estimator with
 clusters; Liang and Zeger 1986). What it is larger than H^-1 by is averaged over a few frames, because a few dozen cells
@@ -30,40 +30,43 @@ MEMORY = 0.05  # weight of one frame in the average
 
 
 class Covariance:
-    """Of the poses that a tracker finds in one grasp."""
+    """Of the poses that are found in one grasp."""
 
-    def __init__(self, prior: Array) -> None:
-        """prior: (6, 6) information that the fits were given."""
-        self._prior = prior
-        self._excess: Array | None = None
-        self._root = np.linalg.inv(np.linalg.cholesky(prior))
+    def __init__(self) -> None:
+        self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
-    def update(self, result: Fit) -> None:
-        """Takes a fit that is believed."""
-        root = self._root = np.linalg.inv(np.linalg.cholesky(result.H_image + result.H_depth + self._prior))
-        excess = root @ result.scatter @ root.T
+    def update(self, fit: Fit, slip: MicroSlip) -> Array:
+        """Takes a fit that is believed, and gives its covariance.
+
+        Args:
+            fit: of one frame; its information includes the prior.
+            slip: micro-slip as it is known after this frame.
+
+        Returns:
+            (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
+        """
+        root = np.linalg.inv(np.linalg.cholesky(fit.H))
+        blocks = [finger.image for finger in fit.fingers] + [finger.depth for finger in fit.fingers]
+        excess = root @ np.asarray(sum(block.scatter() for block in blocks)) @ root.T
         if self._excess is None:
             self._excess = excess
         self._excess = self._excess + MEMORY * (excess - self._excess)
-
-    def of(self, result: Fit, slip: MicroSlip) -> Array:
-        """(6, 6) of [rotation vector in C, translation in C], of the fit that `update` took last."""
-        own = OWN**2 * np.eye(6) + (0.0 if self._excess is None else SCATTER**2 * self._excess)
-        C = (ALONE**2 if _alone(result) else 1.0) * self._root.T @ own @ self._root
-        C += slip.deviation**2 * np.outer(result.slip_effect, result.slip_effect)
+        C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
+        effect = fit.slip_demand.effect
+        C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
         R = np.zeros((6, 6))
-        R[:3, :3] = R[3:, 3:] = result.X_CT[:3, :3]
+        R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T
         unknown = max(slip.variance - LEARNT**2, 0.0)
-        turn, way = np.linalg.norm(so3_log(result.X_CT[:3, :3])), np.linalg.norm(result.X_CT[:3, 3])
+        turn, way = np.linalg.norm(so3_log(fit.X_CT[:3, :3])), np.linalg.norm(fit.X_CT[:3, 3])
         anywhere = ROUGH**2 * unknown + UNEVEN**2 * slip.value**2
         C += anywhere * np.diag(np.square((turn, turn, turn, way, way, way)))
         return np.asarray(0.5 * (C + C.T))
 
 
-def _alone(result: Fit) -> bool:
+def _alone(fit: Fit) -> bool:
     """Whether one finger bears the pose with nothing to balance what it gets wrong."""
-    if len(result.sights) > 1:
-        return min(result.locked.values()) < HIDDEN
-    sight = result.sights[0]
-    return sight.depth.r.size < REMAINING * sight.model.n_p.size
+    if len(fit.fingers) > 1:
+        return min(fit.explained.values()) < HIDDEN
+    finger = fit.fingers[0]
+    return finger.depth.r.size < REMAINING * finger.model.n_p.size

@@ -1,23 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """One rigid motion of the tool that explains the infrared images and the depth of both fingers at once.
 
-Robust Gauss-Newton over xi = [rotation, translation], with the residuals of `sight`, coarse then fine. The membrane may
-follow only a share 1 - slip of the motion across the camera's axis (micro-slip), which the image sees and depth does
-not; that share's own information is returned, for `slip` to learn from.
+Robust Gauss-Newton over xi = [rotation, translation] on the residuals of all fingers, coarse then fine. The membrane
+may follow only a share 1 - slip of the motion across the camera's axis (micro-slip), which the image sees and depth
+does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from seed_core.spatial import Array, so3_exp, so3_log
-from seed_estimation.images.sampling import Frame
-from seed_estimation.rigid_fit.normal_equations import solved
+from seed_core.spatial import Array, make_pose, so3_exp
+from seed_estimation.images.sampling import Crop
+from seed_estimation.rigid_fit.micro_slip import ShareDemand, micro_slip_demand
 from seed_estimation.rigid_fit.reference import FingerModel
-from seed_estimation.rigid_fit.residuals import Residuals, Sight
+from seed_estimation.rigid_fit.residuals import FingerResiduals, solved
 
 DONE = 2.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
 
@@ -28,131 +29,82 @@ class Fit:
 
     Attributes:
         X_CT: (4, 4).
-        H_image, H_depth: (6, 6) information of either kind about xi, in the tool's frame.
-        g_image, g_depth: (6,) where either kind would like to go: H^-1 g is its own step.
-        scatter: (6, 6) of the gradient, from how parts of the patches contradict each other.
-        locked: share of each finger's image that the motion explains, 1 - sum w r^2 / sum w I_0^2.
+        H, g: (6, 6) information about xi, in the tool's frame, that of the prior included, and (6,) gradient.
+        H_depth, g_depth: those of the depth images alone; H^-1 g is where they would like to go.
+        explained: share of each finger's image that the motion explains.
         depth_rms: robust deviation of the depth residuals of each finger [m]; infinite where too few are left.
-        slip_step, slip_information: by how much the images ask to change the slip, and how sure they are.
-        slip_effect: (6,) by how much xi changes with the slip.
-        iterations: Gauss-Newton steps made.
-        sights: each finger's points, residuals and weights at the end.
+        fingers: each finger's points, residuals and weights at the end.
     """
 
     X_CT: Array
-    H_image: Array
+    H: Array
+    g: Array
     H_depth: Array
-    g_image: Array
     g_depth: Array
-    scatter: Array
-    locked: Mapping[str, float]
+    explained: Mapping[str, float]
     depth_rms: Mapping[str, float]
-    slip_step: float
-    slip_information: float
-    slip_effect: Array
-    iterations: int
-    sights: Sequence[Sight]
+    fingers: Sequence[FingerResiduals]
 
-
-def motion_vector(X: Array) -> Array:
-    """[rotation vector, translation] (6,) of a pose."""
-    return np.concatenate([so3_log(X[:3, :3]), X[:3, 3]])
-
-
-def composed(X_CT: Array, xi: Array) -> Array:
-    """X_CT exp(xi)^-1."""
-    R = so3_exp(xi[:3]).T
-    step = np.eye(4)
-    step[:3, :3] = R
-    step[:3, 3] = -R @ xi[3:]
-    return np.asarray(X_CT @ step)
-
-
-def _kept_orthogonal(X: Array) -> Array:
-    """X (4, 4) without the rounding of many products: one step of Newton's towards the nearest rotation."""
-    out, R = X.copy(), X[:3, :3]
-    out[:3, :3] = R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))
-    return out
+    @cached_property
+    def slip_demand(self) -> ShareDemand:
+        """By how much the images ask to change the micro-slip."""
+        images, J_along = [f.image for f in self.fingers], [f.points.J_along for f in self.fingers]
+        return micro_slip_demand(images, J_along, self.X_CT, self.H, self.g)
 
 
 def fit(
     models: Sequence[FingerModel],
-    frames: Mapping[str, Frame],
+    crops: Mapping[str, Crop],
     X_CT: Array,
     slip: float,
     prior: Array,
     steps: tuple[int, int],
 ) -> Fit:
-    """Pose of the tool from the fingers' frames, started at X_CT (4, 4).
+    """Pose of the tool from the fingers' images.
 
-    prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine.
+    Args:
+        crops: images by finger.
+        X_CT: (4, 4) to start from.
+        slip: share of the sideways motion that the membrane does not follow.
+        prior: (6, 6) information that holds unobserved axes where they start.
+        steps: most steps, coarse and fine.
     """
-    X, count = X_CT, 0
-    if steps[0] > 0:
-        X, count = _descend([Sight(m, frames[m.finger], X, slip, 0) for m in models], X, prior, steps[0])
-    sights = [Sight(m, frames[m.finger], X, slip, 1) for m in models]
-    X, fine = _descend(sights, X, prior, steps[1])
-    return _summary(sights, _kept_orthogonal(X), prior, count + fine)
-
-
-def _descend(sights: Sequence[Sight], X: Array, prior: Array, steps: int) -> tuple[Array, int]:
-    for i in range(steps):
-        H, g = prior.copy(), np.zeros(6)
-        for sight in sights:
-            sight.evaluate(X, rescale=i < 2)
-            H += sight.image.H + sight.depth.H
-            g += sight.image.g + sight.depth.g
-        xi = solved(H, g)
-        X = composed(X, xi)
-        if xi @ g < DONE**2:
-            break
-    return X, i + 1
-
-
-def _summary(sights: Sequence[Sight], X: Array, prior: Array, count: int) -> Fit:
-    """Information of image, depth and slip from the last evaluation."""
-    image, depth = [s.image for s in sights], [s.depth for s in sights]
-    H_image, g_image = _sum(image)
-    H_depth, g_depth = _sum(depth)
-    step, information, effect = _slip(sights, X, H_image + H_depth + prior, g_image + g_depth)
+    X = X_CT
+    for level, most in enumerate(steps):
+        if most == 0:
+            continue
+        fingers = [FingerResiduals(m, crops[m.finger], X, slip, level) for m in models]
+        X = _descended(fingers, X, prior, most)
+    H_depth, g_depth = sum(f.depth.H for f in fingers), sum(f.depth.g for f in fingers)
     return Fit(
-        X_CT=X,
-        H_image=H_image,
-        H_depth=H_depth,
-        g_image=g_image,
-        g_depth=g_depth,
-        scatter=np.asarray(sum(block.scatter() for block in (*image, *depth))),
-        locked={s.model.finger: s.locked() for s in sights},
-        depth_rms={s.model.finger: s.depth.deviation if s.depth.r.size else np.inf for s in sights},
-        slip_step=step,
-        slip_information=information,
-        slip_effect=effect,
-        iterations=count,
-        sights=sights,
+        X_CT=_kept_orthogonal(X),
+        H=np.asarray(sum(f.image.H for f in fingers) + H_depth + prior),
+        g=np.asarray(sum(f.image.g for f in fingers) + g_depth),
+        H_depth=np.asarray(H_depth),
+        g_depth=np.asarray(g_depth),
+        explained={f.model.finger: f.explained() for f in fingers},
+        depth_rms={f.model.finger: f.depth.deviation if f.depth.r.size else np.inf for f in fingers},
+        fingers=fingers,
     )
 
 
-def _sum(blocks: Sequence[Residuals]) -> tuple[Array, Array]:
-    """Information (6, 6) and gradient (6,) of all blocks."""
-    H, g = np.zeros((6, 6)), np.zeros(6)
-    for b in blocks:
-        H += b.H
-        g += b.g
-    return H, g
+def _descended(fingers: Sequence[FingerResiduals], X: Array, prior: Array, steps: int) -> Array:
+    """The pose after at most so many Gauss-Newton steps."""
+    for i in range(steps):
+        H, g = prior.copy(), np.zeros(6)
+        for finger in fingers:
+            finger.evaluate(X, rescale=i < 2)
+            H += finger.image.H + finger.depth.H
+            g += finger.image.g + finger.depth.g
+        xi = solved(H, g)
+        R = so3_exp(xi[:3]).T
+        X = X @ make_pose(R, -R @ xi[3:])  # X_CT exp(xi)^-1
+        if xi @ g < DONE**2:
+            break
+    return X
 
 
-def _slip(sights: Sequence[Sight], X: Array, H: Array, g: Array) -> tuple[float, float, Array]:
-    """Change of slip that the images ask for once the pose is free to follow it, its information and effect (6,)."""
-    motion = motion_vector(X).astype(np.float32)
-    H_s, H_ss, g_s = np.zeros(6), 0.0, 0.0
-    for sight in sights:
-        b = sight.image
-        if b.r.size == 0:
-            continue
-        column = motion @ sight.points.J_along  # d r / d slip: what the motion does sideways
-        H_s += (b.Jw @ column) * b.scale
-        H_ss += float(column @ (b.w * column)) * b.scale
-        g_s += float(column @ (b.w * b.r)) * b.scale
-    effect = solved(H, H_s)
-    information = max(H_ss - float(H_s @ effect), 0.0)
-    return (g_s - float(g @ effect)) / max(information, 1e-9), information, effect
+def _kept_orthogonal(X: Array) -> Array:
+    """X (4, 4) without the rounding of many products: one step of Newton's towards the nearest rotation."""
+    R = X[:3, :3]
+    return make_pose(R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R)), X[:3, 3])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where might a lost tool be? Its patches are looked for in the whole of both images, at several turns.
+"""Relocalisation of a lost tool: its patches are looked for in the whole of both images, at several turns.
 
 The image of the grasp, turned in its plane, is correlated with the new one at half the resolution. Where each bubble's
 patch is found, depth gives a point; two points and the turn make a pose of all six axes, good enough to start a fit.
@@ -7,7 +7,7 @@ patch is found, depth gives a point; two points and the turn make a pose of all 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
-from seed_estimation.images.sampling import Frame, project32
+from seed_estimation.images.sampling import Crop
 from seed_estimation.images.tactile_images import Image
 from seed_estimation.rigid_fit.reference import FingerModel
 
@@ -28,69 +28,72 @@ NEAREST, FARTHEST = 0.02, 0.2  # [m] of a membrane
 TILT = np.cos(0.7)  # [1] no tool leans further
 
 
-class Place(NamedTuple):
-    """Where a patch may be: score, and its middle (3,) in C [m]."""
+class Relocaliser:
+    """Looks for a lost tool, some turns per frame, the smallest first, over and over."""
+
+    def __init__(self, models: Sequence[FingerModel]) -> None:
+        axis = models[0].X_XC[2, :3]
+        self._axis = axis / np.linalg.norm(axis)  # in C, about which the tool is turned: the cameras' optical axis
+        self._templates = [_PatchTemplates(m, self._axis) for m in models]
+        self._turns = cycle(range(len(TURNS)))
+
+    def starts(self, crops: Mapping[str, Crop]) -> list[Array]:
+        """Likely poses X_CT (4, 4), best first; crops: of whole images, by finger."""
+        halves = [
+            cv2.copyMakeBorder(_halved(crops[t.model.finger].coarse), *[t.reach] * 4, cv2.BORDER_CONSTANT)
+            for t in self._templates
+        ]
+        out = []
+        for turn in (next(self._turns) for _ in range(PER_FRAME)):
+            found = [
+                (t.p, place)
+                for t, half in zip(self._templates, halves, strict=True)
+                if (place := t.found(half, crops[t.model.finger], turn)) is not None
+            ]
+            R = so3_exp(TURNS[turn] * self._axis)
+            X = _pose_from_points([p for p, _ in found], [place.p for _, place in found], R)
+            if X is not None:
+                out.append((sum(place.score for _, place in found), X))
+        return [X for _, X in sorted(out, key=lambda item: -item[0])[:STARTS]]
+
+
+class _Place(NamedTuple):
+    """A place where a patch may be: score, and its middle (3,) in C [m]."""
 
     score: float
     p: Array
 
 
-class _Patch:
-    """One finger's patch at the grasp, turned."""
+class _PatchTemplates:
+    """One finger's patch at the grasp, at every turn."""
 
     def __init__(self, model: FingerModel, axis: Array) -> None:
-        """axis (3,): in C, about which the tool is turned."""
         self.model = model
         middle = model.p.mean(axis=1, keepdims=True)
         self.p = model.p[:, int(np.argmin(np.square(model.p - middle).sum(axis=0)))].astype(float)
-        X = model.X_XC
-        u, v = project32(model.camera, (X[:3, :3] @ self.p + X[:3, 3])[:, None].astype(np.float32))[:, 0] / HALF
-        small = _halved(model.picture)
-        reach = _reach(small, u, v)
-        sign = float(X[2, :3] @ axis)  # the two cameras look at each other
-        self.templates = [_turned(small, (u, v), reach, float(np.rad2deg(turn * sign))) for turn in TURNS]
-        self.reach = reach
+        u, v = model.pixels(np.eye(4), self.p[:, None])[:, 0] / HALF
+        half = _halved(model.picture)
+        rows, columns = np.nonzero(half)
+        # from the patch's middle to its furthest pixel [halved px]
+        self.reach = int(np.sqrt((np.square(rows - v) + np.square(columns - u)).max())) + 1
+        sign = float(model.X_XC[2, :3] @ axis)  # the two cameras look at each other
+        self._templates = [_turned(half, (u, v), self.reach, float(np.rad2deg(turn * sign))) for turn in TURNS]
 
-    def found(self, small: Image, frame: Frame, turn: int) -> Place | None:
+    def found(self, half: Image, crop: Crop, turn: int) -> _Place | None:
         """The likeliest place in a halved image that is framed by `reach` pixels of nothing."""
-        scores = cv2.matchTemplate(small, self.templates[turn], cv2.TM_CCORR)
+        scores = cv2.matchTemplate(half, self._templates[turn], cv2.TM_CCORR)
         _, score, _, (u, v) = cv2.minMaxLoc(scores)
         row, column = HALF * v, HALF * u
-        window = frame.depth[max(0, row - WINDOW) : row + WINDOW + 1, max(0, column - WINDOW) : column + WINDOW + 1]
+        window = crop.depth[max(0, row - WINDOW) : row + WINDOW + 1, max(0, column - WINDOW) : column + WINDOW + 1]
         seen = window[(window > NEAREST) & (window < FARTHEST)]
         if not seen.size:
             return None
-        ray = self.model.camera.pixel_rays((column + frame.origin[0], row + frame.origin[1]))
+        ray = self.model.camera.pixel_rays((column + crop.origin[0], row + crop.origin[1]))
         X_CX = inverse_pose(self.model.X_XC)
-        return Place(float(score), X_CX[:3, :3] @ (ray * float(np.median(seen))) + X_CX[:3, 3])
+        return _Place(float(score), X_CX[:3, :3] @ (ray * float(np.median(seen))) + X_CX[:3, 3])
 
 
-class Search:
-    """Looks for a lost tool, some turns per frame, the smallest first, over and over."""
-
-    def __init__(self, models: Sequence[FingerModel]) -> None:
-        axis = models[0].X_XC[2, :3]
-        self._axis = axis / np.linalg.norm(axis)
-        self._patches = [_Patch(m, self._axis) for m in models]
-        self._turns: Iterator[int] = cycle(range(len(TURNS)))
-
-    def starts(self, frames: Mapping[str, Frame]) -> list[Array]:
-        """Likely poses X_CT (4, 4), best first; frames of whole images."""
-        small = [
-            cv2.copyMakeBorder(_halved(frames[p.model.finger].coarse), *[p.reach] * 4, cv2.BORDER_CONSTANT)
-            for p in self._patches
-        ]
-        out = []
-        for turn in (next(self._turns) for _ in range(PER_FRAME)):
-            places = [p.found(s, frames[p.model.finger], turn) for p, s in zip(self._patches, small, strict=True)]
-            known = [(p.p, place) for p, place in zip(self._patches, places, strict=True) if place is not None]
-            X = _pose([a for a, _ in known], [b.p for _, b in known], so3_exp(TURNS[turn] * self._axis))
-            if X is not None:
-                out.append((sum(b.score for _, b in known), X))
-        return [X for _, X in sorted(out, key=lambda item: -item[0])[:STARTS]]
-
-
-def _pose(before: Sequence[Array], after: Sequence[Array], R: Array) -> Array | None:
+def _pose_from_points(before: Sequence[Array], after: Sequence[Array], R: Array) -> Array | None:
     """X (4, 4) that turns by R and takes points (3,) from before to after; two tell how far R leans as well."""
     if not before:
         return None
@@ -109,15 +112,9 @@ def _halved(image: Image) -> Image:
     return np.asarray(cv2.resize(image, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _reach(small: Image, u: float, v: float) -> int:
-    """From (u, v) to the furthest pixel of the patch [halved px]."""
-    rows, columns = np.nonzero(small)
-    return int(np.sqrt((np.square(rows - v) + np.square(columns - u)).max())) + 1
-
-
-def _turned(small: Image, centre: tuple[float, float], reach: int, degrees: float) -> Image:
+def _turned(half: Image, centre: tuple[float, float], reach: int, degrees: float) -> Image:
     """The patch (2 reach + 1)^2 around its centre, turned from the image's right to downwards."""
     M = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), -degrees, 1.0)
     M[:, 2] += reach - np.asarray(centre, float)
     side = 2 * reach + 1
-    return np.asarray(cv2.warpAffine(small, M, (side, side), flags=cv2.INTER_LINEAR), np.float32)
+    return np.asarray(cv2.warpAffine(half, M, (side, side), flags=cv2.INTER_LINEAR), np.float32)

@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One finger's points in one frame: which still touch the tool, their residuals, weights and information.
+"""Residuals of one finger's points in one frame, their robust weights, and the information that they carry.
 
-Robust weights are Cauchy's. Neighbouring residuals are not independent, so the information that they claim is worth
-little by itself; `scatter` says how far parts of the patch contradict each other, which is what covariance is made of.
+Weights are Cauchy's. Neighbouring residuals are not independent, so the information that they claim is worth little by
+itself; `scatter` says how far parts of the patch contradict each other, which is what covariance is made of.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
-from seed_core.spatial import Array, inverse_pose
-from seed_estimation.contact.surface import Vec, touches
-from seed_estimation.images.sampling import Frame, project32, sample
-from seed_estimation.rigid_fit.reference import FingerModel
+from seed_core.spatial import Array, inverse_pose, so3_log
+from seed_estimation.contact.surface import lies_on_tool
+from seed_estimation.images.sampling import Crop, sample
+from seed_estimation.images.tactile_images import Array32
+from seed_estimation.rigid_fit.reference import FingerModel, Indices
 
 ROBUST = 2.0  # residuals of this many deviations weigh half (Cauchy)
-SHARE_IMAGE = 1.0 / 6.0  # neighbouring residuals are not independent: a blurred dot covers about six pixels
+SHARE_IMAGE = 1.0 / 6.0  # neighbouring residuals are not independent: a blurred marker covers about six pixels
 SHARE_DEPTH = 1.0 / 3.0  # depth is averaged over 3 x 3 pixels and read at about every second one
 DEPTH_FLOOR = 1.0e-4  # [m] what a depth image gets wrong in common, however still it is
 DEPTH_COMMON = 6.0e-5  # [m] of it, what a whole patch gets wrong by one and the same amount
@@ -26,14 +27,43 @@ FEW = 60  # points; fewer that touch tell nothing
 ONE = np.float32(1.0)
 
 
+def solved(H: Array, g: Array) -> Array:
+    """x (N,) of H x = g by Cholesky, for a quarter of what numpy's general solver costs at N = 6.
+
+    Raises:
+        numpy.linalg.LinAlgError: H (N, N) is not positive definite.
+    """
+    _, x, info = dposv(H, g)
+    if info:
+        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+    return np.asarray(x)
+
+
+def motion_vector(X: Array) -> Array:
+    """[rotation vector, translation] (6,) of a pose (4, 4)."""
+    return np.concatenate([so3_log(X[:3, :3]), X[:3, 3]])
+
+
 class Residuals:
-    """Residuals r (N,) of one image, their weights and Jacobian (6, N); the deviation of the noise is kept once found.
+    """Residuals of the infrared or of the depth image of one finger, linear in xi = [rotation, translation].
 
     Attributes:
+        r, w: (N,) residuals and weights; empty where too few points touch.
+        Jw: (6, N) weighted Jacobian.
+        deviation: robust deviation of the residuals.
         H, g: (6, 6) information about xi, and (6,) gradient.
     """
 
-    def __init__(self, J: Vec, cells: NDArray[np.intp], share: float, floor: float, common: float = 0.0) -> None:
+    def __init__(self, J: Array32, cells: Indices, share: float, floor: float, common: float = 0.0) -> None:
+        """Residuals that are not evaluated yet.
+
+        Args:
+            J: (6, N) Jacobian.
+            cells: (N,) number of the piece of the patch that each lies in, rising.
+            share: of the residuals that counts as independent.
+            floor: least deviation.
+            common: deviation of what a whole patch gets wrong alike.
+        """
         self.J, self.cells, self.share, self.floor, self.common = J, cells, share, floor, common
         self.deviation = floor
         self.r = self.w = np.zeros(0, np.float32)
@@ -45,8 +75,8 @@ class Residuals:
         """From weighted sums to information."""
         return self.share / self.deviation**2
 
-    def weigh(self, r: Vec, rescale: bool) -> None:
-        """What is not seen is far out and weighs nothing."""
+    def reweight(self, r: Array32, rescale: bool) -> None:
+        """Takes residuals r (N,); what is not seen is far out and weighs nothing. rescale: find the deviation anew."""
         if r.size < FEW:
             return
         if rescale:
@@ -73,48 +103,57 @@ class Residuals:
         return np.asarray(few * (g @ g.T) + np.outer(alike, alike))
 
 
-class Sight:
-    """Image and depth residuals of one finger at one level (0 coarse, 1 fine) of one frame."""
+class FingerResiduals:
+    """Image and depth residuals of one finger in one frame, of the points that touch the tool.
 
-    def __init__(self, model: FingerModel, frame: Frame, X_CT: Array, slip: float, level: int) -> None:
-        """X_CT (4, 4): about where the tool is; it decides what still touches."""
-        self.model, self.frame, self.slip = model, frame, slip
-        self._picture = frame.fine if level else frame.coarse
+    Attributes:
+        index: of the image's points that touch, among those of the model.
+        points: those points of the image.
+        image, depth: residuals.
+    """
+
+    def __init__(self, model: FingerModel, crop: Crop, X_CT: Array, slip: float, level: int) -> None:
+        """X_CT (4, 4): about where the tool is; it decides which points touch. level: 0 coarse, 1 fine."""
+        self.model, self._crop, self._slip = model, crop, slip
+        self._picture = crop.fine if level else crop.coarse
         points = model.levels[level]
         p, n = model.surfaces[level]
         touching = _touching(model, p, n, model.X_XC @ X_CT)
         first = int(np.searchsorted(touching, points.value.size))
         d = touching[first:] - points.value.size
-        self.index = touching[:first]  # of the image's points
-        self.points, self.p = points.chosen(self.index), p.take(touching, axis=1)
-        self.n, self.n_p = model.n.take(d, axis=1), model.n_p[d]
+        self.index = touching[:first]
+        self.points, self._p = points.chosen(self.index), p.take(touching, axis=1)
+        self._n, self._n_p = model.n.take(d, axis=1), model.n_p[d]
         self.image = Residuals(self.points.jacobian(slip), self.points.cells, SHARE_IMAGE, IMAGE_FLOOR)
         self.depth = Residuals(model.J.take(d, axis=1), model.cells[d], SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)
 
     def evaluate(self, X_CT: Array, rescale: bool) -> None:
-        """Residuals, weights and information at a pose."""
+        """Residuals, weights and information at a pose (4, 4)."""
         X_XT, count = self.model.X_XC @ X_CT, self.points.value.size
         R, t = _single(X_XT)
-        P = R @ self.p + t
-        if self.slip > 0.0:
+        P = R @ self._p + t
+        if self._slip > 0.0:
             self._leave_behind(P[:, :count], R)
-        pixels = project32(self.model.camera, P)
-        pixels -= np.array(self.frame.origin, np.float32)[:, None]
-        self.image.weigh(sample(self._picture, pixels[:, :count]) - self.points.value, rescale)
+        pixels = self.model.camera.project32(P)
+        pixels -= np.array(self._crop.origin, np.float32)[:, None]
+        self.image.reweight(sample(self._picture, pixels[:, :count]) - self.points.value, rescale)
         eye = inverse_pose(X_XT)[:3, 3].astype(np.float32)  # the camera in the tool's frame
-        z = sample(self.frame.depth, pixels[:, count:])
-        self.depth.weigh((ONE - z / P[2, count:]) * (self.n_p - eye @ self.n), rescale)
+        z = sample(self._crop.depth, pixels[:, count:])
+        self.depth.reweight((ONE - z / P[2, count:]) * (self._n_p - eye @ self._n), rescale)
 
-    def _leave_behind(self, moved: Vec, R: Vec) -> None:
+    def _leave_behind(self, moved: Array32, R: Array32) -> None:
         """Takes back the share `slip` of the sideways motion of points (3, N), which stay on the tool's surface."""
         R0, t0 = _single(self.model.X_XC)
-        back = np.float32(self.slip) * (R0 @ self.points.p + t0 - moved)
+        back = np.float32(self._slip) * (R0 @ self.points.p + t0 - moved)
         n = R @ self.points.n
         moved[:2] += back[:2]
         moved[2] -= (n[0] * back[0] + n[1] * back[1]) / n[2]
 
-    def locked(self) -> float:
-        """Share of the reference image that the motion explains; 0 where most of it is out of view."""
+    def explained(self) -> float:
+        """Share of the reference image that the motion explains, 1 - sum w r^2 / sum w I_0^2.
+
+        0 where most of it is out of view.
+        """
         value, w, r = self.points.value, self.image.w, self.image.r
         if value.size < FEW:
             return 0.0
@@ -123,13 +162,14 @@ class Sight:
         return share * min(1.0, 4.0 * energy / max(total, 1e-9))
 
 
-def _touching(model: FingerModel, p: Vec, n: Vec, X_XT: Array) -> NDArray[np.intp]:
+def _touching(model: FingerModel, p: Array32, n: Array32, X_XT: Array) -> Indices:
     """Indices of the points (3, N) with normals (3, N) that lie on the tool when it is at X_XT."""
     R, t = _single(X_XT)
     P = R @ p + t
-    return np.flatnonzero(touches(sample(model.rest, project32(model.camera, P)), P[2], R @ n, model.decay))
+    rest = sample(model.rest, model.camera.project32(P))
+    return np.flatnonzero(lies_on_tool(rest, P[2], R @ n, model.decay))
 
 
-def _single(X: Array) -> tuple[Vec, Vec]:
+def _single(X: Array) -> tuple[Array32, Array32]:
     """R (3, 3) and p (3, 1) in single precision."""
     return X[:3, :3].astype(np.float32), X[:3, 3:].astype(np.float32)

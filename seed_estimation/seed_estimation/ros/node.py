@@ -98,8 +98,8 @@ class EstimatorNode(SeedNode):
         if self.core is not None:
             self.counters.add("camera_changed", "camera_info has changed: capture the reference again")
         try:
-            self.core = Estimator(self.parameters, self.hand, dict(self.inputs.cameras))
-            self.core.patterns.update({f: known.pattern for f, known in self.bubbles.known.items()})
+            patterns = {f: known.pattern for f, known in self.bubbles.known.items()}
+            self.core = Estimator(self.parameters, self.hand, self.inputs.cameras, patterns=patterns)
         except SeedError as error:
             self.core = None
             self.counters.add("camera_info_refused", str(error))

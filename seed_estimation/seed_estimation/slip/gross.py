@@ -1,30 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tool breaks loose: what cameras behind the membranes see of it, and an alarm made of that.
+"""Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
-Dots show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it breaks
-loose, sliding friction bears less than what it stuck with. Hence three signs:
+Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
+breaks loose, sliding friction bears less than what it stuck with. Hence three signs:
 
-    sprung back   the displacement of one finger's dots since the grasp falls at once, by more than its speed so far
-                  explains, the patch stays torn, and where depth sees that direction well, depth does not fall (`dots`)
-    apart         depth goes on where dots do not, by more than micro-slip and noise explain
-    torn          the lock has broken under a load, and no finger's dots are found as one body
+    sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
+                  far explains; the patch still slips along its edge (incipient slip); and where depth sees that
+                  direction well, depth does not fall
+    gone on       depth goes on where markers do not, by more than micro-slip and noise explain
+    torn          the lock has broken under a load, and no finger's markers are found as one body
+
+A tool that is set free lets the membrane spring back, too. But then the load is gone, and with it what a load does to a
+patch: it is one body again, without incipient slip, and as much of its image is explained as usual.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_estimation.images.sampling import Frame
-from seed_estimation.rigid_fit.fit import Fit, motion_vector
+from seed_estimation.images.sampling import Crop
+from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
-from seed_estimation.slip.markers import FREE, LOADED, PEELED, SEEN, SIDEWAYS, THREE, UNSEEN, Depth, Dots, Look, Seen
+from seed_estimation.rigid_fit.residuals import motion_vector
+from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
 
+FALL_FRAMES = 2  # within which a membrane has sprung back
+LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
+FALL, FALL_SHARE = 2e-4, 0.03  # [m], [1] by which markers must spring back, at least, and of their displacement
+FALL_SURE = 6.0  # deviations of noise
+SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slides, and of what it was before
+ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
+LEAST, MOST = 0.7, 1.5  # [least falls] of which a frame is evidence, and as how much at most
+SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
+MOSTLY = 0.95  # [1] of a direction that depth must see
 APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the way: all three together
-EVIDENCE = 1.25  # [least falls] of each finger's dots, over frames in a row, that raise the alarm
-BROKEN = 0.035  # [s] after which dots that cannot be found as one body are taken for a slip
+EVIDENCE = 1.25  # [least falls] of each finger's markers, over frames in a row, that raise the alarm
+BROKEN = 0.035  # [s] after which markers that cannot be found as one body are taken for a slip
 
 
 class GrossSlip:
@@ -34,56 +49,118 @@ class GrossSlip:
         p = np.concatenate([m.p for m in models], axis=1)
         reach = float(np.sqrt(np.square(p[[0, 2]] - p[[0, 2]].mean(axis=1, keepdims=True)).sum(axis=0).mean()))
         self._lever = np.array((reach, 1.0, 1.0))
-        # one bubble by itself mistakes yaw for x and roll for z, but not how far the dots of its patch have moved
-        self._centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
-        self._dots = {m.finger: Dots(m, self._lever, self._centre) for m in models}
+        # one bubble by itself mistakes yaw for x and roll for z, but not how far the markers of its patch have moved
+        centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
+        self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._evidence = 0.0  # [least falls]
 
     @property
     def places(self) -> list[Array]:
-        """X_CT (4, 4) where each finger's dots were last."""
-        return [dots.X_CT for dots in self._dots.values()]
+        """X_CT (4, 4) where each finger's markers were last."""
+        return [markers.X_CT for markers in self._markers.values()]
 
-    def slides(self, frames: Mapping[str, Frame], result: Fit, stamp: float, slip: float, locked: bool) -> bool:
-        """Whether a frame shows that the tool slides."""
-        depth = self._depth(result) if locked and len(self._dots) > 1 else UNSEEN
-        for dots in self._dots.values():
-            dots.forget(stamp)
+    def slides(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, slip: float, locked: bool) -> bool:
+        """Whether a frame shows that the tool slides.
+
+        Args:
+            crops: images by finger.
+            fit: the best to them; locked: whether it may be believed.
+            stamp: of the frame [s].
+            slip: micro-slip [1].
+        """
+        depth = self._depth(fit) if locked and len(self._markers) > 1 else UNSEEN
+        for markers in self._markers.values():
+            markers.forget(stamp)
+        held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
+        watched = held or fit.fingers  # a membrane that the tool leaves springs back, and has not let it go
         falls = []
-        held = [s for s in result.sights if np.isfinite(result.depth_rms[s.model.finger])]
-        for sight in held or result.sights:  # a membrane that the tool leaves springs back, and has not let it go
-            dots, frame = self._dots[sight.model.finger], frames[sight.model.finger]
-            near, known = (result.X_CT, sight) if locked else (dots.X_CT, None)
-            falls.append(dots.fallen(Look(frame, near, known, slip, stamp, depth)))
-        known_falls = [fall for fall in falls if fall is not None]
-        if known_falls:  # dots that cannot be found say nothing either way
-            self._evidence = self._evidence + sum(known_falls) if any(known_falls) else 0.0
-        return self._evidence >= EVIDENCE * len(falls) or self._apart() or (not locked and self._broken(stamp))
+        for finger in watched:
+            markers = self._markers[finger.model.finger]
+            near, known = (fit.X_CT, finger) if locked else (markers.X_CT, None)
+            if markers.follow(crops[finger.model.finger], near, known, slip, stamp, depth):
+                falls.append(sprung_back(markers.seen, markers.jitter))
+        if falls:  # markers that cannot be found say nothing either way
+            self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
+        gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
+        return self._evidence >= EVIDENCE * len(watched) or gone_on or (not locked and self._torn(stamp))
 
-    def _depth(self, result: Fit) -> Depth:
+    def _depth(self, fit: Fit) -> Depth:
         """Where depth would like to go, the other axes held: H^-1 g."""
-        covariance = np.linalg.inv(result.H_depth[THREE] + FREE)
-        step = covariance @ result.g_depth[SIDEWAYS]
-        way = self._lever * (motion_vector(result.X_CT)[SIDEWAYS] - step)
+        covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
+        step = covariance @ fit.g_depth[SIDEWAYS]
+        way = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - step)
         return Depth(way, self._lever * np.sqrt(covariance.diagonal()))
 
-    def _apart(self) -> bool:
-        """Whether depth has gone on without the dots of both fingers, along an axis that it sees."""
-        return len(self._dots) > 1 and all(_gone_on(_with_depth(dots.seen)) for dots in self._dots.values())
-
-    def _broken(self, stamp: float) -> bool:
-        """Whether the dots of a patch that had begun to peel under its load have not been found for too long."""
-        seen = [dots.seen for dots in self._dots.values() if dots.seen]
-        peeling = any(s.size > LOADED and s.peel > PEELED for finger in seen for s in finger)
-        return peeling and stamp - max(finger[-1].stamp for finger in seen) > BROKEN
+    def _torn(self, stamp: float) -> bool:
+        """Whether the markers of a patch with incipient slip under its load have not been found for too long."""
+        seen = [markers.seen for markers in self._markers.values() if markers.seen]
+        slipping = any(s.size > LOADED and s.incipient > SLIPPING for finger in seen for s in finger)
+        return slipping and stamp - max(finger[-1].stamp for finger in seen) > BROKEN
 
 
-def _with_depth(seen: Iterable[Seen]) -> list[Seen]:
-    """Frames in which the track was locked: in others depth's way is not known."""
-    return [s for s in seen if s.depth is not UNSEEN]
+def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
+    """By how many least falls the markers fell at once, without the tool, while the patch still slips; 0: they did not.
+
+    Args:
+        seen: observations of one finger, the last one now.
+        jitter: noise of their displacement [m].
+    """
+    falls = {back: _lost_way(seen, back) for back in range(1, min(FALL_FRAMES, len(seen) - 3) + 1)}
+    back = max(falls, key=lambda b: falls[b], default=0)
+    if not back:
+        return 0.0
+    least = max(FALL, FALL_SHARE * seen[-1 - back].size, FALL_SURE * jitter)  # what noise does not do
+    share = falls[back] / least
+    if share < LEAST or not _straight_back(seen, back) or not _still_slipping(seen, back):
+        return 0.0
+    return 0.0 if _depth_fell_too(seen, back, falls[back]) else min(share, MOST)
 
 
-def _gone_on(seen: list[Seen]) -> bool:
+def _lost_way(seen: Sequence[Observation], back: int) -> float:
+    """By how much less [m] the markers are displaced than so many frames ago, and than their speed then foretold."""
+    top, now = seen[-1 - back], seen[-1]
+    if top.size < LOADED:
+        return 0.0
+    return min(top.size, math.hypot(*_foretold(seen, back))) - now.size
+
+
+def _foretold(seen: Sequence[Observation], back: int) -> Array:
+    """The markers' way (3,) [m] now, had they kept the speed of so many frames ago."""
+    before, top, now = seen[-3 - back], seen[-1 - back], seen[-1]
+    speed = (top.way - before.way) / (top.stamp - before.stamp)
+    return np.asarray(top.way + speed * (now.stamp - top.stamp))
+
+
+def _straight_back(seen: Sequence[Observation], back: int) -> bool:
+    """Whether the markers fell along their displacement: a sheet that loses its load springs back against it.
+
+    A sudden pull elsewhere makes a displacement smaller, too.
+    """
+    foretold, now = _foretold(seen, back), seen[-1]
+    size = math.hypot(*foretold)
+    along = float(now.way @ foretold) / size
+    aside = math.sqrt(max(now.size**2 - along**2, 0.0))
+    return aside <= ASIDE * (size - along)
+
+
+def _still_slipping(seen: Sequence[Observation], back: int) -> bool:
+    """Whether the patch is still what a load had made of it so many frames ago."""
+    before, now = seen[-1 - back], seen[-1]
+    return now.doubtful or now.incipient > max(SLIPPING, SLIPPING_SHARE * before.incipient)
+
+
+def _depth_fell_too(seen: Sequence[Observation], back: int, fall: float) -> bool:
+    """Whether depth sees the direction of the fall, by and large, and that the tool fell with the markers."""
+    a, b = seen[-1 - back], seen[-1]
+    direction = (b.way - a.way) / max(math.hypot(*(b.way - a.way)), 1e-9)
+    direction[np.maximum(a.depth.deviation, b.depth.deviation) >= SEEN] = 0.0
+    stayed = -float(direction @ ((b.depth.way - b.way) - (a.depth.way - a.way)))
+    return math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
+
+
+def depth_went_on(observations: Iterable[Observation]) -> bool:
+    """Whether depth has gone on without the markers of one finger, along an axis that it sees."""
+    seen = [s for s in observations if s.depth is not UNSEEN]  # in frames that were not locked its way is not known
     before = len(seen) // 2
     if len(seen) < 5 or seen[0].depth.deviation.min() >= SEEN:
         return False

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from seed_core.hand import Hand
-from seed_estimation.calibration.calibrate import Calibration, MembraneShape, calibrate
-from seed_estimation.contact.patch import mean_depth
+from seed_estimation.calibration.calibrate import FAR, NEAR, MembraneShape, calibrate
+from seed_estimation.calibration.file import Calibration
+from seed_estimation.contact.membrane import mean_depth
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.captures import captures
 
 _START = -60.0  # [s]; before everything else of a run
-_NEAR, _FAR = 0.03, 0.15  # [m]; an uncalibrated range reads up to 20 mm far
 
 
 def known_shape(renderer: TactileRenderer) -> MembraneShape:
@@ -27,7 +27,7 @@ def calibration(renderer: TactileRenderer, hand: Hand) -> Calibration:
     taken = captures(renderer, _START)
     still = {f: [frame[f].depth for frame in taken.no_contact] for f in renderer.cameras}
     held = {
-        f: [np.asarray(mean_depth([frame[f].depth for frame in pose], _NEAR, _FAR)[0]) for pose in taken.grasped]
+        f: [np.asarray(mean_depth([frame[f].depth for frame in pose], NEAR, FAR)[0]) for pose in taken.grasped]
         for f in renderer.cameras
     }
     return calibrate(renderer.cameras, still, held, known_shape(renderer), taken.radius, hand)

@@ -41,10 +41,7 @@ def _estimator(parameters: EstimatorParameters, scenario: Scenario, renderer: Ta
         return Estimator(parameters, scenario.hand, renderer.cameras)
     from seed_testing.validation.calibrate import calibration
 
-    found = calibration(renderer, scenario.hand)
-    estimator = Estimator(parameters, found.hand(scenario.hand), renderer.cameras)
-    estimator.use_calibration(found.range_offsets())
-    return estimator
+    return Estimator(parameters, scenario.hand, renderer.cameras, calibration(renderer, scenario.hand))
 
 
 def run(scenario: Scenario, method: str, seed: int, progress: Progress | None = None) -> Series:

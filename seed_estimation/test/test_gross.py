@@ -13,6 +13,8 @@ import pytest
 from seed_core.hand import Hand
 from seed_core.spatial import Array, make_pose, pose_from_rpy
 from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation.slip.gross import depth_went_on
+from seed_estimation.slip.markers import UNSEEN, Depth, Observation
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
 friction = pytest.importorskip("seed_sim.tactile.friction", reason="needs the renderer of seed_sim")
@@ -152,3 +154,14 @@ def test_a_membrane_that_the_tool_leaves_may_spring_back() -> None:
 def test_micro_slip_is_none() -> None:
     seen = Held(0.009, slip=0.2).follow(ordinary, 2.5)
     assert first_alarm(seen) == np.inf
+
+
+@pytest.mark.parametrize("unlocked", [(), (4,), (0, 3)])
+def test_frames_without_a_lock_do_not_tear_depth_from_markers(unlocked: tuple[int, ...]) -> None:
+    """A tool that moves on, markers and depth as one, while some frames are not locked: nothing has gone on alone."""
+    seen = []
+    for i in range(7):
+        way = np.array((0.0, 4e-3 + 2.5e-4 * i, 0.0))
+        depth = UNSEEN if i in unlocked else Depth(way, np.full(3, 5e-5))
+        seen.append(Observation(i / 45.0, way, float(way[1]), depth, 0.0, False))
+    assert not depth_went_on(seen)

@@ -10,7 +10,8 @@ from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation.calibration import calibrate as cal
-from seed_estimation.contact.patch import mean_depth
+from seed_estimation.calibration import file
+from seed_estimation.contact.membrane import mean_depth
 from seed_sim.tactile.captures import captures
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
@@ -49,7 +50,7 @@ def test_a_camera_that_sits_askew_is_found(shown: dict) -> None:
     wrong = make_pose(so3_exp(np.deg2rad((1.0, 0.0, 1.0))), (0.0012, 0.0012, 0.0))
     truth = Hand()
     X_CL, X_CR = wrong @ truth.X_CL, inverse_pose(wrong) @ truth.X_CR
-    drawing = Hand(C_L=cal.frame_of(X_CL), C_R=cal.frame_of(X_CR))
+    drawing = Hand(C_L=file.frame_of(X_CL), C_R=file.frame_of(X_CR))
     found = cal.calibrate(**shown, hand=drawing).hand(drawing)
     relative = inverse_pose(found.X_CL) @ found.X_CR @ inverse_pose(inverse_pose(truth.X_CL) @ truth.X_CR)
     assert np.rad2deg(np.linalg.norm(so3_log(relative[:3, :3]))) < 0.45  # it was 2.8
@@ -59,8 +60,8 @@ def test_a_camera_that_sits_askew_is_found(shown: dict) -> None:
 
 def test_a_calibration_survives_its_file(tmp_path: Path, shown: dict) -> None:
     found = cal.calibrate(**{**shown, "grasped": {}}, hand=Hand())
-    cal.save(found, tmp_path / "c.yaml")
-    again = cal.load(tmp_path / "c.yaml")
+    file.save(found, tmp_path / "c.yaml")
+    again = file.load(tmp_path / "c.yaml")
     assert set(again.fingers) == set(found.fingers) == {"left", "right"}
     for finger in found.fingers:
         np.testing.assert_array_equal(again.fingers[finger].offset_map(), found.fingers[finger].offset_map())

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad images, and images that are missing, give a reason."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import count
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rendered import PERIOD, held
+
+from seed_core.hand import Hand
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
+from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.tactile.renderer import TactileRenderer
+
+Images = dict[str, TactileImages]
+stamps = count(1.0, PERIOD)
+
+
+@pytest.fixture(scope="module")
+def grasp() -> tuple[Estimator, TactileRenderer]:
+    return held(TactileParameters(), 16)
+
+
+def spoilt(images: Images, finger: str, **fields: np.ndarray) -> Images:
+    return {**images, finger: replace(images[finger], **fields)}
+
+
+def _full(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda image: np.full_like(image, value)
+
+
+@pytest.mark.parametrize("finger", ["left", "right"])
+@pytest.mark.parametrize(
+    ("field", "change", "word"),
+    [
+        ("depth", _full(np.nan), "depth"),
+        ("depth", _full(0.0), "depth"),
+        ("depth", _full(-0.1), "depth"),
+        ("depth", lambda d: d[:100, :50], "shape"),
+        ("ir", lambda d: d[:100, :50], "shape"),
+        ("ir", _full(65535.0), "saturated"),
+        ("ir", _full(0.0), "black"),
+        ("ir", _full(500.0), "constant"),
+        ("ir", _full(np.nan), "finite"),
+        ("ir", _full(-5.0), "black"),
+    ],
+)
+def test_a_bad_image_gives_a_reason(grasp: tuple[Estimator, TactileRenderer], finger: str, field: str,
+                                    change: Callable[[np.ndarray], np.ndarray], word: str) -> None:  # fmt: skip
+    estimator, bubbles = grasp
+    images = bubbles.render(np.eye(4), 0.5)
+    estimate = estimator.update(spoilt(images, finger, **{field: change(getattr(images[finger], field))}), 0.5)
+    assert not estimate.valid
+    assert word in estimate.reason
+    assert finger in estimate.reason
+    assert np.isfinite(estimate.X_CT).all()
+    assert np.isfinite(estimate.covariance).all()
+
+
+def test_a_silent_camera_and_time_running_backwards_give_a_reason() -> None:
+    estimator, bubbles = held(TactileParameters(), 17)
+    images = bubbles.render(np.eye(4), 0.1)
+    assert "right" in estimator.update({"left": images["left"]}, 0.1).reason
+    assert estimator.update(images, 0.1).valid
+    assert "order" in estimator.update(images, 0.05).reason
+    assert "not a time" in estimator.update(images, float("nan")).reason
+    skewed = {**images, "right": replace(images["right"], stamp=0.9)}
+    assert "apart" in estimator.update(skewed, 0.2).reason
+
+
+def test_what_is_missing_is_named() -> None:
+    bubbles = TactileRenderer(TactileParameters(), Hand(), 20)
+    estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+    still = bubbles.no_contact(0.0)
+    assert "no reference" in estimator.update(still, 0.1).reason
+    with pytest.raises(EstimatorError, match="no reference"):
+        estimator.initialize_grasp([still])
+    estimator.capture_reference([still])
+    assert "no grasp" in estimator.update(still, 0.2).reason
+    with pytest.raises(EstimatorError, match="touches nothing"):
+        estimator.initialize_grasp([still])
+    with pytest.raises(EstimatorError, match="no usable"):
+        estimator.capture_reference([])
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_no_image_whatsoever_raises(grasp: tuple[Estimator, TactileRenderer], data: st.DataObject) -> None:
+    """Patches of NaN, zeros, infinities or noise anywhere: an estimate comes back, finite, and valid ones are near."""
+    estimator, bubbles = grasp
+    images = bubbles.render(np.eye(4), 1.0)
+    for finger in images:
+        for field in ("depth", "ir"):
+            image = getattr(images[finger], field).copy()
+            v, u = data.draw(st.integers(0, 170)), data.draw(st.integers(0, 223))
+            h, w = data.draw(st.integers(0, 171)), data.draw(st.integers(0, 224))
+            image[v : v + h, u : u + w] = data.draw(st.sampled_from([np.nan, 0.0, -1.0, np.inf, -np.inf, 1e9, 0.08]))
+            images = spoilt(images, finger, **{field: image})
+    stamp = next(stamps)
+    estimate = estimator.update({f: replace(i, stamp=stamp) for f, i in images.items()}, stamp)
+    assert np.isfinite(estimate.X_CT).all()
+    assert np.isfinite(estimate.covariance).all()
+    if not estimate.valid:
+        assert estimate.reason
+    else:
+        assert np.linalg.norm(estimate.X_CT[:3, 3]) < 5e-3
