@@ -21,7 +21,7 @@ from seed_sysid.data.dataset import Dataset, read
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.weight import WeightError
 from seed_sysid.parameters import FitParameters
-from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
+from seed_sysid.report.summary import stiffness_file, summary
 from seed_sysid.stiffness_map import AXES, UNITS
 
 
@@ -55,18 +55,20 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _run(args: argparse.Namespace) -> int:
-    now = datetime.now(UTC)
     _refuse_what_would_be_ignored(args)
     if args.procedure == "weight":
         return _weight(args)
-    folder = args.out
     if args.live:
-        return _live(args, folder or results_folder() / "identification")
+        return _live(args)
+    now = datetime.now(UTC)
+    date, folder = now.isoformat(timespec="seconds"), args.out
     if folder is None and not args.json:
         folder = results_folder() / f"identify-{now:%Y%m%d-%H%M%S}"
-    analysis, figures = _from_file(args) if args.source else _simulated(args, folder, now.isoformat(timespec="seconds"))
+    analysis, figures = _from_file(args) if args.source else _simulated(args, folder, date)
     if folder is not None:
-        _write(folder, analysis, figures, now.isoformat(timespec="seconds"))
+        from seed_sysid.report.results import write_results
+
+        write_results(folder, analysis, figures, date)
     print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
     return 0
 
@@ -83,9 +85,9 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
             raise SeedError(text)
 
 
-def _live(args: argparse.Namespace, folder: Path) -> int:
+def _live(args: argparse.Namespace) -> int:
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
-    figures = client.identify(folder, args.poses, args.zero_sensor)
+    figures = client.identify(args.out or results_folder() / "identification", args.poses, args.zero_sensor)
     print(json.dumps(figures) if args.json else client.table(figures))
     return 0
 
@@ -111,7 +113,7 @@ def _weight(args: argparse.Namespace) -> int:
     return 0
 
 
-def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> tuple[Analysis, dict[str, Any]]:
+def _simulated(args: argparse.Namespace, folder: Path | None, date: str) -> tuple[Analysis, dict[str, Any]]:
     scenario = load(args.scenario)
     fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
     pose_source = None
@@ -120,7 +122,7 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
 
         pose_source = TactilePoses(scenario, args.seed)
     file = folder / "samples.jsonl" if folder else None
-    data, cell = simulate(scenario, args.seed, file, pose_source, created)
+    data, cell = simulate(scenario, args.seed, file, pose_source, date)
     analysis = analyse(data, args.poses, fit)
     figures = summary_with_truth(analysis, cell.truth) | {
         "scenario": scenario.name,
@@ -129,11 +131,11 @@ def _simulated(args: argparse.Namespace, folder: Path | None, created: str) -> t
         "outliers_made": cell.outliers,
     }
     if args.in_the_loop:
-        from seed_sim.identification.in_the_loop import compare, read_back
+        from seed_sim.identification.in_the_loop import compare
 
         g = analysis.nominal
-        found = read_back(stiffness_file(analysis, created), analysis.widths[g])
-        figures["in_the_loop"] = compare(found, cell.truth.stiffness[analysis.grips[g]], args.seed)
+        true = cell.truth.stiffness[analysis.grips[g]]
+        figures["in_the_loop"] = compare(stiffness_file(analysis, date), float(analysis.widths[g]), true, args.seed)
     return analysis, figures
 
 
@@ -151,15 +153,6 @@ def read_any(path: Path) -> Dataset:
 
         return read_bag(path)
     return read(path)
-
-
-def _write(folder: Path, analysis: Analysis, figures: dict[str, Any], date: str) -> None:
-    from seed_sysid.report.html_report import write_report
-
-    folder.mkdir(parents=True, exist_ok=True)
-    write_stiffness(folder / "stiffness.yaml", stiffness_file(analysis, date))
-    (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    write_report(folder / "report.html", analysis, figures)
 
 
 def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:

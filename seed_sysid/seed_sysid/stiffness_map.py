@@ -45,7 +45,10 @@ def stiffness_map(X_TC: Array, model: Model = "midpoint") -> StiffnessMap:
     rotation, p = Rotation.from_matrix(X_TC[:, :3, :3]), X_TC[:, :3, 3]
     q = rotation.as_euler("xyz")
     B = np.zeros((len(X_TC), 6, 6))
-    B[:, :3, :3] = np.swapaxes(_gimbal_rates(q), 1, 2)
+    (_, c1, c2), (_, s1, s2) = np.cos(q).T, np.sin(q).T
+    zero, one = np.zeros_like(c1), np.ones_like(c1)
+    rates = ((c2 / c1, -s2, c2 * s1 / c1), (s2 / c1, c2, s2 * s1 / c1), (zero, zero, one))  # N^T, q_dot = N w
+    B[:, :3, :3] = np.moveaxis(np.array(rates), 2, 0)
     if model == "plain":
         B[:, 3:, 3:] = np.eye(3)
         return StiffnessMap(B, np.hstack([q, p]))
@@ -55,19 +58,9 @@ def stiffness_map(X_TC: Array, model: Model = "midpoint") -> StiffnessMap:
     return StiffnessMap(B, np.hstack([q, np.einsum("nji,nj->ni", R_TB, p)]))
 
 
-def _gimbal_rates(q: Array) -> Array:
-    """N (n, 3, 3) with q_dot = N w at rpy q (n, 3)."""
-    c1, s1, c2, s2 = np.cos(q[:, 1]), np.sin(q[:, 1]), np.cos(q[:, 2]), np.sin(q[:, 2])
-    zero, one = np.zeros_like(c1), np.ones_like(c1)
-    rows = ((c2 / c1, s2 / c1, zero), (-s2, c2, zero), (c2 * s1 / c1, s2 * s1 / c1, one))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
-
-
 def skews(v: Array) -> Array:
     """(n, 3, 3) with skews(v)[i] @ u = v[i] x u, for v (n, 3)."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return out - np.swapaxes(out, 1, 2)
+    return np.cross(np.eye(3), v[:, None])
 
 
 def frame_derivatives(wrenches: Array) -> Array:

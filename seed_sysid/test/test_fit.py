@@ -174,11 +174,14 @@ def test_an_axis_that_hardly_moves_is_reported_as_undetermined() -> None:
 
 def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> None:
     from seed_core.stiffness_file import GripStiffness, load_stiffness
-    from seed_sysid.report.summary import stiffness_file, write_stiffness
+    from seed_sysid.report.results import write_results
+    from seed_sysid.report.summary import summary
 
     data, cell = at_rest(load("default"), 2033)
     a = analyse(data, "kinematic")
-    write_stiffness(tmp_path / "stiffness.yaml", stiffness_file(a, "2026-01-01"))
+    for date in ("2025-01-01", "2026-01-01"):
+        write_results(tmp_path, a, summary(a), date)
+    assert load_stiffness(tmp_path / "stiffness.previous.yaml").date == "2025-01-01"
     loaded = GripStiffness(load_stiffness(tmp_path / "stiffness.yaml"))
     middle = loaded.at_pressure(float(cell.truth.pressures[1]))
     assert isinstance(middle, Stiffness)

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""report.html: one file, no links to anything outside it."""
+"""report.html: the page of an identification, one file without links to anything outside it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
 from html import escape
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -16,15 +18,18 @@ from seed_sysid.fit.analysis import Analysis
 from seed_sysid.report import figures as plots
 from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS, UNITS
 
-_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums}
-td,th{padding:.2em .8em;text-align:right;border-bottom:1px solid #ddd}
-td:first-child,th:first-child{text-align:left}.warn{background:#fff4e0;padding:.4em 1em;border-left:4px solid #e08a00}
-svg{max-width:100%;height:auto}details{margin:1em 0}.small{font-size:12px}"""
+_SENSOR = (  # where it stands in the summary, and its unit
+    ("frame offset: turn", "frame_offset", "rotation_deg", "deg"),
+    ("frame offset: shift", "frame_offset", "translation_mm", "mm"),
+    ("bias: torque", "bias", "torque", "N m"),
+    ("bias: force", "bias", "force", "N"),
+    ("drift over the run: torque", "drift", "torque", "N m"),
+    ("drift over the run: force", "drift", "force", "N"),
+)
 
 
 def write_report(path: Path, a: Analysis, figures: dict[str, Any]) -> None:
-    """Write the report whole or not at all."""
+    """Write the report of an analysis and its summary (with the truth, if it is known), whole or not at all."""
     part = path.with_suffix(".html.part")
     part.write_text(render(a, figures), encoding="utf-8")
     part.replace(path)
@@ -33,31 +38,35 @@ def write_report(path: Path, a: Analysis, figures: dict[str, Any]) -> None:
 def render(a: Analysis, figures: dict[str, Any]) -> str:
     """The report as HTML."""
     truth = [np.array([*t["rotation"], *t["translation"]]) for t in figures.get("truth_all_grips", ())] or None
-    held, dump = a.data.header, escape(json.dumps(figures, indent=1))
-    body = [
-        f"<h1>Stiffness of {escape(held.hand or 'the hand')} holding {escape(held.tool or 'the sensor')}</h1>",
-        f"<p>{_abstract(a)}</p>",
-        *(f'<p class="warn">{escape(w)}</p>' for w in a.warnings),
-        "<h2>Stiffness</h2>",
-        _stiffness_table(a, truth),
-        "<h2>Stiffness against pressure, pressure against width</h2>",
-        plots.stiffness_against_pressure(a, truth),
-        plots.pressure_against_width(a),
-        "<h2>Samples</h2><p>Single-axis poses, sensor bias and frame offset taken off; lines are the fit.</p>",
-        plots.load_against_displacement(a),
-        "<h2>Residuals</h2>",
-        plots.residuals(a),
-        _channel_table(a),
-        "<h2>Is the stiffness diagonal and positive? (Assumption 2)</h2>",
-        f"<p>{_verdict(a)}</p>",
-        plots.couplings(a),
-        "<h2>Sensor</h2>",
-        _sensor_table(figures),
-        f"<details><summary>All samples ({len(a.data.samples)})</summary>{_sample_table(a)}</details>",
-        f"<details><summary>All figures (JSON)</summary><pre class='small'>{dump}</pre></details>",
-    ]
-    head = f"<head><meta charset='utf-8'><title>Grasp stiffness</title><style>{_STYLE}</style></head>"
-    return f"<!DOCTYPE html><html lang='en'>{head}<body>{''.join(body)}</body></html>\n"
+    template = Template(files("seed_sysid").joinpath("templates/report.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        hand=escape(a.data.header.hand or "the hand"),
+        tool=escape(a.data.header.tool or "the sensor"),
+        abstract=_abstract(a),
+        warnings="".join(f'<p class="warn">{escape(w)}</p>' for w in a.warnings),
+        stiffness_table=_stiffness_table(a, truth),
+        stiffness_figure=plots.stiffness_against_pressure(a, truth),
+        pressure_figure=plots.pressure_against_width(a),
+        load_figure=plots.load_against_displacement(a),
+        residual_figure=plots.residuals(a),
+        channel_table=_channel_table(a),
+        verdict=_verdict(a),
+        coupling_figure=plots.couplings(a),
+        sensor_table=_table(
+            ["", "x", "y", "z", "unit"],
+            ([name, *(f"{v:.4g}" for v in figures[group][key]), unit] for name, group, key, unit in _SENSOR),
+        ),
+        samples=len(a.data.samples),
+        sample_table=_sample_table(a),
+        figures=escape(json.dumps(figures, indent=1)),
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """An HTML table of texts."""
+    cells = "".join(f"<th>{escape(h)}</th>" for h in head)
+    lines = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+    return f"<table><tr>{cells}</tr>{lines}</table>"
 
 
 def _abstract(a: Analysis) -> str:
@@ -70,34 +79,28 @@ def _abstract(a: Analysis) -> str:
     )
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """An HTML table of texts."""
-    cells = "".join(f"<th>{escape(h)}</th>" for h in head)
-    lines = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
-    return f"<table><tr>{cells}</tr>{lines}</table>"
-
-
 def _stiffness_table(a: Analysis, truth: list[Array] | None) -> str:
     rows = []
-    for g in range(len(a.grips)):
-        state = f"{1e3 * a.widths[g]:.1f} mm, {a.pressures[g]:.1f} hPa"
-        for j, axis in enumerate(AXES):
-            k, half = a.solution.value.stiffness[g, j], a.solution.half_width[g, j]
-            row = [state if j == 0 else "", axis, f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j]]
-            rows.append(row + ([f"{truth[g][j]:.4g}", f"{k / truth[g][j] - 1.0:+.2%}"] if truth else []))
+    for g, j in np.ndindex(len(a.grips), 6):
+        k, half = a.solution.value.stiffness[g, j], a.solution.half_width[g, j]
+        state = f"{1e3 * a.widths[g]:.1f} mm, {a.pressures[g]:.1f} hPa" if j == 0 else ""
+        row = [state, AXES[j], f"{k:.4g}", f"± {half:.2g}", f"{half / k:.2%}", UNITS[j]]
+        rows.append(row + ([f"{truth[g][j]:.4g}", f"{k / truth[g][j] - 1.0:+.2%}"] if truth else []))
     head = ["grip", "axis", "stiffness", f"{a.problem.parameters.confidence:.0%} interval", "relative", "unit"]
-    return table([*head, "true", "error"] if truth else head, rows)
+    return _table([*head, "true", "error"] if truth else head, rows)
 
 
 def _channel_table(a: Analysis) -> str:
     head = ["channel", "residual (1 std)", "left-out poses (rms)", "of their spread", "R²"]
-    rows = [
-        [name, f"{s:.3g} {unit}", f"{lo:.3g} {unit}", f"{share:.2%}", f"{r2:.5f}"]
-        for name, unit, s, lo, share, r2 in zip(
-            CHANNELS, LOAD_UNITS, a.solution.noise, a.left_out, a.left_out_share, a.solution.r_squared, strict=True
-        )
-    ]
-    return table(head, rows)
+    s = a.solution
+    figures = zip(CHANNELS, LOAD_UNITS, s.noise, a.left_out, a.left_out_share, s.r_squared, strict=True)
+    return _table(
+        head,
+        (
+            [name, f"{noise:.3g} {unit}", f"{left_out:.3g} {unit}", f"{share:.2%}", f"{r_squared:.5f}"]
+            for name, unit, noise, left_out, share, r_squared in figures
+        ),
+    )
 
 
 def _verdict(a: Analysis) -> str:
@@ -109,30 +112,19 @@ def _verdict(a: Analysis) -> str:
     return escape(" ".join(a.assumption.warnings)) + "."
 
 
-def _sensor_table(figures: dict[str, Any]) -> str:
-    rows = [
-        [name, *(f"{v:.4g}" for v in figures[group][key]), unit]
-        for name, group, key, unit in (
-            ("frame offset: turn", "frame_offset", "rotation_deg", "deg"),
-            ("frame offset: shift", "frame_offset", "translation_mm", "mm"),
-            ("bias: torque", "bias", "torque", "N m"),
-            ("bias: force", "bias", "force", "N"),
-            ("drift over the run: torque", "drift", "torque", "N m"),
-            ("drift over the run: force", "drift", "force", "N"),
-        )
-    ]
-    return table(["", "x", "y", "z", "unit"], rows)
-
-
 def _sample_table(a: Analysis) -> str:
     xi, load = plots.generalised_loads(a)
-    xi = xi * np.repeat([180.0 / np.pi, 1e3], 3)
-    digits = (2,) * 6 + (3,) * 3 + (2,) * 3
-    rows = []
-    for s, values, good in zip(a.data.samples, np.hstack([xi, load]), a.solution.inlier, strict=True):
-        cells = [f"{v:.{d}f}" for v, d in zip(values, digits, strict=True)]
-        rows.append([s.key, *cells, f"{s.settle:.1f}", "" if good else "outlier"])
-    units = ["deg"] * 3 + ["mm"] * 3
-    head = ["pose", *(f"{n} [{u}]" for n, u in zip(AXES, units, strict=True))]
+    values = np.hstack([np.rad2deg(xi[:, :3]), 1e3 * xi[:, 3:], load])
+    head = ["pose", *(f"{n} [{u}]" for n, u in zip(AXES, ("deg",) * 3 + ("mm",) * 3, strict=True))]
     head += [f"load {n} [{u}]" for n, u in zip(AXES, LOAD_UNITS, strict=True)]
-    return f"<div class='small'>{table([*head, 'settle', ''], rows)}</div>"
+    digits = (2,) * 6 + (3,) * 3 + (2,) * 3
+    rows = (
+        [
+            s.key,
+            *(f"{v:.{d}f}" for v, d in zip(row, digits, strict=True)),
+            f"{s.settle:.1f}",
+            "" if good else "outlier",
+        ]
+        for s, row, good in zip(a.data.samples, values, a.solution.inlier, strict=True)
+    )
+    return _table([*head, "settle", ""], rows)

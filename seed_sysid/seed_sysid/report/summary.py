@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from seed_core.spatial import inverse_pose
-from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
+from seed_core.stiffness_file import Grip, StiffnessFile
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.stiffness_map import AXES, CHANNELS, wrench_transform
@@ -84,18 +83,10 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
         raise DatasetError(f"no stiffness.yaml is written: {', '.join(a.undetermined)} is not determined by these data")
     known = bool(np.isfinite(a.pressures).all())
     chosen = np.argsort(a.pressures, kind="stable") if known else [a.nominal]
-    grips = tuple(_grip(a, int(i), float(a.pressures[i]) if known else 0.0) for i in chosen)
+    grips = []
+    for i in chosen:
+        pressure, width = float(a.pressures[i]) if known else 0.0, float(a.widths[i])
+        stiffness_and_std = np.array([a.solution.value.stiffness[i], a.solution.std.stiffness[i]]).reshape(4, 3)
+        grips.append(Grip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
-    return StiffnessFile(head.hand or "hand", head.tool or "tool", date, grips, a.problem.parameters.model)
-
-
-def _grip(a: Analysis, i: int, pressure: float) -> Grip:
-    k, std = a.solution.value.stiffness[i].tolist(), a.solution.std.stiffness[i].tolist()
-    return Grip(pressure, float(a.widths[i]), *(tuple(v) for v in (k[:3], k[3:], std[:3], std[3:])))
-
-
-def write_stiffness(path: Path, file: StiffnessFile) -> None:
-    """Write stiffness.yaml; one that is there already is kept as stiffness.previous.yaml."""
-    if path.exists():
-        path.replace(path.with_suffix(".previous" + path.suffix))
-    save_stiffness(path, file)
+    return StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), a.problem.parameters.model)

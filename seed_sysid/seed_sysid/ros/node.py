@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from concurrent.futures import Future as Job
 from concurrent.futures import ThreadPoolExecutor
@@ -48,8 +47,8 @@ from seed_sysid.data.dataset import Header
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
 from seed_sysid.parameters import Procedure
-from seed_sysid.report.html_report import write_report
-from seed_sysid.report.summary import stiffness_file, summary, write_stiffness
+from seed_sysid.report.results import write_results
+from seed_sysid.report.summary import summary
 from seed_sysid.run.live import Live, LiveError, Streams
 from seed_sysid.run.procedure import Command
 
@@ -276,9 +275,7 @@ class SysidNode(Node):
         a = found.analysis
         file, figures = folder / "stiffness.yaml", summary(a)
         figures["camera_clock"] = asdict(found.clock) if found.clock else None
-        write_stiffness(file, stiffness_file(a, _date()))
-        (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-        write_report(folder / "report.html", a, figures)
+        write_results(folder, a, figures, _date())
         k, std = a.solution.value.stiffness[a.nominal], a.solution.std.stiffness[a.nominal]
         return IdentifyStiffness.Result(
             success=True,
