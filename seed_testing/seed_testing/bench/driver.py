@@ -13,12 +13,13 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from seed_testing.fault_bench.bench import FaultBench
-from seed_testing.fault_bench.faults import FAULTS, Outcome, run_fault
+from seed_testing.fault_bench.faults import FAULTS, run_fault
 
 BUSY = "while True: sum(range(10000))"
 PERIOD, TOLERANCE = 0.002, 0.0003  # [s] of a servo cycle
@@ -48,29 +49,28 @@ def servo(seconds: float, load: bool) -> dict[str, Any]:
 
 
 def _measure(bench: FaultBench, seconds: float) -> dict[str, Any]:
-    before = json.loads(bench.ask("periods").text)
+    periods = json.loads(bench.ask("periods").text)
     bench.robot.ask("reset_stats")
-    sent, pid = bench.state.sent, bench.supervisor.pid
-    robot_pid = bench.robot.process.pid if bench.robot.process else None
-    cpu, robot_cpu, start = cpu_seconds(pid), cpu_seconds(robot_pid), time.monotonic()
+    sent, robot = bench.state.sent, bench.robot.process
+    pids = bench.supervisor.pid, robot.pid if robot is not None else None
+    cpu, start = [cpu_seconds(pid) for pid in pids], time.monotonic()
     latencies = _stream(bench, seconds)
     elapsed = time.monotonic() - start
-    used, robot_used = cpu_seconds(pid) - cpu, cpu_seconds(robot_pid) - robot_cpu
-    stats = bench.robot.ask("stats")
-    sent = bench.state.sent - sent
+    share, robot_share = ((cpu_seconds(pid) - before) / elapsed for pid, before in zip(pids, cpu, strict=True))
+    stats, sent = bench.robot.ask("stats"), bench.state.sent - sent
     return {
         "seconds": round(elapsed, 1),
-        **_period_figures(before, json.loads(bench.ask("periods").text)),
+        **_period_figures(periods, json.loads(bench.ask("periods").text)),
         "commands_sent": sent,
         "commands_received": stats["servo_count"],
         "received_period_ms": {k: round(1e3 * v, 3) for k, v in stats["servo_period"].items()},
-        "cpu_share": round(used / elapsed, 4),
-        "standin_cpu_share": round(robot_used / elapsed, 4),
+        "cpu_share": round(share, 4),
+        "standin_cpu_share": round(robot_share, 4),
         "latency_ms": {
             name: round(float(np.quantile(latencies, q, method="higher")), 3) if latencies else math.nan
             for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
         },
-        "realtime": os.sched_getscheduler(pid or 0) == os.SCHED_FIFO,
+        "realtime": os.sched_getscheduler(pids[0] or 0) == os.SCHED_FIFO,
     }
 
 
@@ -101,13 +101,7 @@ def _period_figures(before: dict[str, Any], after: dict[str, Any]) -> dict[str, 
 
 def cpu_seconds(pid: int | None) -> float:
     """CPU time [s] of all threads of a process."""
-    if pid is None:
-        return 0.0
-    total = 0.0
-    for thread in os.listdir(f"/proc/{pid}/task"):
-        with open(f"/proc/{pid}/task/{thread}/schedstat", encoding="ascii") as file:
-            total += int(file.read().split()[0]) * 1e-9
-    return total
+    return sum(1e-9 * int(file.read_text().split()[0]) for file in Path("/proc").glob(f"{pid}/task/*/schedstat"))
 
 
 def fault_times() -> dict[str, Any]:
@@ -116,17 +110,14 @@ def fault_times() -> dict[str, Any]:
     for fault in FAULTS:
         with FaultBench("--unlock-after", "0.5") as bench:
             outcome = run_fault(bench, fault)
-        out[fault.name] = {**_rounded(outcome), "report_bound_s": fault.report_within}
+        out[fault.name] = {
+            "report_s": round(outcome.report, 3),
+            "recovery_s": round(outcome.recovery, 3),
+            "coast_mm": round(1e3 * outcome.coast, 2),
+            "jump_mm": round(1e3 * outcome.jump, 4),
+            "report_bound_s": fault.report_within,
+        }
     return out
-
-
-def _rounded(o: Outcome) -> dict[str, float]:
-    return {
-        "report_s": round(o.report, 3),
-        "recovery_s": round(o.recovery, 3),
-        "coast_mm": round(1e3 * o.coast, 2),
-        "jump_mm": round(1e3 * o.jump, 4),
-    }
 
 
 def main() -> None:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fault bench: servo process and supervisor against a stand-in controller, with a target stream and a log."""
+"""The fault bench: servo process and supervisor against a stand-in controller, with a stream of targets."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-import os
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +21,10 @@ from seed_driver.process.shared_memory import State
 from seed_driver.process.supervisor import Reply, Supervisor
 from seed_ur.standin_client import StandIn, private_host
 
-Path = Callable[[float], tuple[Vector3, Quaternion]]
+Targets = Callable[[float], tuple[Vector3, Quaternion]]  # by time [s]
 STEP = 0.004  # [s] between targets: a 250 Hz controller
 AT_REST = 2e-3  # [m/s]
 JUMP = 1e-3  # [m] that the arm may move on recovery, without a target
-
-
-class Event(NamedTuple):
-    """A change of what the driver says."""
-
-    time: float  # [s] monotonic
-    linked: bool
-    armed: bool
-    reason: str
 
 
 class FaultBench:
@@ -43,8 +34,7 @@ class FaultBench:
         host = private_host()
         self.supervisor = Supervisor(DriverConfig(**{"robot_ip": host, **settings}))
         self.robot = StandIn(host, *standin)
-        self.events: list[Event] = []
-        self.path: Path | None = None
+        self.path: Targets | None = None
         self._path_start = 0.0
 
     def __enter__(self) -> FaultBench:
@@ -60,24 +50,14 @@ class FaultBench:
         """The newest state."""
         return self.supervisor.state
 
-    @property
-    def memory_inode(self) -> int:
-        """Of the memory shared with the servo process, by which it is known in every process."""
-        assert self.supervisor.memory is not None
-        return os.fstat(self.supervisor.memory.fd).st_ino
-
     def step(self) -> State:
-        """One turn: a target if there is a path and the driver follows, supervision, log."""
+        """One turn: supervision, and a target if there is a path and the driver follows."""
         now = time.monotonic()
         state = self.supervisor.step(now)
         if self.path is not None and state.armed:
-            p, q = self.path(now - self._path_start)
-            self.supervisor.write_target(p, q, now)
-        elif self.path is not None:
+            self.supervisor.write_target(*self.path(now - self._path_start), now)
+        else:
             self._path_start = now
-        event = Event(now, state.linked, state.armed, state.reason)
-        if not self.events or event[1:] != self.events[-1][1:]:
-            self.events.append(event)
         time.sleep(STEP)
         return state
 
@@ -88,7 +68,7 @@ class FaultBench:
             self.step()
 
     def wait(self, condition: Callable[[State], bool], timeout: float, what: str) -> float:
-        """Turn until `condition`; the seconds it took. Raises SeedError after `timeout`."""
+        """Turn until `condition`; the seconds it took. Raises SeedError after `timeout` [s]."""
         start = time.monotonic()
         while not condition(self.step()):
             if time.monotonic() - start > timeout:
@@ -128,15 +108,10 @@ class FaultBench:
 
     def sway(self, amplitude: float = 0.02, rate: float = 2.0) -> None:
         """Stream a sine along y about the present command, starting at rest there."""
-        x, y, z, *q = self.state.command
-        turn: Quaternion = (q[0], q[1], q[2], q[3])
+        x, y, z, qx, qy, qz, qw = self.state.command
+        self.follow(lambda t: ((x, y + amplitude * (1.0 - math.cos(rate * t)), z), (qx, qy, qz, qw)))
 
-        def path(t: float) -> tuple[Vector3, Quaternion]:
-            return (x, y + amplitude * (1.0 - math.cos(rate * t)), z), turn
-
-        self.follow(path)
-
-    def follow(self, path: Path) -> None:
+    def follow(self, path: Targets) -> None:
         """Stream a path that starts now."""
         self.path, self._path_start = path, time.monotonic()
 
@@ -168,21 +143,13 @@ class FaultBench:
             raise SeedError(f"the arm still moves at {speeds.max():.4f} m/s")
         return math.dist(rows[-1, 1:4], rows[0, 1:4]) if len(rows) else 0.0
 
-    def first_report(self, since: float) -> float:
-        """Seconds from `since` until the driver said that it does not follow; inf if it never did."""
-        times = [e.time for e in self.events if e.time > since and not e.armed]
-        return times[0] - since if times else math.inf
-
 
 def leftover_processes(parent: int) -> list[int]:
-    """Servo processes whose parent is `parent`."""
+    """Servo processes whose parent is the process of this number."""
     found = []
-    for process in filter(str.isdigit, os.listdir("/proc")):
-        with (
-            contextlib.suppress(OSError),
-            open(f"/proc/{process}/stat") as stat,
-            open(f"/proc/{process}/cmdline") as line,
-        ):
-            if int(stat.read().rpartition(")")[2].split()[1]) == parent and "seed_driver.servo" in line.read():
-                found.append(int(process))
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # ended meanwhile
+            status = (process / "stat").read_text().rpartition(")")[2].split()
+            if int(status[1]) == parent and "seed_driver.servo" in (process / "cmdline").read_text():
+                found.append(int(process.name))
     return found

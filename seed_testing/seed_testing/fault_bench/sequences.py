@@ -4,7 +4,7 @@
     python -m seed_testing.fault_bench.sequences --count 200 --seed 1
 
 A sequence is one to four faults with random pauses, some striking while another is not healed, on one life of the
-driver. Prints a line per sequence and a JSON summary; exit code 1 when any failed. Needs seed_sim.
+driver. Prints a line per sequence and a JSON summary; exit code 1 when any failed.
 """
 
 from __future__ import annotations
@@ -74,29 +74,32 @@ def _heal(bench: FaultBench, chosen: list[Fault]) -> None:
 def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
     """Play `count` sequences from number `first` on.
 
-    {count, failed: [{sequence, error}], faults, holds, seconds, leaked_processes, leaked_descriptors,
-    leaked_shared_memory}.
+    Returns:
+        {count, seed, failed: [{sequence, error}], faults, holds, seconds, leaked_processes, leaked_descriptors,
+        leaked_shared_memory}.
     """
-    start, failed, faults = time.monotonic(), [], 0
+    start, descriptors = time.monotonic(), len(os.listdir("/proc/self/fd"))
+    faults = 0
     holds: list[str] = []
-    files = len(os.listdir("/proc/self/fd"))
+    failed: list[dict[str, Any]] = []
     memories: set[int] = set()
     for number in range(first, first + count):
         rng, began = random.Random(f"{seed}/{number}"), time.monotonic()
         names: list[str] = []
+        result = "ok"
         try:
-            with FaultBench(
-                "--unlock-after", "0.2", "--on-stop", rng.choice(("paused", "stopped", "playing"))
-            ) as bench:
-                memories.add(bench.memory_inode)
+            program = rng.choice(("paused", "stopped", "playing"))  # in a protective stop
+            with FaultBench("--unlock-after", "0.2", "--on-stop", program) as bench:
+                if bench.supervisor.memory is not None:
+                    memories.add(os.fstat(bench.supervisor.memory.fd).st_ino)
                 play(bench, rng, names, holds)
             if time.monotonic() - began > LIMIT:
                 raise SeedError(f"took {time.monotonic() - began:.0f} s, limit {LIMIT} s")
         except SeedError as error:
-            failed.append({"sequence": number, "error": str(error)})
+            result = str(error)
+            failed.append({"sequence": number, "error": result})
         faults += len(names)
         if talk:
-            result = failed[-1]["error"] if failed and failed[-1]["sequence"] == number else "ok"
             print(f"{number:4d}  {time.monotonic() - began:5.1f} s  {result}  [{'; '.join(names)}]", flush=True)
     return {
         "count": count,
@@ -106,7 +109,7 @@ def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, 
         "holds": holds,
         "seconds": round(time.monotonic() - start, 1),
         "leaked_processes": leftover_processes(os.getpid()),
-        "leaked_descriptors": len(os.listdir("/proc/self/fd")) - files,
+        "leaked_descriptors": len(os.listdir("/proc/self/fd")) - descriptors,
         "leaked_shared_memory": _holders(memories),
     }
 
