@@ -38,7 +38,7 @@ def test_a_recorded_press_is_found_and_held(recorded: press.Press, decimate: int
     p = EstimatorParameters(**{**p.__dict__, "decimate": decimate})
     depth = [np.ascontiguousarray(i.depth[::decimate, ::decimate]) for i in recorded.images]
     finder = PatchFinder("left", recorded.camera.decimated(decimate), Hand().X_CL, depth[:15], p)
-    found = [finder.find(d + finder.correction)[1] for d in depth]
+    found = [finder.find(d + finder.correction, p)[1] for d in depth]
     assert not any(q.in_contact for q in found[:59])
     assert all(q.in_contact for q in found[64:])
     assert np.std([q.centroid for q in found[72:]], axis=0).max() < 0.15e-3
