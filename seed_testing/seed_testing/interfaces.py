@@ -23,7 +23,7 @@ from seed_driver.ros.target_guard import GuardNode
 from seed_estimation.ros.node import EstimatorNode
 from seed_sim.ros.identification_cell import CellNode
 from seed_sim.ros.node import SimNode
-from seed_sim.ros.tactile_cameras import BubblesNode
+from seed_sim.ros.tactile_cameras import TactileCamerasNode
 from seed_sysid.ros.node import SysidNode
 
 # Each node, and the parameters with which it offers everything it can.
@@ -33,7 +33,7 @@ NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "driver": (DriverNode, {"robot_ip": "127.0.0.254"}),  # nobody is there; what it offers does not depend on that
     "guard": (GuardNode, {}),
     "sim": (SimNode, {"relative_pose": True}),
-    "bubbles": (BubblesNode, {}),
+    "bubbles": (TactileCamerasNode, {}),
     "sysid": (SysidNode, {}),
     "identification_cell": (CellNode, {}),
     "link_frames": (LinksNode, {}),

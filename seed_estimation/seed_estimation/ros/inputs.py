@@ -17,10 +17,17 @@ from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import TactileImages
 from seed_ros import SENSOR, MessageError, SeedNode
-from seed_ros.images import Pairing, SerializedImage, depth_from_message, gray_from_message, intrinsics, read_image
+from seed_ros.images import (
+    IMAGES,
+    INFO,
+    Pairing,
+    SerializedImage,
+    depth_from_message,
+    gray_from_message,
+    intrinsics,
+    read_image,
+)
 
-TOPICS = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}
-KINDS = tuple(TOPICS)
 FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
 
 
@@ -69,7 +76,7 @@ class ImageInputs:
         self._now, self._counters = node.now, node.counters
         self._ready, self._problem, self._calibrated = ready, problem, calibrated
         self.arrived = 0.0  # [s] when the images that are being worked on were complete
-        self._images = {f: Pairing[SerializedImage](KINDS, settings.pair_tolerance) for f in self.fingers}
+        self._images = {f: Pairing[SerializedImage](tuple(IMAGES), settings.pair_tolerance) for f in self.fingers}
         self._both = Pairing[dict[str, SerializedImage]](self.fingers, settings.finger_tolerance)
         self._heard: dict[str, float] = {}
         self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
@@ -77,10 +84,9 @@ class ImageInputs:
         self._answered = time.monotonic()
         self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
-            for kind, topic in TOPICS.items():
+            for kind, topic in IMAGES.items():
                 node.loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
-            info = f"bubble_{finger}/depth/camera_info"
-            node.loop.poll(CameraInfo, info, partial(self._on_info, finger), SENSOR)
+            node.loop.poll(CameraInfo, f"bubble_{finger}/{INFO}", partial(self._on_info, finger), SENSOR)
 
     def counts(self) -> dict[str, int]:
         """Paired sets, and images that found no partner or came out of order."""
@@ -121,10 +127,10 @@ class ImageInputs:
 
     def _why_unpaired(self) -> str:
         for finger in self.fingers:
-            stamps = [self._latest.get((finger, kind)) for kind in KINDS]
-            for kind, stamp in zip(KINDS, stamps, strict=True):
+            stamps = [self._latest.get((finger, kind)) for kind in IMAGES]
+            for kind, stamp in zip(tuple(IMAGES), stamps, strict=True):
                 if stamp is None:
-                    return f"no images on bubble_{finger}/{TOPICS[kind]}: is the camera running?"
+                    return f"no images on bubble_{finger}/{IMAGES[kind]}: is the camera running?"
             apart = abs((stamps[0] or 0.0) - (stamps[1] or 0.0))
             if apart > self.settings.pair_tolerance:
                 most = self.settings.pair_tolerance

@@ -5,8 +5,12 @@ from seed_ros.images.arrays import depth_from_message, gray_from_message, image_
 from seed_ros.images.camera_info import Intrinsics, camera_info, intrinsics
 from seed_ros.images.pairing import Pairing
 from seed_ros.images.serialized import ImageWriter, SerializedImage, read_image
+from seed_ros.images.streams import IMAGES, INFO, CameraPublisher
 
 __all__ = [
+    "IMAGES",
+    "INFO",
+    "CameraPublisher",
     "ImageWriter",
     "Intrinsics",
     "Pairing",

@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rclpy.node import Node
 from seed_msgs.msg import RelativePose
 from std_msgs.msg import Float32, Float64
 from std_srvs.srv import Trigger
@@ -19,19 +17,8 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Frame
 from seed_core.spatial import Wrench, inverse_pose
-from seed_ros.conversions import (
-    check_frame,
-    estimate_to_message,
-    pose_stamped,
-    pose_to_matrix,
-    wrench_stamped,
-)
-from seed_ros.diagnostics import Counters
-from seed_ros.frames import FrameNames
-from seed_ros.loop import FixedRateLoop
-from seed_ros.node import run
-from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND, QUEUE, SENSOR
+from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, MessageError, SeedNode
+from seed_ros.conversions import check_frame, estimate_to_message, pose_stamped, pose_to_matrix, wrench_stamped
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sysid.run.procedure import Command
@@ -48,58 +35,55 @@ class CellSettings:
     flange: Frame = field(Frame((0.45, 0.0, 0.4), (180.0, 0.0, 0.0)), doc="where the flange stands at the grasp")
 
 
-class CellNode(Node):
+class CellNode(SeedNode):
     """Gripper, arm, grasp and sensor. The true relative pose stands in for an estimator."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("identification_cell", **arguments)
-        self.settings = declare(self, CellSettings())
-        self.frames = declare(self, FrameNames(), "frames")
-        refuse_unknown(self)
+        self.settings = self.declare(CellSettings())
+        self.frames = self.declare(FrameNames(), "frames")
+        self.refuse_unknown()
+
         self.scenario = replace(load(self.settings.scenario), rate=self.settings.rate)
-        self.cell, self.counters = SimulatedCell(self.scenario, self.settings.seed), Counters(self)
+        self.cell = SimulatedCell(self.scenario, self.settings.seed)
         self.widths = np.array(self.scenario.procedure.widths)
         self.width = float(np.median(self.widths))
         self._last, self._zero = np.zeros(6), np.zeros(6)
         self.X_EC, self.X_WE = self.scenario.hand.X_EC, self.settings.flange.pose
         self.X_WT = self.X_WE @ self.X_EC
-        self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
-        self._wire()
 
-    def _wire(self) -> None:
         create = self.create_publisher
         self._pose = create(PoseStamped, "current_pose", QUEUE)
         self._wrench = create(WrenchStamped, "ft_sensor/wrench", QUEUE)
         self._width = create(Float64, "gripper/width", QUEUE)
         self._relative = create(RelativePose, "relative_pose", QUEUE)
         self._pressure = [create(Float32, f"bubble_{f}/pressure", SENSOR) for f in ("left", "right")]
+        self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)
-        self.create_service(Trigger, "ft_sensor/zero", self._on_zero)
+        self.serve(Trigger, "ft_sensor/zero", self._set_zero)
 
     def _on_target(self, message: PoseStamped) -> None:
         try:
             check_frame(message.header.frame_id, (self.frames.base,), "target_frame")
             X_WE = pose_to_matrix(message.pose, "target_frame")
+            if float(np.abs(X_WE[:3, 3] - self.X_WE[:3, 3]).max()) > 0.02:
+                raise MessageError("target_frame jumps by more than 20 mm")
         except SeedError as error:
             self.counters.add("targets_refused", f"{error}; the arm holds")
-            return
-        if float(np.abs(X_WE[:3, 3] - self.X_WE[:3, 3]).max()) > 0.02:
-            self.counters.add("targets_refused", "target_frame jumps by more than 20 mm; the arm holds")
-            return
-        self.X_WE = X_WE
+        else:
+            self.X_WE = X_WE
 
     def _on_width(self, message: Float64) -> None:
         if np.isfinite(message.data) and message.data >= 0.0:
             self.width = float(message.data)
 
-    def _on_zero(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _set_zero(self) -> str:
         self._zero = self._last
-        response.success, response.message = True, "the present load now reads as zero"
-        return response
+        return "the present load now reads as zero"
 
     def _tick(self) -> None:
-        t = self.get_clock().now().nanoseconds * 1e-9
+        t = self.now()
         grip = int(np.argmin(np.abs(self.widths - self.width)))
         reading = self.cell.step(
             Command(inverse_pose(self.X_WT) @ self.X_WE @ self.X_EC, self.width, grip, "following")
@@ -115,10 +99,4 @@ class CellNode(Node):
         self._relative.publish(estimate_to_message(estimate, self.frames.compliance, self.frames.tool))
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Entry point."""
-    return run(CellNode, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = CellNode.main

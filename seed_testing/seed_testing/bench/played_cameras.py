@@ -10,20 +10,13 @@ import sys
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_core.spatial import Array, pose_from_rpy
 from seed_estimation import TactileImages
-from seed_ros.conversions import stamp_from_seconds
-from seed_ros.frames import FrameNames
-from seed_ros.images.camera_info import Intrinsics, camera_info
-from seed_ros.images.serialized import ImageWriter
-from seed_ros.loop import FixedRateLoop
-from seed_ros.node import QUIET, run
-from seed_ros.qos import SENSOR
+from seed_ros import FixedRateLoop, FrameNames, SeedNode
+from seed_ros.images import CameraPublisher, Intrinsics
 from seed_sim.tactile import TactileParameters, TactileRenderer
 
 RATE = 30.0  # [Hz]
@@ -40,55 +33,38 @@ def motion(i: int) -> Array:
     return pose_from_rpy(swing[:3], swing[3:])
 
 
-class PlayedCamerasNode(Node):
+class PlayedCamerasNode(SeedNode):
     """Shows untouched bubbles (~/release), a tool at rest (~/grasp), or one that moves (~/move)."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("cameras", **arguments)
         renderer = TactileRenderer(TactileParameters(), Hand(), 0)
         self._untouched = [renderer.no_contact(0.0) for _ in range(15)]
-        self._still = [renderer.render(np.eye(4), 0.0) for _ in range(15)]
-        self._moving = [renderer.render(motion(i), 0.0) for i in range(LENGTH)]
+        still = [renderer.render(np.eye(4), 0.0) for _ in range(15)]
+        moving = [renderer.render(motion(i), 0.0) for i in range(LENGTH)]
         self._shown, self._next = self._untouched, 0
-        self._streams = {f: self._camera(f, renderer) for f in renderer.cameras}
-        self.create_service(Trigger, "~/release", lambda _, response: self._show(self._untouched, response))
-        self.create_service(Trigger, "~/grasp", lambda _, response: self._show(self._still, response))
-        self.create_service(Trigger, "~/move", lambda _, response: self._show(self._moving, response))
+        self._cameras = {}
+        for finger, c in renderer.cameras.items():
+            intrinsics = Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model)
+            self._cameras[finger] = CameraPublisher(self, finger, FrameNames().camera(finger), intrinsics)
+        self.serve(Trigger, "~/release", lambda: self._show(self._untouched))
+        self.serve(Trigger, "~/grasp", lambda: self._show(still))
+        self.serve(Trigger, "~/move", lambda: self._show(moving))
         self.loop = FixedRateLoop(self, RATE, self._send)
 
-    def _camera(self, finger: str, renderer: TactileRenderer) -> tuple[ImageWriter, ImageWriter, Any, CameraInfo]:
-        frame, c = FrameNames().camera(finger), renderer.cameras[finger]
-        depth, ir, info = (
-            self.create_publisher(kind, f"bubble_{finger}/{name}", SENSOR, event_callbacks=QUIET)
-            for kind, name in (
-                (Image, "depth/image_rect_raw"),
-                (Image, "ir/image_rect_raw"),
-                (CameraInfo, "depth/camera_info"),
-            )
-        )
-        message = camera_info(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model), 0.0, frame)
-        return ImageWriter(depth, "32FC1", frame), ImageWriter(ir, "mono16", frame), info, message
-
-    def _show(self, pictures: Pictures, response: Trigger.Response) -> Trigger.Response:
+    def _show(self, pictures: Pictures) -> str:
         self._shown, self._next = pictures, 0
-        response.success = True
-        return response
+        return ""
 
     def _send(self) -> None:
         images = self._shown[self._next]
         self._next = (self._next + 1) % len(self._shown)
-        for finger, (depth, ir, info, says) in self._streams.items():
-            now = self.get_clock().now().nanoseconds * 1e-9
-            says.header.stamp = stamp_from_seconds(now)
-            info.publish(says)
-            depth.publish(images[finger].depth, now)
-            ir.publish(images[finger].ir.astype(np.uint16), now)
+        for finger, camera in self._cameras.items():
+            camera.publish(images[finger].depth, images[finger].ir, self.now())
 
 
-def main() -> None:
-    """Run the node until it is interrupted."""
-    sys.exit(run(PlayedCamerasNode))
+main = PlayedCamerasNode.main
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
