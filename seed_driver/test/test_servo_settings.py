@@ -16,7 +16,7 @@ from seed_driver.process.supervisor import Supervisor
 from seed_testing.fault_bench.bench import STEP, FaultBench, leftover_processes
 from seed_ur.kinematics import URKinematics
 from seed_ur.plant_link import PlantLink
-from seed_ur.standin.controller import HOME
+from seed_ur.standin.options import HOME
 
 pytestmark = pytest.mark.realtime
 

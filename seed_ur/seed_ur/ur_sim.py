@@ -7,13 +7,15 @@ import argparse
 import ipaddress
 import signal
 import sys
+from functools import partial
 from math import radians
 
 from seed_core.command_line import Help, command, number
 from seed_core.errors import SeedError
 from seed_ur.models import MODELS
-from seed_ur.standin.controller import HOME, Options
+from seed_ur.standin.options import HOME, Options
 from seed_ur.standin.server import Server
+from seed_ur.standin.side_port import SideChannel
 
 
 def loopback(host: str, anywhere: bool) -> str:
@@ -66,6 +68,7 @@ def main(words: list[str]) -> int:
     home = tuple(radians(t) for t in given.home) if given.home else HOME
     options = Options(given.model, version(given.version), home, not given.local, given.on_stop, given.unlock_after)
     server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
+    server.open_side_port(partial(SideChannel, server))
     if given.protective_stop:
         server.box.protective_stop()
     for ending in (signal.SIGINT, signal.SIGTERM):

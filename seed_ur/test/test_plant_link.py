@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from seed_ur.kinematics import URKinematics
 from seed_ur.plant_link import ArmState, PlantLink
-from seed_ur.standin.controller import HOME
+from seed_ur.standin.options import HOME
 from seed_ur.standin_client import StandIn
 
 pytestmark = pytest.mark.realtime

@@ -13,9 +13,11 @@ from seed_ur import rtde as wire
 from seed_ur.kinematics import URKinematics
 from seed_ur.pose import matrix_from_pose, pose_from_matrix
 from seed_ur.standin import dashboard
-from seed_ur.standin.arm import Arm, Hold, Move, Servo, interpolate
-from seed_ur.standin.controller import HOME, STOPPED, Controller, Options
-from seed_ur.standin.rtde_session import Conversation, Ownership
+from seed_ur.standin.arm import Arm, Hold, Move, Servo
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import HOME, STOPPED, Options
+from seed_ur.standin.rtde_session import Conversation
+from seed_ur.standin.script import Script
 from seed_ur.ur_sim import loopback, main, version
 
 KINEMATICS = URKinematics.for_model("ur5e")
@@ -56,8 +58,8 @@ def test_recipes_have_the_sizes_of_the_protocol() -> None:
 
 
 def test_set_up_answers_types_unknown_names_and_owners() -> None:
-    box, owners = Controller(Options()), Ownership()
-    first, second = Conversation(box, owners), Conversation(box, owners)
+    box = Controller(Options())
+    first, second = Conversation(box), Conversation(box)
     ask = wire.Package(wire.SETUP_INPUTS, b"input_int_register_0,input_double_register_0,")
     assert first.handle(ask, 0.0)[3:] == b"\x01INT32,DOUBLE"
     assert second.handle(ask, 0.0)[3:] == b"\x00IN_USE,IN_USE"
@@ -101,7 +103,7 @@ def test_a_placed_arm_keeps_its_slider_and_forgets_how_the_last_one_reached() ->
 def test_a_program_that_was_stopped_before_it_began_does_not_begin(end) -> None:
     box = Controller(Options())
     box.tick(0.0)
-    assert not box.upload("def f():\nend", 0.0)
+    assert not box.upload(Script(box, "def f():\nend"), 0.0)
     end(box)
     for i in range(100):
         box.tick(DT * i)
@@ -138,7 +140,6 @@ def test_straight_moves_are_straight_and_take_the_time_of_their_trapezoid() -> N
     assert steps * DT == pytest.approx(length / 0.1 + 0.1 / 0.5, abs=0.01)
     assert away < 1e-6
     assert_allclose(arm.target_tcp_pose(), goal, atol=1e-6)
-    assert interpolate(start, goal, 0.0) == pytest.approx(start)
 
 
 def test_holding_brakes_every_joint_in_proportion() -> None:

@@ -9,16 +9,15 @@ to actual position. Frames: W is `base`; poses given by programs are of the TCP.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, isfinite, sqrt
+from math import exp, hypot, isfinite, sqrt
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from seed_core.spatial import Array, interpolate_pose, inverse_pose
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.pose import Pose6, matrix_from_pose, pose_from_matrix
 
-Array = NDArray[np.float64]
 JOINT_ACCELERATION = 40.0  # [rad/s^2] largest that the stand-in does
 LAG = 0.006  # [s] target to actual
 BRAKE = 20.0  # [rad/s^2] deceleration of a protective or emergency stop
@@ -91,18 +90,14 @@ class Move:
         self.cartesian, self.done, self.time = cartesian, False, 0.0
         self.start, self.goal = list(arm.target_q), list(goal)
         if cartesian:
-            self.start = list(arm.target_tcp_pose())
-            a, b = np.array(self.start[:3]), np.array(self.goal[:3])
-            self.length = max(float(np.linalg.norm(b - a)), 0.3 * self._turn(), 1e-9)
+            self._X_start, self._X_goal = matrix_from_pose(arm.target_tcp_pose()), matrix_from_pose(goal)
+            x, y, z, *turn = pose_from_matrix(inverse_pose(self._X_start) @ self._X_goal)
+            self.length = max(hypot(x, y, z), 0.3 * hypot(*turn), 1e-9)
         else:
             self.length = max(max(abs(b - a) for a, b in zip(self.start, self.goal, strict=True)), 1e-9)
         self.acceleration = max(1e-3, acceleration)
         self.top = min(max(1e-3, speed), sqrt(self.acceleration * self.length))
         self.duration = self.length / self.top + self.top / self.acceleration
-
-    def _turn(self) -> float:
-        R = matrix_from_pose(self.start)[:3, :3].T @ matrix_from_pose(self.goal)[:3, :3]
-        return float(np.linalg.norm(pose_from_matrix(_homogeneous(R))[3:]))
 
     def _share(self, t: float) -> float:
         """Share of the way after t seconds."""
@@ -120,26 +115,10 @@ class Move:
         share = self._share(self.time)
         self.done = self.time >= self.duration
         if self.cartesian:
-            goal: Sequence[float] = arm.inverse(interpolate(self.start, self.goal, share), arm.target_q)
+            goal: Sequence[float] = arm.inverse_of(interpolate_pose(self._X_start, self._X_goal, share), arm.target_q)
         else:
             goal = [a + share * (b - a) for a, b in zip(self.start, self.goal, strict=True)]
         return [(g - q) / dt for g, q in zip(goal, arm.target_q, strict=True)]
-
-
-def interpolate(start: Sequence[float], goal: Sequence[float], share: float) -> Pose6:
-    """Pose vector between two, straight in position and along the shortest turn in rotation."""
-    A, B = matrix_from_pose(start), matrix_from_pose(goal)
-    turn = pose_from_matrix(_homogeneous(A[:3, :3].T @ B[:3, :3]))[3:]
-    X = A.copy()
-    X[:3, :3] = A[:3, :3] @ matrix_from_pose((0, 0, 0, *(share * t for t in turn)))[:3, :3]
-    X[:3, 3] = A[:3, 3] + share * (B[:3, 3] - A[:3, 3])
-    return pose_from_matrix(X)
-
-
-def _homogeneous(R: Array) -> Array:
-    X = np.eye(4)
-    X[:3, :3] = R
-    return X
 
 
 class Arm:
@@ -178,8 +157,11 @@ class Arm:
         """Joint angles (6,) that put the TCP at a pose vector."""
         if not all(np.isfinite(tcp_pose)):
             raise KinematicsError(f"get_inverse_kin: pose {tuple(tcp_pose)} must be finite")
-        X_WE = matrix_from_pose(tcp_pose) @ self._tcp_inverse
-        return [float(t) for t in self.kinematics.inverse(X_WE, near)]
+        return self.inverse_of(matrix_from_pose(tcp_pose), near)
+
+    def inverse_of(self, X_W_tcp: Array, near: Sequence[float]) -> list[float]:
+        """Joint angles (6,) that put the TCP at X_W_tcp (4, 4)."""
+        return [float(t) for t in self.kinematics.inverse(X_W_tcp @ self._tcp_inverse, near)]
 
     def follow(self, tcp_pose: Sequence[float]) -> list[float]:
         """As `inverse` near the target, quickly."""
@@ -189,7 +171,7 @@ class Arm:
 
     def set_tcp(self, X_E_tcp: Array) -> None:
         """Where the TCP is, in the flange frame."""
-        self.tcp, self._tcp_inverse, self.tcp_offset = X_E_tcp, np.linalg.inv(X_E_tcp), pose_from_matrix(X_E_tcp)
+        self.tcp, self._tcp_inverse, self.tcp_offset = X_E_tcp, inverse_pose(X_E_tcp), pose_from_matrix(X_E_tcp)
 
     def joint_speed_of(self, tcp_velocity: Sequence[float]) -> list[float]:
         """Joint speeds (6,) for a TCP velocity (vx vy vz wx wy wz in W), damped near singularities."""

@@ -6,293 +6,242 @@ Doubles d0.. are input_double_registers, integers i1.. input_int_registers, both
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, TypeAlias
-
-import numpy as np
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import isfinite
+from typing import NamedTuple, TypeAlias
 
 from seed_ur.kinematics import KinematicsError
 from seed_ur.pose import matrix_from_pose, pose_from_matrix
 from seed_ur.standin.arm import Hold, Move, Servo, Speed
-
-if TYPE_CHECKING:
-    from seed_ur.standin.controller import Controller
-    from seed_ur.standin.program import Program
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import PERIOD, ProgramError
 
 Job: TypeAlias = Callable[[], bool]  # called every cycle until it returns True
-Action: TypeAlias = "Callable[[Controller, Program], Job | None]"
+# What a command gives: a job to wait for, numbers for the output double registers, a bool for output_int_register_1.
+Answer: TypeAlias = Job | Sequence[float] | bool | None
 ANOTHER_THREAD = "Another thread is already controlling the robot"
 
 
-class ProgramError(Exception):
-    """A runtime error that ends the program."""
+class PathMove(NamedTuple):
+    """One line of a path."""
+
+    kind: str
+    target: list[float]
+    acceleration: float
+    speed: float
 
 
-def _doubles(box: Controller, program: Program, first: int, count: int) -> list[float]:
-    return [box.input_double(program.offset + first + i) for i in range(count)]
+class Commands:
+    """The commands of one running script."""
 
+    def __init__(self, robot: Controller, offset: int, path: Sequence[PathMove]) -> None:
+        self.robot, self.offset, self.path = robot, offset, path
+        self.watchdog: float | None = None  # [s] longest time between updates of the command register
+        self._background: Job | None = None  # an asynchronous move
+        self._operation = 0  # counts asynchronous moves
+        self._cycles = 0
 
-def _int(box: Controller, program: Program, index: int) -> int:
-    return box.input_int(program.offset + index)
+    def process(self, number: int) -> Job | None:
+        """Begin a command; the job to wait for, if there is one. Raises ProgramError and KinematicsError."""
+        if number not in COMMANDS:
+            raise ProgramError(f"command {number} is not emulated")
+        answer = COMMANDS[number](self)
+        if callable(answer):
+            return answer
+        if isinstance(answer, bool):
+            self.robot.set_output_int(self.offset + 1, int(answer))
+        elif answer is not None:
+            for i, value in enumerate(answer):
+                self.robot.set_output_double(self.offset + i, float(value))
+        return None
 
+    def advance(self) -> None:
+        """One cycle of what goes on in the background."""
+        self._cycles += 1
+        if self._background is not None and self._background():
+            self._background = None
+            self._report_operation(running=False)
 
-def _answer(box: Controller, program: Program, values: list[float]) -> None:
-    for i, value in enumerate(values):
-        box.set_output_double(program.offset + i, float(value))
+    def _report_operation(self, running: bool) -> None:
+        """Progress word of asynchronous moves: bit 15 running, bits 24 to 30 the operation's number."""
+        writes = (self._cycles & 0x7F) << 16
+        word = (self._operation & 0x7F) << 24 | writes | (0x8000 if running else 0)
+        self.robot.set_output_int(self.offset + 2, word)
 
+    def doubles(self, first: int, count: int) -> list[float]:
+        """Arguments d<first>.. of the command."""
+        first += self.offset
+        return self.robot.in_double[first : first + count]
 
-def _free_arm(box: Controller) -> None:
-    if isinstance(box.arm.motion, Servo | Speed) or box.freedrive or box.force_mode:
-        raise ProgramError(ANOTHER_THREAD)
+    def move(self, kind: str) -> Job | None:
+        """moveJ, moveJ_IK, moveL, moveL_FK: d0-d5 target, d6 speed, d7 acceleration, i1 in the background."""
+        target, (speed, acceleration) = self.doubles(0, 6), self.doubles(6, 2)
+        goal = self._goal(kind, target)
+        cartesian = kind in ("movel", "movel_fk")
+        return self._play([lambda: Move(self.robot.arm, goal, speed, acceleration, cartesian)])
 
+    def move_path(self) -> Job | None:
+        """movePath: the moves that stand in the script itself."""
 
-def _run(box: Controller, program: Program, moves: list[Callable[[], Move]], in_background: bool) -> Job | None:
-    """Play moves one after the other, as a blocking job or in the background."""
-    _free_arm(box)
-    queue = list(moves)
+        def start(m: PathMove) -> Move:
+            return Move(self.robot.arm, self._goal(m.kind, m.target), m.speed, m.acceleration, m.kind == "movel")
 
-    def job() -> bool:
-        if not box.arm.motion.done and isinstance(box.arm.motion, Move):
+        return self._play([partial(start, m) for m in self.path])
+
+    def _goal(self, kind: str, target: list[float]) -> list[float]:
+        arm = self.robot.arm
+        if kind == "movej_ik":
+            return arm.inverse(target, arm.target_q)
+        if kind == "movel_fk":
+            return list(pose_from_matrix(arm.kinematics.forward(target) @ arm.tcp))
+        if kind == "movel":
+            arm.inverse(target, arm.target_q)  # refuse the unreachable before moving
+        return target
+
+    def _play(self, moves: list[Callable[[], Move]]) -> Job | None:
+        """Play moves one after the other, as a blocking job or (i1) in the background."""
+        robot = self.robot
+        if isinstance(robot.arm.motion, Servo | Speed) or robot.freedrive or robot.force_mode:
+            raise ProgramError(ANOTHER_THREAD)
+
+        def job() -> bool:
+            if not robot.arm.motion.done and isinstance(robot.arm.motion, Move):
+                return False
+            if not moves:
+                robot.arm.motion = Hold(1e3)
+                return True
+            robot.arm.motion = moves.pop(0)()
             return False
-        if not queue:
-            box.arm.motion = Hold(1e3)
-            return True
-        box.arm.motion = queue.pop(0)()
-        return False
 
-    if not in_background:
-        return job
-    program.operation += 1
-    program.background = job
-    program.report_operation(box, running=True)
-    return None
+        if not robot.in_int[self.offset + 1]:
+            return job
+        self._operation += 1
+        self._background = job
+        self._report_operation(running=True)
+        return None
 
-
-def _move(kind: str) -> Action:
-    cartesian = kind in ("movel", "movel_fk")
-
-    def action(box: Controller, program: Program) -> Job | None:
-        target, (speed, acceleration) = _doubles(box, program, 0, 6), _doubles(box, program, 6, 2)
-        goal = _goal(box, kind, target)
-        make = [lambda: Move(box.arm, goal, speed, acceleration, cartesian)]
-        return _run(box, program, make, bool(_int(box, program, 1)))
-
-    return action
-
-
-def _goal(box: Controller, kind: str, target: list[float]) -> list[float]:
-    if kind == "movej_ik":
-        return box.arm.inverse(target, box.arm.target_q)
-    if kind == "movel_fk":
-        return list(pose_from_matrix(box.arm.kinematics.forward(target) @ box.arm.tcp))
-    if kind == "movel":
-        box.arm.inverse(target, box.arm.target_q)  # refuse the unreachable before moving
-    return target
-
-
-def _path(box: Controller, program: Program) -> Job | None:
-    moves: list[Callable[[], Move]] = []
-    for kind, target, acceleration, speed in program.path:
-
-        def make(k: str = kind, t: list[float] = target, a: float = acceleration, v: float = speed) -> Move:
-            return Move(box.arm, _goal(box, k, t), v, a, k == "movel")
-
-        moves.append(make)
-    return _run(box, program, moves, bool(_int(box, program, 1)))
-
-
-def _servo(cartesian: bool) -> Action:
-    def action(box: Controller, program: Program) -> Job | None:
-        target = _doubles(box, program, 0, 6)
-        lookahead, gain = _doubles(box, program, 9, 2)
-        goal = box.servo_goal(target) if cartesian else target
-        if not np.isfinite(goal).all():
+    def servo(self, cartesian: bool) -> None:
+        """servoJ, servoL: d0-d5 target, d9 lookahead, d10 gain."""
+        robot, target = self.robot, self.doubles(0, 6)
+        goal = robot.servo_goal(target) if cartesian else target
+        if not all(map(isfinite, goal)):
             raise ProgramError(f"servoj: target {goal} is not finite")
-        if isinstance(box.arm.motion, Servo):
-            motion = box.arm.motion
-            box.check_step(motion.goal, goal)
-            if motion.rate != (fresh := Servo(goal, lookahead, gain)).rate:
-                box.arm.motion = fresh
-            motion.goal = list(goal)
-        else:
-            box.check_step(box.arm.target_q, goal)
-            box.arm.motion = Servo(goal, lookahead, gain)
-        return None
+        wanted, motion = Servo(goal, *self.doubles(9, 2)), robot.arm.motion
+        robot.check_step(motion.goal if isinstance(motion, Servo) else robot.arm.target_q, goal)
+        robot.arm.motion = wanted
 
-    return action
+    def servo_circular(self) -> None:
+        """servoC: d0-d5 target."""
+        self.robot.arm.motion = Servo(self.robot.servo_goal(self.doubles(0, 6)), 0.1, 300.0)
 
+    def speed(self, cartesian: bool) -> None:
+        """speedJ, speedL: d0-d5 speed, d6 acceleration, d7 duration (0: until it is stopped)."""
+        speed, (acceleration, duration) = self.doubles(0, 6), self.doubles(6, 2)
+        motion = self.robot.arm.motion
+        if not isinstance(motion, Speed) or motion.speed != speed or duration:
+            self.robot.arm.motion = Speed(speed, acceleration, duration, cartesian)
 
-def _servo_circular(box: Controller, program: Program) -> Job | None:
-    box.arm.motion = Servo(box.servo_goal(_doubles(box, program, 0, 6)), 0.1, 300.0)
-    return None
+    def jog(self) -> None:
+        """jogStart: d0-d5 speed."""
+        self.robot.arm.motion = Speed(self.doubles(0, 6), 0.5, 0.0, True)
 
+    def stop(self) -> Job:
+        """servoStop, speedStop, stopL, stopJ, jogStop: d0 deceleration; wait until the arm stands."""
+        robot = self.robot
+        self._background = None
+        robot.freedrive = robot.force_mode = False
+        robot.arm.motion = Hold(self.doubles(0, 1)[0] or 10.0)
+        return lambda: robot.arm.motion.done
 
-def _speed(cartesian: bool) -> Action:
-    def action(box: Controller, program: Program) -> Job | None:
-        speed, (acceleration, duration) = _doubles(box, program, 0, 6), _doubles(box, program, 6, 2)
-        if isinstance(box.arm.motion, Speed) and box.arm.motion.speed == speed and not duration:
-            return None
-        box.arm.motion = Speed(speed, acceleration, duration, cartesian)
-        return None
-
-    return action
-
-
-def _jog(box: Controller, program: Program) -> Job | None:
-    box.arm.motion = Speed(_doubles(box, program, 0, 6), 0.5, 0.0, True)
-    return None
-
-
-def _stop(box: Controller, program: Program) -> Job | None:
-    """servoStop, speedStop, stopL, stopJ, jogStop: wait until the arm stands."""
-    program.background = None
-    deceleration = box.input_double(program.offset) or 10.0
-    box.freedrive = box.force_mode = False
-    box.arm.motion = Hold(deceleration)
-    return lambda: box.arm.motion.done
-
-
-def _force_mode(on: bool) -> Action:
-    def action(box: Controller, _: Program) -> Job | None:
-        box.force_mode = on
+    def force_mode(self, on: bool) -> None:
+        """forceMode, forceModeStop; without its forces."""
+        self.robot.force_mode = on
         if not on:
-            box.arm.motion = Hold()
-        return None
+            self.robot.arm.motion = Hold()
 
-    return action
+    def freedrive(self, on: bool) -> None:
+        """freedriveMode, endFreedriveMode, teachMode, endTeachMode."""
+        self.robot.freedrive = on
+        self.robot.arm.motion = Hold()
 
+    def set_payload(self) -> None:
+        """setPayload: d0 mass, d1-d3 centre of mass."""
+        self.robot.payload, *self.robot.payload_cog = self.doubles(0, 4)
 
-def _freedrive(on: bool) -> Action:
-    def action(box: Controller, _: Program) -> Job | None:
-        box.freedrive = on
-        box.arm.motion = Hold()
-        return None
+    def set_tcp(self) -> None:
+        """setTcp: d0-d5 pose vector in the flange frame."""
+        self.robot.arm.set_tcp(matrix_from_pose(self.doubles(0, 6)))
 
-    return action
+    def set_watchdog(self) -> None:
+        """setWatchdog: d0 least frequency."""
+        self.watchdog = 1.0 / max(0.1, self.doubles(0, 1)[0])
 
+    def inverse(self, near: bool) -> list[float]:
+        """getInverseKinematics: d0-d5 pose of the TCP, d6-d11 joint angles near which to look."""
+        arm = self.robot.arm
+        return arm.inverse(self.doubles(0, 6), self.doubles(6, 6) if near else arm.target_q)
 
-def _freedrive_status(box: Controller, program: Program) -> None:
-    box.set_output_int(program.offset + 1, int(box.freedrive))
+    def has_inverse(self, near: bool) -> bool:
+        """getInverseKinematicsHasSolution, isPoseWithinSafetyLimits."""
+        try:
+            self.inverse(near)
+        except KinematicsError:
+            return False
+        return True
 
+    def forward(self) -> Sequence[float]:
+        """getForwardKinematics: d0-d5 joint angles, d6-d11 TCP."""
+        q, tcp = self.doubles(0, 6), self.doubles(6, 6)
+        return pose_from_matrix(self.robot.arm.kinematics.forward(q) @ matrix_from_pose(tcp))
 
-def _payload(box: Controller, program: Program) -> None:
-    box.payload, *box.payload_cog = _doubles(box, program, 0, 4)
+    def pose_trans(self) -> Sequence[float]:
+        """poseTrans: d0-d5 and d6-d11 poses."""
+        return pose_from_matrix(matrix_from_pose(self.doubles(0, 6)) @ matrix_from_pose(self.doubles(6, 6)))
 
-
-def _tcp(box: Controller, program: Program) -> None:
-    box.arm.set_tcp(matrix_from_pose(_doubles(box, program, 0, 6)))
-
-
-def _watchdog(box: Controller, program: Program) -> None:
-    program.watchdog = 1.0 / max(0.1, box.input_double(program.offset))
-
-
-def _ik(box: Controller, program: Program, near: bool) -> list[float]:
-    start = _doubles(box, program, 6, 6) if near else box.arm.target_q
-    return box.arm.inverse(_doubles(box, program, 0, 6), start)
-
-
-def _has_ik(box: Controller, program: Program, near: bool) -> None:
-    try:
-        _ik(box, program, near)
-    except KinematicsError:
-        box.set_output_int(program.offset + 1, 0)
-    else:
-        box.set_output_int(program.offset + 1, 1)
-
-
-def _fk(box: Controller, program: Program) -> None:
-    q, tcp = _doubles(box, program, 0, 6), _doubles(box, program, 6, 6)
-    _answer(box, program, list(pose_from_matrix(box.arm.kinematics.forward(q) @ matrix_from_pose(tcp))))
+    def joints_safe(self) -> bool:
+        """isJointsWithinSafetyLimits: d0-d5 joint angles."""
+        return all(abs(t) <= self.robot.arm.kinematics.model.range for t in self.doubles(0, 6))
 
 
-def _joints_safe(box: Controller, program: Program) -> None:
-    q = _doubles(box, program, 0, 6)
-    box.set_output_int(program.offset + 1, int(all(abs(t) <= box.arm.kinematics.model.range for t in q)))
-
-
-def _pose_trans(box: Controller, program: Program) -> None:
-    A, B = (matrix_from_pose(_doubles(box, program, i, 6)) for i in (0, 6))
-    _answer(box, program, list(pose_from_matrix(A @ B)))
-
-
-def _nothing(_: Controller, __: Program) -> None:
-    return None
-
-
-def _do(effect: Callable[[Controller, Program], object]) -> Action:
-    """An action that is over at once."""
-
-    def action(box: Controller, program: Program) -> Job | None:
-        effect(box, program)
-        return None
-
-    return action
-
-
-def _tell(values: Callable[[Controller, Program], list[float]]) -> Action:
-    """An action that answers in the output double registers."""
-    return _do(lambda box, program: _answer(box, program, values(box, program)))
-
-
-def _flag(value: Callable[[Controller], bool]) -> Action:
-    """An action that answers in output_int_register_1."""
-    return _do(lambda box, program: box.set_output_int(program.offset + 1, int(value(box))))
-
-
-TABLE: Mapping[int, Action] = {
-    1: _move("movej"),
-    2: _move("movej_ik"),
-    3: _move("movel"),
-    4: _move("movel_fk"),
-    6: _force_mode(True),
-    7: _force_mode(False),
-    8: _do(lambda box, _: box.zero_ft()),
-    9: _speed(False),
-    10: _speed(True),
-    11: _servo(False),
-    12: _servo_circular,
-    15: _stop,
-    16: _stop,
-    17: _do(_payload),
-    18: _freedrive(True),
-    19: _freedrive(False),
-    20: _do(_nothing),
-    21: _do(_nothing),
-    24: _servo(True),
-    25: _flag(lambda _: False),
-    26: _tell(lambda _, __: [0.002]),
-    27: _tell(lambda box, _: box.arm.q),
-    28: _tell(lambda box, _: list(box.arm.target_tcp_pose())),
-    29: _do(_tcp),
-    30: _tell(lambda box, program: _ik(box, program, near=True)),
-    31: _do(lambda box, _: box.protective_stop()),
-    33: _stop,
-    34: _stop,
-    35: _do(_watchdog),
-    36: _do(lambda box, program: _has_ik(box, program, near=False)),
-    37: _do(_joints_safe),
-    38: _tell(lambda _, __: [0.0] * 6),
-    39: _do(_pose_trans),
-    40: _tell(lambda box, _: list(pose_from_matrix(box.arm.tcp))),
-    41: _jog,
-    42: _stop,
-    43: _tell(lambda box, _: list(box.arm.tcp_pose())),
-    44: _do(_fk),
-    45: _path,
-    46: _tell(lambda box, program: _ik(box, program, near=False)),
-    47: _flag(lambda box: not any(box.arm.target_qd)),
-    52: _freedrive(True),
-    53: _freedrive(False),
-    54: _do(_freedrive_status),
-    56: _do(_nothing),
-    57: _do(_nothing),
-    58: _tell(lambda box, _: list(pose_from_matrix(box.arm.X_WE))),
-    59: _do(_nothing),
-    60: _do(lambda box, program: _has_ik(box, program, near=False)),
-    61: _do(lambda box, program: _has_ik(box, program, near=True)),
-    62: _do(_nothing),
-    63: _do(_nothing),
-    64: _flag(lambda _: False),
-    65: _do(_payload),
+COMMANDS: Mapping[int, Callable[[Commands], Answer]] = {
+    1: lambda s: s.move("movej"),
+    2: lambda s: s.move("movej_ik"),
+    3: lambda s: s.move("movel"),
+    4: lambda s: s.move("movel_fk"),
+    6: lambda s: s.force_mode(True),
+    7: lambda s: s.force_mode(False),
+    8: lambda s: s.robot.zero_ft(),
+    9: lambda s: s.speed(cartesian=False),
+    10: lambda s: s.speed(cartesian=True),
+    11: lambda s: s.servo(cartesian=False),
+    12: Commands.servo_circular,
+    **dict.fromkeys((15, 16, 33, 34, 42), Commands.stop),
+    **dict.fromkeys((17, 65), Commands.set_payload),
+    **dict.fromkeys((18, 52), lambda s: s.freedrive(True)),
+    **dict.fromkeys((19, 53), lambda s: s.freedrive(False)),
+    **dict.fromkeys((20, 21, 56, 57, 59, 62, 63), lambda _: None),
+    24: lambda s: s.servo(cartesian=True),
+    **dict.fromkeys((25, 64), lambda _: False),
+    26: lambda _: (PERIOD,),
+    27: lambda s: s.robot.arm.q,
+    28: lambda s: s.robot.arm.target_tcp_pose(),
+    29: Commands.set_tcp,
+    30: lambda s: s.inverse(near=True),
+    31: lambda s: s.robot.protective_stop(),
+    35: Commands.set_watchdog,
+    **dict.fromkeys((36, 60), lambda s: s.has_inverse(near=False)),
+    37: Commands.joints_safe,
+    38: lambda _: (0.0,) * 6,
+    39: Commands.pose_trans,
+    40: lambda s: s.robot.arm.tcp_offset,
+    41: Commands.jog,
+    43: lambda s: s.robot.arm.tcp_pose(),
+    44: Commands.forward,
+    45: Commands.move_path,
+    46: lambda s: s.inverse(near=False),
+    47: lambda s: not any(s.robot.arm.target_qd),
+    54: lambda s: s.robot.freedrive,
+    58: lambda s: pose_from_matrix(s.robot.arm.X_WE),
+    61: lambda s: s.has_inverse(near=True),
 }

@@ -4,58 +4,56 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from typing import Protocol
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Wrench
 from seed_ur import rtde as wire
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.pose import checked_pose, matrix_from_pose
-from seed_ur.standin.arm import BRAKE, PROGRAM_END_BRAKE, Arm, Servo
-from seed_ur.standin.program import Program, ProgramError
+from seed_ur.standin.arm import BRAKE, PROGRAM_END_BRAKE, Arm
+from seed_ur.standin.options import (
+    IDLE,
+    NORMAL,
+    PAUSED,
+    PERIOD,
+    PLAYING,
+    POWER_OFF,
+    PROTECTIVE,
+    ROBOT_EMERGENCY,
+    RUNNING,
+    STOPPED,
+    Faults,
+    Options,
+    ProgramError,
+)
 from seed_ur.standin.recorder import Recorder
 
-PERIOD = 0.002  # [s]
-STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
-POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot_mode
-NORMAL, PROTECTIVE, ROBOT_EMERGENCY = 1, 3, 7  # safety_mode
 _SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0}
-HOME = (0.0, -1.7, 2.1, -1.97, -math.pi / 2, 0.0)  # [rad] flange pointing down in front of the arm
 
 
-@dataclass
-class Options:
-    """What a stand-in is; see docs/ur_controller.md."""
+class Program(Protocol):
+    """What runs on the controller; see script.py."""
 
-    model: str = "ur5e"
-    version: wire.Version = (5, 12, 4, 1101319)
-    home: tuple[float, ...] = HOME  # [rad] joint angles at start
-    remote_control: bool = True
-    program_on_stop: str = "paused"  # paused | stopped | playing: what a safety stop does to the program
-    unlock_after: float = 5.0  # [s] a protective stop cannot be unlocked before
-    max_tcp_speed: float = 1.5  # [m/s] faster is a protective stop
-    max_joint_step: float = 1.0  # [rad] a servo target further away than this is a protective stop
+    name: str
+    offset: int  # of its registers
 
+    @property
+    def watchdog(self) -> float | None:
+        """Longest time between updates of the command register [s]; None: any."""
 
-@dataclass
-class Faults:
-    """Misbehaviour that can be switched on while running."""
-
-    stuck_ready: bool = False  # the ready bit is never given
-    refuse_unlock: bool = False
-    refuse_script: bool = False
-    wall: tuple[float, float] | None = None  # height [m] and stiffness [N/m] of a virtual table
-    messages: list[str] = field(default_factory=list)  # the last text messages
+    def step(self) -> bool:
+        """One cycle; False when it has ended. Raises ProgramError and KinematicsError when it fails."""
 
 
 class Controller:
     """The robot behind the ports. Time is passed in, in seconds."""
 
     def __init__(self, options: Options) -> None:
-        self.options: Options = options
-        self.faults: Faults = Faults()
-        self.recorder: Recorder = Recorder()
-        self.arm: Arm = Arm(URKinematics.for_model(options.model), options.home)
+        self.options, self.faults, self.recorder = options, Faults(), Recorder()
+        self.arm = Arm(URKinematics.for_model(options.model), options.home)
         self.in_int, self.in_double = [0] * 48, [0.0] * 48
         self.values: dict[str, wire.Value] = _initial_values()
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
@@ -67,26 +65,30 @@ class Controller:
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
+        self.held_back = 0.0  # [s] that a plant has kept the robot's clock behind the wall's
+        self.owners: dict[str, object] = {}  # the connection that may write an input
         self.send_text: Callable[[str], None] = lambda _: None
-        self._ik: tuple[tuple[object, ...], list[float]] = ((), [])
+        self._goal: tuple[tuple[object, ...], list[float]] = ((), [])  # the pose that was asked for last, in joints
+
+    @property
+    def robot_time(self) -> float:
+        """The robot's time at this moment [s]: monotonic, less what a plant has held it back."""
+        return time.monotonic() - self.held_back
 
     @property
     def clock(self) -> float:
         """What the controller's clock shows [s]."""
         return self.now - (self.now if self.boot is None else self.boot)
 
-    def input_int(self, index: int) -> int:
-        """input_int_register_<index>."""
-        return self.in_int[index]
-
-    def input_double(self, index: int) -> float:
-        """input_double_register_<index>."""
-        return self.in_double[index]
+    @property
+    def offset(self) -> int:
+        """Of the registers that the program uses."""
+        return self.program.offset if self.program else 0
 
     def set_output_int(self, index: int, value: int) -> None:
         """Write output_int_register_<index>; the ready and done marks are lost while they are stuck."""
-        offset = self.program.offset if self.program else 0
-        self.values[f"output_int_register_{index}"] = 0 if self.faults.stuck_ready and index == offset else value
+        stuck = self.faults.stuck_ready and index == self.offset
+        self.values[f"output_int_register_{index}"] = 0 if stuck else value
 
     def set_output_double(self, index: int, value: float) -> None:
         """Write output_double_register_<index>."""
@@ -104,12 +106,12 @@ class Controller:
                 self.in_double[int(number)] = float(value)  # type: ignore[arg-type]
         if "speed_slider_fraction" in values and values.get("speed_slider_mask"):
             self.arm.scaling = max(0.0, min(1.0, float(values["speed_slider_fraction"])))  # type: ignore[arg-type]
-        offset = self.program.offset if self.program else 0
-        if f"input_int_register_{offset}" in values:
+        first = self.offset
+        if f"input_int_register_{first}" in values:
             self.register_written_at = now
-            self.recorder.command(self.in_int[offset], now, [self.in_double[offset + i] for i in range(6)])
+            self.recorder.command(self.in_int[first], now, self.in_double[first : first + 6])
 
-    def upload(self, text: str, now: float) -> str:
+    def upload(self, program: Program, now: float) -> str:
         """Take a new program; returns why not, or nothing."""
         if not self.options.remote_control:
             return "the robot is in local control"
@@ -117,7 +119,7 @@ class Controller:
             return "the robot is not ready to run programs"
         if self.program is not None:
             self.stop_program()
-        self.pending = (now + 0.05, Program(text))
+        self.pending = (now + 0.05, program)
         return ""
 
     def stop_program(self) -> None:
@@ -134,13 +136,22 @@ class Controller:
             return True
         return False
 
-    def protective_stop(self) -> None:
+    def protective_stop(self, mode: int = PROTECTIVE) -> None:
         """As after a collision."""
-        self._safety_stop(PROTECTIVE)
+        if self.safety_mode == NORMAL:
+            self.stopped_at = self.now
+        if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
+            self.safety_mode = mode
+        self.arm.stop(BRAKE)
+        self.pending = None
+        if self.program is not None and self.options.program_on_stop != "playing":
+            self.runtime_state = PAUSED
+            if self.options.program_on_stop == "stopped":
+                self.stop_program()
 
     def emergency_stop(self) -> None:
         """The red button; power goes too."""
-        self._safety_stop(ROBOT_EMERGENCY)
+        self.protective_stop(ROBOT_EMERGENCY)
         self.robot_mode = POWER_OFF
 
     def release_emergency_stop(self) -> None:
@@ -155,18 +166,6 @@ class Controller:
         if self.safety_mode == PROTECTIVE:
             self.safety_mode = NORMAL
         return True
-
-    def _safety_stop(self, mode: int) -> None:
-        if self.safety_mode == NORMAL:
-            self.stopped_at = self.now
-        if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
-            self.safety_mode = mode
-        self.arm.stop(BRAKE)
-        self.pending = None
-        if self.program is not None and self.options.program_on_stop != "playing":
-            self.runtime_state = PAUSED
-            if self.options.program_on_stop == "stopped":
-                self.stop_program()
 
     def power(self, on: bool) -> None:
         """Power of the arm; the brakes are released separately."""
@@ -193,9 +192,9 @@ class Controller:
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
         """Joint goal of a servoL pose (kept while pose, TCP and arm stay the same)."""
         asked = (self.arm, self.arm.tcp_offset, *pose)
-        if asked != self._ik[0]:
-            self._ik = (asked, self.arm.follow(pose))
-        return self._ik[1]
+        if asked != self._goal[0]:
+            self._goal = (asked, self.arm.follow(pose))
+        return self._goal[1]
 
     def check_step(self, before: Sequence[float], after: Sequence[float]) -> None:
         """Protective stop when a servo target jumps."""
@@ -219,8 +218,7 @@ class Controller:
         except (ProgramError, KinematicsError) as error:
             self._fail(str(error))
         pose, speed = self.publish()
-        linear, turning = math.hypot(*speed[:3]), math.hypot(*speed[3:])
-        self.recorder.state(now, pose, linear, turning, self.arm.qd, isinstance(self.arm.motion, Servo))
+        self.recorder.state(now, pose, speed, self.arm.qd)
 
     def _play(self, now: float) -> None:
         program = self.program
@@ -228,7 +226,7 @@ class Controller:
         waiting = program.watchdog
         if waiting is not None and now - max(self.register_written_at, self.watchdog_armed_at) > waiting:
             raise ProgramError("RTDE input watchdog: no update of the command register")
-        if not program.step(self):
+        if not program.step():
             self.stop_program()
         if waiting is None:
             self.watchdog_armed_at = now
@@ -243,14 +241,13 @@ class Controller:
 
     def wrench_W(self) -> tuple[float, ...]:
         """(fx fy fz tx ty tz) of the environment on the tool about the TCP, in W, as actual_TCP_force."""
-        R = self.arm.X_WE[:3, :3]
-        fx, fy, fz = (R @ self.wrench_E[:3]).tolist()
-        tx, ty, tz = (R @ self.wrench_E[3:]).tolist()
-        rx, ry, rz = (R @ self.arm.tcp[:3, 3]).tolist()
+        R, p_E_tcp = self.arm.X_WE[:3, :3], self.arm.tcp[:3, 3]
+        force, torque = R @ self.wrench_E[:3], R @ self.wrench_E[3:]
         if self.faults.wall is not None:
             height, stiffness = self.faults.wall
-            fz += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
-        return fx, fy, fz, tx - (ry * fz - rz * fy), ty - (rz * fx - rx * fz), tz - (rx * fy - ry * fx)
+            force[2] += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
+        on_tcp = Wrench(torque, force).about(R @ p_E_tcp)
+        return (*on_tcp.force.tolist(), *on_tcp.torque.tolist())
 
     def zero_ft(self) -> None:
         """zero_ftsensor()."""
@@ -300,8 +297,7 @@ def _initial_values() -> dict[str, wire.Value]:
     values: dict[str, wire.Value] = {}
     for name, kind in wire.OUTPUTS.items():
         length = int(wire.FORMATS[kind][:-1] or 1)
-        integer = wire.FORMATS[kind][-1] != "d"
-        zero: float | int = 0 if integer else 0.0
+        zero: float | int = 0.0 if wire.FORMATS[kind][-1] == "d" else 0
         values[name] = zero if length == 1 else (zero,) * length
     values["joint_mode"] = (253,) * 6  # running
     values["joint_temperatures"] = (28.0,) * 6

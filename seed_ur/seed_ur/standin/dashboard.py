@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dashboard server's conversation: a line in, a line out, with the literal answers that clients check.
+"""Port 29999, the dashboard server: a line in, a line out, with the literal answers that clients check.
 
 Source: Universal Robots, "Dashboard Server e-Series".
 """
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 
-from seed_ur.standin.controller import NORMAL, PAUSED, PLAYING, PROTECTIVE, ROBOT_EMERGENCY, STOPPED, Controller
+from seed_ur.standin.channel import Channel, Network
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import NORMAL, PAUSED, PLAYING, PROTECTIVE, ROBOT_EMERGENCY, STOPPED
 
 GREETING = "Connected: Universal Robots Dashboard Server\n"
 _MODES = {3: "POWER_OFF", 4: "POWER_ON", 5: "IDLE", 7: "RUNNING"}
@@ -29,10 +32,6 @@ def answer(box: Controller, line: str) -> str:
         if command.lower().startswith(prefix):
             return reply.format(command[len(prefix) :].strip())
     return UNKNOWN.format(command)
-
-
-def _version(box: Controller) -> str:
-    return "URSoftware {}.{}.{}.{} (stand-in)".format(*box.options.version)
 
 
 def _stop(box: Controller) -> str:
@@ -68,20 +67,12 @@ def _power(on: bool) -> Callable[[Controller], str]:
     return action
 
 
-def _brakes(box: Controller) -> str:
-    return "Brake releasing" if box.release_brakes() else "Failed to execute: brake release"
-
-
-def _running(box: Controller) -> str:
-    return f"Program running: {str(box.runtime_state == PLAYING).lower()}"
-
-
 def _state(box: Controller) -> str:
     return f"{_STATES[box.runtime_state]} {box.program.name if box.program else '<unnamed>'}"
 
 
 _COMMANDS: dict[str, Callable[[Controller], str]] = {
-    "polyscopeversion": _version,
+    "polyscopeversion": lambda box: "URSoftware {}.{}.{}.{} (stand-in)".format(*box.options.version),
     "version": lambda box: "{}.{}.{}.{}".format(*box.options.version),
     "get serial number": lambda _: "20215500001",
     "get robot model": lambda box: box.options.model.rstrip("e").upper(),
@@ -90,7 +81,7 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "safetymode": lambda box: f"Safetymode: {_SAFETY[box.safety_mode]}",
     "safetystatus": lambda box: f"Safetystatus: {_SAFETY[box.safety_mode]}",
     "programstate": _state,
-    "running": _running,
+    "running": lambda box: f"Program running: {str(box.runtime_state == PLAYING).lower()}",
     "get loaded program": lambda _: "No program loaded",
     "isprogramsaved": lambda _: "true",
     "stop": _stop,
@@ -99,7 +90,7 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "unlock protective stop": _unlock,
     "power on": _power(True),
     "power off": _power(False),
-    "brake release": _brakes,
+    "brake release": lambda box: "Brake releasing" if box.release_brakes() else "Failed to execute: brake release",
     "close safety popup": lambda _: "closing safety popup",
     "close popup": lambda _: "closing popup",
     "restart safety": lambda _: "Restarting safety",
@@ -113,3 +104,22 @@ _PREFIXES = {
     "addtolog ": "Added log message",
     "setuserrole ": "Setting user role: {}",
 }
+
+
+class DashboardChannel(Channel):
+    """A connection to port 29999."""
+
+    name = "dashboard"
+
+    def __init__(self, connection: socket.socket, box: Controller, network: Network) -> None:
+        super().__init__(connection, box, network)
+        if not network.mute:
+            self.send(GREETING.encode())
+
+    def received(self) -> None:
+        for line in self.lines():
+            if self.network.mute:
+                return
+            self.send(answer(self.box, line.decode("utf-8", "replace")).encode() + b"\n")
+            if line.strip() == b"quit":
+                self.open = False

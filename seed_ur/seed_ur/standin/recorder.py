@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the stand-in saw: commands received and the arm's motion, for tests and benchmarks."""
+"""The record of what a stand-in received and how its arm moved, for tests and benchmarks."""
 
 from __future__ import annotations
 
 from array import array
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from math import hypot
 from typing import Any, NamedTuple
 
 
@@ -17,7 +18,6 @@ class Sample(NamedTuple):
     position: tuple[float, float, float]  # of the TCP in W [m]
     speed: float  # of the TCP [m/s]
     turning: float  # of the TCP [rad/s]
-    servoing: bool
 
 
 class Recorder:
@@ -44,18 +44,11 @@ class Recorder:
             self.servo_times.append(now)
             self.targets.append((now, *numbers))
 
-    def state(
-        self,
-        now: float,
-        pose: Sequence[float],
-        speed: float,
-        turning: float,
-        qd: Sequence[float],
-        servoing: bool,
-    ) -> None:
-        """The arm after a cycle."""
-        self.history.append(Sample(now, (pose[0], pose[1], pose[2]), speed, turning, servoing))
-        self.top_speed = max(self.top_speed, speed)
+    def state(self, now: float, pose: Sequence[float], speed: Sequence[float], qd: Sequence[float]) -> None:
+        """The arm after a cycle: pose and velocity (linear first) of the TCP, joint speeds."""
+        linear, turning = hypot(*speed[:3]), hypot(*speed[3:])
+        self.history.append(Sample(now, (pose[0], pose[1], pose[2]), linear, turning))
+        self.top_speed = max(self.top_speed, linear)
         self.top_turning = max(self.top_turning, turning)
         self.top_joint = max(self.top_joint, max(qd), -min(qd))
 
@@ -66,18 +59,15 @@ class Recorder:
 
     def report(self) -> dict[str, Any]:
         """Everything as JSON data."""
-        times = list(self.servo_times)
-        gaps = sorted(b - a for a, b in pairwise(times))
+        gaps = [b - a for a, b in pairwise(self.servo_times)]
         return {
             "commands": {str(k): v for k, v in self.commands.items()},
-            "servo_count": len(times),
-            "servo_period": {name: _quantile(gaps, q) for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))},
+            "servo_count": len(self.servo_times),
+            "servo_period": _quantiles(gaps),
             "top_speed": self.top_speed,
             "top_turning": self.top_turning,
             "top_joint_speed": self.top_joint,
-            "tick_lateness": {
-                name: _quantile(sorted(self.lateness), q) for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
-            },
+            "tick_lateness": _quantiles(self.lateness),
             "outputs_sent": self.outputs_sent,
             "outputs_dropped": self.outputs_dropped,
         }
@@ -87,5 +77,8 @@ class Recorder:
         return [[s.time, *s.position, s.speed, s.turning] for s in self.history if s.time > since]
 
 
-def _quantile(ordered: Sequence[float], share: float) -> float | None:
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
+def _quantiles(values: Iterable[float]) -> dict[str, float | None]:
+    ordered = sorted(values)
+    shares = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+    last = len(ordered) - 1
+    return {name: ordered[min(last, int(q * len(ordered)))] if ordered else None for name, q in shares.items()}

@@ -1,63 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One client's RTDE conversation: set-up requests answered, data packages taken, outputs made."""
+"""Port 30004: one client's RTDE conversation, its set-up requests answered, data packages taken, outputs sent."""
 
 from __future__ import annotations
 
+import socket
 import struct
-from collections.abc import Callable
+from collections import deque
 
 from seed_ur import rtde as wire
 from seed_ur.rtde import Package, Recipe
+from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
 
 OUTPUT_RECIPE = 1
-
-
-class Ownership:
-    """Which conversation may write which input."""
-
-    def __init__(self) -> None:
-        self._owner: dict[str, object] = {}
-
-    def take(self, name: str, owner: object) -> bool:
-        """False when somebody else has it."""
-        return self._owner.setdefault(name, owner) is owner
-
-    def free(self, owner: object) -> None:
-        """The owner has gone."""
-        self._owner = {n: o for n, o in self._owner.items() if o is not owner}
+SLOW_READER = 500  # output packages that may be lost in a row before the connection is closed (1 s)
 
 
 class Conversation:
     """State of one RTDE connection."""
 
-    def __init__(self, box: Controller, owners: Ownership) -> None:
-        self.box, self.owners = box, owners
+    def __init__(self, box: Controller) -> None:
+        self.box = box
         self.outputs: Recipe | None = None
         self.inputs: list[Recipe] = []
         self.divider = 1
         self.started = False
         self._cycle = 0
-        self._answers: dict[int, Callable[[bytes], bytes]] = {
-            wire.REQUEST_VERSION: self._version,
-            wire.CONTROLLER_VERSION: self._controller_version,
-            wire.SETUP_OUTPUTS: self._setup_outputs,
-            wire.SETUP_INPUTS: self._setup_inputs,
-            wire.START: lambda _: self._start(True),
-            wire.PAUSE: lambda _: self._start(False),
-        }
 
     def handle(self, package: Package, now: float) -> bytes:
         """The reply to one package, empty for data and unknown kinds."""
-        if package.kind == wire.DATA:
-            self._data(package.payload, now)
-            return b""
-        answer = self._answers.get(package.kind)
-        return wire.pack(package.kind, answer(package.payload)) if answer else b""
+        kind, payload = package
+        match kind:
+            case wire.DATA:
+                self._data(payload, now)
+                return b""
+            case wire.REQUEST_VERSION:
+                answer = bytes((payload == b"\x00\x02",))
+            case wire.CONTROLLER_VERSION:
+                answer = struct.pack(">4I", *self.box.options.version)
+            case wire.SETUP_OUTPUTS:
+                answer = self._setup_outputs(payload)
+            case wire.SETUP_INPUTS:
+                answer = self._setup_inputs(payload)
+            case wire.START | wire.PAUSE:
+                self.started, answer = kind == wire.START, b"\x01"
+            case _:
+                return b""
+        return wire.pack(kind, answer)
 
     def close(self) -> None:
         """Give the inputs back."""
-        self.owners.free(self)
+        self.box.owners = {name: owner for name, owner in self.box.owners.items() if owner is not self}
 
     def output(self) -> bytes:
         """The data package due in this cycle, or nothing."""
@@ -65,12 +58,6 @@ class Conversation:
         if not self.started or self.outputs is None or self._cycle % self.divider:
             return b""
         return self.outputs.encode(OUTPUT_RECIPE, self.box.values)
-
-    def _version(self, payload: bytes) -> bytes:
-        return bytes((int(payload == b"\x00\x02"),))
-
-    def _controller_version(self, _: bytes) -> bytes:
-        return struct.pack(">4I", *self.box.options.version)
 
     def _setup_outputs(self, payload: bytes) -> bytes:
         if len(payload) < 8:
@@ -96,11 +83,8 @@ class Conversation:
     def _input_kind(self, name: str) -> str:
         if name not in wire.INPUTS:
             return wire.NOT_FOUND
-        return wire.INPUTS[name] if self.owners.take(name, self) else wire.IN_USE
-
-    def _start(self, on: bool) -> bytes:
-        self.started = on
-        return b"\x01"
+        free = self.box.owners.setdefault(name, self) is self
+        return wire.INPUTS[name] if free else wire.IN_USE
 
     def _data(self, payload: bytes, now: float) -> None:
         if not payload or not 1 <= payload[0] <= len(self.inputs):
@@ -108,3 +92,49 @@ class Conversation:
         values = self.inputs[payload[0] - 1].decode(payload[1:])
         if values is not None:
             self.box.write_inputs(values, now)
+
+
+class RtdeChannel(Channel):
+    """A connection to port 30004."""
+
+    name = "rtde"
+
+    def __init__(self, connection: socket.socket, box: Controller, network: Network) -> None:
+        super().__init__(connection, box, network)
+        self.talk = Conversation(box)
+        self._lost = 0  # packages in a row that the client has not read
+        self._late: deque[tuple[float, bytes]] = deque()  # when to send it
+
+    def received(self) -> None:
+        if self.network.mute:
+            self.buffer.clear()
+            return
+        try:
+            for package in wire.unpack_stream(self.buffer):
+                reply = self.talk.handle(package, self.box.robot_time)
+                if reply:
+                    self.send(reply)
+        except wire.WireError:
+            self.open = False
+
+    def cycle(self, now: float, paused: bool) -> bool:
+        package, network = self.talk.output(), self.network
+        if package and not paused and not (network.drop and network.rng.random() < network.drop):
+            self._late.append((now + network.delay, package))
+        while self._late and self._late[0][0] <= now:
+            if self.send(self._late.popleft()[1]):
+                self._lost = 0
+                self.box.recorder.outputs_sent += 1
+            else:
+                self._lost += 1
+                self.box.recorder.outputs_dropped += 1
+        return self.open and self._lost < SLOW_READER
+
+    def text(self, text: str) -> None:
+        if self.talk.started:
+            body, source = text.encode()[:200], b"stand-in"
+            self.send(wire.pack(wire.TEXT, bytes((len(body),)) + body + bytes((len(source),)) + source + b"\x02"))
+
+    def close(self) -> None:
+        self.talk.close()
+        super().close()

@@ -11,18 +11,19 @@ import contextlib
 import gc
 import json
 import os
-import random
 import select
 import socket
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from typing import TypeAlias
 
 from seed_core.errors import SeedError
-from seed_ur.standin import dashboard
-from seed_ur.standin import side_port as side
-from seed_ur.standin.channel import Channel, Dashboard, Rtde, Script, Side
-from seed_ur.standin.controller import PERIOD, Controller, Options
-from seed_ur.standin.rtde_session import Ownership
+from seed_ur.standin.channel import Channel, Network
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.dashboard import DashboardChannel
+from seed_ur.standin.options import PERIOD, Options
+from seed_ur.standin.rtde_session import RtdeChannel
+from seed_ur.standin.script import ScriptChannel
 
 RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
 SCRIPT_PORTS = (30001, 30002, 30003)
@@ -33,18 +34,7 @@ PACER_TIMEOUT = 5.0  # [s] of a plant that sets the pace: it may be busy
 REPEAT = 0.01  # [s] between packages of a robot whose clock stands still for the plant: clients take silence for a loss
 
 
-@dataclass
-class Network:
-    """Faults of the network."""
-
-    silent_until: float = 0.0  # nothing is read or written, the arm goes on
-    outputs_paused_until: float = 0.0
-    mute_until: float = 0.0  # connections are accepted, nothing is answered
-    no_data_until: float = 0.0  # set-up is answered, data never come
-    delay: float = 0.0  # [s] of every output package
-    drop: float = 0.0  # share of output packages lost
-    freeze: float = 0.0  # [s] the whole process sleeps once
-    rng: random.Random = field(default_factory=lambda: random.Random(5))
+Opener: TypeAlias = Callable[[socket.socket, Controller, Network], Channel]
 
 
 class Server:
@@ -52,26 +42,27 @@ class Server:
 
     def __init__(self, host: str, options: Options, await_plant: bool = False) -> None:
         self.host = host
-        self.box: Controller = Controller(options)
-        self.network: Network = Network()
-        self.owners = Ownership()
+        self.box, self.network = Controller(options), Network()
         self.channels: list[Channel] = []
-        self.listeners: dict[socket.socket, type[Channel]] = {}
+        self.listeners: dict[socket.socket, Opener] = {}
+        self.side: socket.socket | None = None  # the listener that faults of the network leave alone
         self.plant: tuple[str, int] | None = None
         self.plant_heard = self.listen_again = 0.0
         self.until: float | None = None  # [s] by the robot's clock, how far the plant lets it run; None: on
-        self.held_back = 0.0  # [s] that the plant has kept the robot's clock behind the wall's
         self.running = True
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.bind((host, PLANT_PORT))
         self._udp.setblocking(False)
-        self._listen(SIDE_PORT, Side)
         self.awaiting_plant = await_plant
         if not await_plant:
             self._listen_robot()
         self.box.send_text = self._text
 
-    def _listen(self, port: int, kind: type[Channel]) -> None:
+    def open_side_port(self, opener: Opener) -> None:
+        """Serve the side port."""
+        self.side = self._listen(SIDE_PORT, opener)
+
+    def _listen(self, port: int, opener: Opener) -> socket.socket:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -82,19 +73,15 @@ class Server:
             ) from error
         listener.listen(16)
         listener.setblocking(False)
-        self.listeners[listener] = kind
+        self.listeners[listener] = opener
+        return listener
 
     def _listen_robot(self) -> None:
-        self._listen(RTDE_PORT, Rtde)
+        self._listen(RTDE_PORT, RtdeChannel)
         for port in SCRIPT_PORTS:
-            self._listen(port, Script)
+            self._listen(port, ScriptChannel)
         if self.box.options.version[0] < 10:
-            self._listen(DASHBOARD_PORT, Dashboard)
-
-    @property
-    def robot_now(self) -> float:
-        """The robot's time [s]: monotonic, less what a plant has held it back."""
-        return time.monotonic() - self.held_back
+            self._listen(DASHBOARD_PORT, DashboardChannel)
 
     def place(self, pose: list[float], near: list[float], clock: float | None = None) -> None:
         """Put the flange somewhere, before any program runs; opens the robot's ports when they wait for it.
@@ -103,7 +90,7 @@ class Server:
         """
         self.box.place(pose, near)
         if clock is not None:
-            self.box.now = self.robot_now
+            self.box.now = self.box.robot_time
             self.box.boot, self.until = self.box.now - clock, clock
             self.plant_heard = time.monotonic()
         if self.awaiting_plant:
@@ -113,25 +100,16 @@ class Server:
     def refuse(self, seconds: float) -> None:
         """Close every port but the side port, and open them again later."""
         self.drop("")
-        for listener in [s for s, kind in self.listeners.items() if kind is not Side]:
+        for listener in [s for s in self.listeners if s is not self.side]:
             listener.close()
             del self.listeners[listener]
         self.listen_again = time.monotonic() + seconds
 
-    def drop(self, kind: str) -> None:
-        """Close the connections of one kind ('rtde'), or all but those to the side port ('')."""
+    def drop(self, name: str) -> None:
+        """Close the connections of one name ('rtde'), or all but those to the side port ('')."""
         for channel in list(self.channels):
-            if isinstance(channel, Rtde) or (not kind and not isinstance(channel, Side)):
+            if channel.name == name or not (name or channel.outside):
                 self._close(channel)
-
-    def kill(self) -> None:
-        """As if the controller lost its power."""
-        os._exit(1)
-
-    def client_counts(self) -> dict[str, int]:
-        """Open connections by kind."""
-        names = [type(c).__name__.lower() for c in self.channels]
-        return {name: names.count(name) for name in set(names)}
 
     def _text(self, text: str) -> None:
         for channel in self.channels:
@@ -155,7 +133,7 @@ class Server:
                 self.box.recorder.tick(now - deadline)
                 goes_on = self._may_go_on(deadline)
                 if not goes_on:
-                    self.held_back += PERIOD
+                    self.box.held_back += PERIOD
                 if goes_on or deadline - last >= REPEAT:
                     self._cycle(deadline, goes_on)
                     last = deadline
@@ -170,7 +148,9 @@ class Server:
     def _may_go_on(self, now: float) -> bool:
         """Whether the plant lets the robot do the cycle that is due at wall time `now` [s]."""
         box = self.box
-        return self.until is None or box.boot is None or now - self.held_back - box.boot <= self.until + 0.5 * PERIOD
+        return (
+            self.until is None or box.boot is None or now - self.box.held_back - box.boot <= self.until + 0.5 * PERIOD
+        )
 
     def _cycle(self, now: float, goes_on: bool) -> None:
         if self.network.freeze:
@@ -182,7 +162,7 @@ class Server:
         if now - self.plant_heard > (PLANT_TIMEOUT if self.until is None else PACER_TIMEOUT):
             self._forget_plant()
         if goes_on:
-            self.box.tick(now - self.held_back)
+            self.box.tick(now - self.box.held_back)
         else:
             self.box.publish()
         self._tell_plant()
@@ -209,8 +189,8 @@ class Server:
 
     def _serve(self, timeout: float) -> None:
         silent = time.monotonic() < self.network.silent_until
-        readers: list[socket.socket] = [s for s, kind in self.listeners.items() if kind is Side or not silent]
-        channels = {c.socket: c for c in self.channels if isinstance(c, Side) or not silent}
+        readers: list[socket.socket] = [s for s in self.listeners if s is self.side or not silent]
+        channels = {c.socket: c for c in self.channels if c.outside or not silent}
         readable, _, _ = select.select([*readers, *channels, self._udp], [], [], timeout)
         for ready in readable:
             if ready is self._udp:
@@ -227,7 +207,7 @@ class Server:
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.channels.append(self.listeners[listener](self, connection))
+        self.channels.append(self.listeners[listener](connection, self.box, self.network))
 
     def _hear_plant(self) -> None:
         try:
@@ -243,6 +223,3 @@ class Server:
             return
         except (ValueError, TypeError, SeedError) as error:
             self.box.faults.messages = [*self.box.faults.messages[-19:], f"plant: {error}"]
-
-
-__all__ = ["Network", "Server", "dashboard", "side"]

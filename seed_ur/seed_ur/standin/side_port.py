@@ -7,19 +7,42 @@ Requests are {"do": NAME, ...}; replies {"ok": true, ...} or {"ok": false, "erro
 from __future__ import annotations
 
 import json
+import os
+import socket
 import time
+from collections import Counter
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from seed_core.errors import SeedError
-
-if TYPE_CHECKING:
-    from seed_ur.standin.server import Server
+from seed_ur.standin.channel import Channel, Network
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.server import Server
 
 Request: TypeAlias = dict[str, Any]
-Action: TypeAlias = "Callable[[Server, Request], dict[str, Any] | None]"
-LONGEST_LINE = 65_536  # [byte]
+Action: TypeAlias = Callable[[Server, Request], dict[str, Any] | None]
 SERVO_L = 24  # number of servoL in the command register of ur_rtde's script
+
+
+class SideChannel(Channel):
+    """A connection to port 30099."""
+
+    name, outside = "side", True
+
+    def __init__(self, server: Server, connection: socket.socket, box: Controller, network: Network) -> None:
+        super().__init__(connection, box, network)
+        self.server = server
+
+    def received(self) -> None:
+        for line in self.lines():
+            reply = answer(self.server, line)
+            self.socket.setblocking(True)
+            self.socket.settimeout(1.0)
+            try:
+                self.socket.sendall(reply)
+                self.socket.setblocking(False)
+            except OSError:
+                self.open = False
 
 
 def answer(server: Server, line: bytes) -> bytes:
@@ -41,30 +64,14 @@ def _seconds(request: Request) -> float:
     return seconds
 
 
-def _call(method: str) -> Action:
-    def action(server: Server, _: Request) -> None:
-        getattr(server.box, method)()
-
-    return action
+def _for_seconds(name: str) -> Action:
+    """Have a fault of the network last for some seconds."""
+    return lambda server, request: setattr(server.network, name, time.monotonic() + _seconds(request))
 
 
-def _network(name: str) -> Action:
-    def action(server: Server, request: Request) -> None:
-        setattr(server.network, name, time.monotonic() + _seconds(request))
-
-    return action
-
-
-def _freeze(server: Server, request: Request) -> None:
-    server.network.freeze = _seconds(request)
-
-
-def _refuse(server: Server, request: Request) -> None:
-    server.refuse(_seconds(request))
-
-
-def _slow(server: Server, request: Request) -> None:
-    server.network.delay = _seconds(request)
+def _of_seconds(name: str) -> Action:
+    """Give a fault of the network its length."""
+    return lambda server, request: setattr(server.network, name, _seconds(request))
 
 
 def _drop(server: Server, request: Request) -> None:
@@ -104,55 +111,50 @@ def _wall(server: Server, request: Request) -> None:
 def _state(server: Server, _: Request) -> dict[str, Any]:
     box = server.box
     return {
-        "time": server.robot_now,
+        "time": box.robot_time,
         "tcp_pose": box.arm.tcp_pose(),
         "q": box.arm.q,
         "robot_mode": box.robot_mode,
         "safety_mode": box.safety_mode,
         "runtime_state": box.runtime_state,
         "program": box.program.name if box.program else None,
-        "command": box.in_int[box.program.offset if box.program else 0],
+        "command": box.in_int[box.offset],
         "freedrive": box.freedrive,
         "wrench": box.wrench_W(),
         "payload": box.payload,
         "speed_scaling": box.arm.scaling,
-        "clients": server.client_counts(),
+        "clients": Counter(channel.name for channel in server.channels),
         "messages": box.faults.messages,
     }
 
 
 def _stale_command(server: Server, _: Request) -> None:
     """As a client leaves it that dies before it can write 0."""
-    box = server.box
-    box.in_int[box.program.offset if box.program else 0] = SERVO_L
-
-
-def _since(server: Server, request: Request) -> dict[str, Any]:
-    return {"motion": server.box.recorder.motion(float(request.get("since", 0.0)))}
+    server.box.in_int[server.box.offset] = SERVO_L
 
 
 ACTIONS: dict[str, Action] = {
     "state": _state,
     "stats": lambda server, _: server.box.recorder.report(),
-    "motion": _since,
+    "motion": lambda server, request: {"motion": server.box.recorder.motion(float(request.get("since", 0.0)))},
     "servo_times": lambda server, _: {"times": list(server.box.recorder.servo_times)},
     "targets": lambda server, _: {"targets": [list(t) for t in server.box.recorder.targets]},
     "reset_stats": lambda server, _: server.box.recorder.reset(),
-    "kill": lambda server, _: server.kill(),
-    "freeze": _freeze,
-    "silence": _network("silent_until"),
-    "pause_outputs": _network("outputs_paused_until"),
-    "mute": _network("mute_until"),
-    "no_data": _network("no_data_until"),
+    "kill": lambda *_: os._exit(1),  # as if the controller lost its power
+    "freeze": _of_seconds("freeze"),
+    "silence": _for_seconds("silent_until"),
+    "pause_outputs": _for_seconds("outputs_paused_until"),
+    "mute": _for_seconds("mute_until"),
+    "no_data": _for_seconds("no_data_until"),
     "drop_rtde": lambda server, _: server.drop("rtde"),
     "drop_all": lambda server, _: server.drop(""),
-    "refuse": _refuse,
-    "slow": _slow,
+    "refuse": lambda server, request: server.refuse(_seconds(request)),
+    "slow": _of_seconds("delay"),
     "drop": _drop,
-    "protective_stop": _call("protective_stop"),
-    "emergency_stop": _call("emergency_stop"),
-    "release_emergency_stop": _call("release_emergency_stop"),
-    "pendant_stop": _call("stop_program"),
+    "protective_stop": lambda server, _: server.box.protective_stop(),
+    "emergency_stop": lambda server, _: server.box.emergency_stop(),
+    "release_emergency_stop": lambda server, _: server.box.release_emergency_stop(),
+    "pendant_stop": lambda server, _: server.box.stop_program(),
     "stale_command": _stale_command,
     "switch": _switch,
     "option": _option,

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ports 30001 to 30003: the program that runs on the stand-in, above all ur_rtde's control script.
+
+The uploaded text is recognised, never interpreted. Each cycle of 2 ms reads the command register, acts, and answers by
+handshake in output_int_register_0 (+ offset): 1 ready, 2 done. Commands in CONTINUOUS are processed in every cycle
+that they stay in the register, and answered "ready" at once.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+
+from seed_ur.standin.channel import Channel
+from seed_ur.standin.commands import Commands, Job, PathMove
+from seed_ur.standin.controller import Controller
+
+READY, DONE = 1, 2
+STOP_SCRIPT = 255
+CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
+CUSTOM_CYCLES = 25  # of a script of the user's own: 50 ms
+LONGEST_SCRIPT = 2_000_000  # [byte]
+_HEAD = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
+_OFFSET = re.compile(r"# float register offset\s+(\d+)")
+_PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M)
+
+
+class Script:
+    """One uploaded program; `step` is called every cycle while the robot is playing it."""
+
+    def __init__(self, robot: Controller, text: str) -> None:
+        self.robot = robot
+        head, offset = _HEAD.search(text), _OFFSET.search(text)
+        self.name = head.group(1) if head else "unnamed"
+        self.offset = int(offset.group(1)) if offset else 0
+        path = [_path_move(m) for m in _PATH_MOVE.finditer(text.partition("# inject move path")[2])]
+        self._commands = Commands(robot, self.offset, path)
+        self._is_control_script = self.name == "rtde_control" or offset is not None
+        self._executing = False
+        self._job: Job | None = None
+        self._cycles = 0
+
+    @property
+    def watchdog(self) -> float | None:
+        """Longest time between updates of the command register [s]; None: any."""
+        return self._commands.watchdog
+
+    def step(self) -> bool:
+        """One cycle; False when the program has ended. Raises ProgramError and KinematicsError when it fails."""
+        self._cycles += 1
+        if self._cycles == 1:
+            self._handshake(READY)
+        if not self._is_control_script:
+            if self._cycles == CUSTOM_CYCLES:
+                self._handshake(DONE)
+            return self._cycles < CUSTOM_CYCLES
+        if self._cycles == 1:
+            self.robot.set_output_int(self.offset + 2, 0)
+        self._commands.advance()
+        if self._job is None:
+            return self._command(self.robot.in_int[self.offset])
+        if self._job():
+            self._job = None
+            self._handshake(DONE)
+        return True
+
+    def _command(self, number: int) -> bool:
+        if number in CONTINUOUS:
+            self._commands.process(number)
+            self._handshake(READY)
+        elif number == 0:
+            self._executing = False
+            self._handshake(READY)
+        elif number == STOP_SCRIPT:
+            return False
+        elif not self._executing:
+            self._executing = True
+            self._job = self._commands.process(number)
+            if self._job is None:
+                self._handshake(DONE)
+        return True
+
+    def _handshake(self, mark: int) -> None:
+        self.robot.set_output_int(self.offset, mark)
+
+
+def _path_move(match: re.Match[str]) -> PathMove:
+    numbers = [float(t) for t in match.group(3).split(",")]
+    kind = "movej_ik" if match.group(1) == "movej" and match.group(2) else match.group(1)
+    return PathMove(kind, numbers, float(match.group(4) or 1.2), float(match.group(5) or 0.25))
+
+
+class ScriptChannel(Channel):
+    """A connection to port 30001, 30002 or 30003: a program ends with a line `end` and 10 ms of silence, or with it."""
+
+    name = "script"
+    _heard = 0.0  # [s] monotonic, when the last bytes came
+
+    def received(self) -> None:
+        self._heard = time.monotonic()
+        if len(self.buffer) > LONGEST_SCRIPT:
+            self.open = False
+
+    def finished(self) -> None:
+        self._upload()
+
+    def cycle(self, now: float, paused: bool) -> bool:  # noqa: ARG002
+        if self.buffer and now - self._heard > 0.01 and self.buffer.rstrip().endswith(b"\nend"):
+            self._upload()
+        return self.open
+
+    def _upload(self) -> None:
+        text = self.buffer.decode("utf-8", "replace")
+        self.buffer.clear()
+        if text.strip() and (refused := self.box.upload(Script(self.box, text), self.box.robot_time)):
+            self.box.send_text(refused)
