@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Literal, NamedTuple
+
+import numpy as np
 
 from seed_core.spatial import Array, Wrench
 
@@ -23,17 +26,17 @@ class Counters(NamedTuple):
     holds: int = 0
 
 
-class Journal:
-    """What has been counted, and the last remark: one for all parts of a controller."""
+class Counting:
+    """The counters of one controller as they rise, and the last remark."""
 
-    def __init__(self, note: str) -> None:
-        self.counters, self.note = Counters(), note
+    def __init__(self, remark: str) -> None:
+        self.counters, self.remark = Counters(), remark
 
-    def count(self, name: str, note: str | None = None) -> None:
+    def count(self, name: str, remark: str | None = None) -> None:
         """One more of a counter, with a remark."""
         self.counters = self.counters._replace(**{name: getattr(self.counters, name) + 1})
-        if note is not None:
-            self.note = note
+        if remark is not None:
+            self.remark = remark
 
 
 class ControllerState(NamedTuple):
@@ -41,7 +44,7 @@ class ControllerState(NamedTuple):
 
     Attributes:
         mode: disabled; holding (latched, see reason); idle (enabled, no set-point); position (no force direction);
-            approach (walking towards contact); contact.
+            approach (towards contact); contact.
         desired, estimated: wrench of the tool on the environment about the tip, in the task frame [N m, N]; None when
             nothing is asked, or no estimate has come yet. `estimated` is the newest image's, unfiltered.
         filtered: the estimate averaged over about a tenth of a second.
@@ -57,20 +60,20 @@ class ControllerState(NamedTuple):
     stamp: float
     mode: Mode
     enabled: bool
-    setpoint_kind: str
-    desired: Wrench | None
-    estimated: Wrench | None
-    filtered: Wrench | None
-    desired_X_TC: Array | None
-    measured_X_CT: Array | None
-    X_W_tip: Array | None
-    R_W_task: Array
-    limits_hit: tuple[str, ...]
-    reason: str
-    in_contact: bool
-    settled: bool
-    image_age: float
-    counters: Counters
+    setpoint_kind: str = ""
+    desired: Wrench | None = None
+    estimated: Wrench | None = None
+    filtered: Wrench | None = None
+    desired_X_TC: Array | None = None
+    measured_X_CT: Array | None = None
+    X_W_tip: Array | None = None
+    R_W_task: Array = np.eye(3)
+    limits_hit: tuple[str, ...] = ()
+    reason: str = ""
+    in_contact: bool = False
+    settled: bool = False
+    image_age: float = inf
+    counters: Counters = Counters()
 
 
 class ControlOutput(NamedTuple):

@@ -334,14 +334,14 @@ def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
         pressure = 1020.0
         bench.every.append(lambda: [p.publish(Float32(data=pressure)) for p in pressures])
         cell.enabled()
-        gauge = cell.node.core.gauge
-        assert bench.until(lambda: abs(gauge.mean_stiffness - 2800.0 / 3.0) < 1e-6)
+        estimator = cell.node.core.wrench_estimator
+        assert bench.until(lambda: abs(estimator.mean_stiffness - 2800.0 / 3.0) < 1e-6)
         cell.setpoint.publish(cell.hold_here())
         bench.spin(0.3)
         before, seen = cell.X_WE.copy(), []
         pressure = 1060.0
-        bench.every.append(lambda: seen.append(gauge.mean_stiffness))
-        assert bench.until(lambda: abs(gauge.mean_stiffness - 1400.0) < 1e-6)
+        bench.every.append(lambda: seen.append(estimator.mean_stiffness))
+        assert bench.until(lambda: abs(estimator.mean_stiffness - 1400.0) < 1e-6)
         assert len({round(k) for k in seen}) > 5  # blended, not switched
         assert np.abs(cell.X_WE[:3, 3] - before[:3, 3]).max() < 2e-3
         assert cell.state.mode != "holding"

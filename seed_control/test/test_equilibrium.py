@@ -14,12 +14,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.command.guard import Guard
-from seed_control.law.features import LAWS
 from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.acceptance import Acceptance
+from seed_control.setpoint.checks import SetpointChecks
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
-from seed_control.wrench.estimate import Gauge, Measurement
+from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Hand, Tool
@@ -56,8 +55,8 @@ class AtRest:
         return HybridSetpoint(self.X_WT @ TOOL.X_Ttip, self.load, np.eye(3), EVERY, contact_resists=EVERY)
 
 
-def gauge() -> Gauge:
-    return Gauge(TOOL, BUSHING, gravity=True, default_deviation=1e-4)
+def estimator() -> WrenchEstimator:
+    return WrenchEstimator(TOOL, BUSHING, gravity=True, default_deviation=1e-4)
 
 
 def at_rest(force: tuple[float, float, float], torque: tuple[float, float, float]) -> AtRest:
@@ -69,7 +68,7 @@ def at_rest(force: tuple[float, float, float], torque: tuple[float, float, float
     X_TC = BUSHING.pose(Wrench(R_WT.T @ spring_torque, R_WT.T @ spring_force))
     X_WT = make_pose(R_WT, (0.5, 0.1, 0.2))
     estimate = RelativePoseEstimate(1.0, inverse_pose(X_TC))
-    return AtRest(Wrench(t, f), X_WT, X_TC, gauge().measure(estimate, X_WT @ X_TC))
+    return AtRest(Wrench(t, f), X_WT, X_TC, estimator().measure(estimate, X_WT @ X_TC))
 
 
 CASES = [
@@ -93,17 +92,17 @@ def test_a_grasp_that_already_bears_what_is_asked_is_asked_for_no_change(
     force: tuple, torque: tuple, torque_axes: tuple
 ) -> None:
     rest = at_rest(force, torque)
-    law = HybridLaw(LAWS["seed"], PARAMETERS, gauge())
-    law.image(rest.measured)
+    law = HybridLaw(PARAMETERS, estimator())
+    law.image(rest.measured, loop_time=0.1)
     setpoint = HybridSetpoint(rest.X_WT @ TOOL.X_Ttip, rest.load, np.eye(3), torque_axes, contact_resists=EVERY)
     law.adopt(setpoint, (0.0, 0.0, 0.0))
     for i in range(PARAMETERS.contact_images + 1):
-        law.image(replace(rest.measured, stamp=1.0 + 0.02 * (i + 1)))
-    assert law.contact
-    assert law.limits == ()
+        law.image(rest.measured._replace(stamp=1.0 + 0.02 * (i + 1)), loop_time=0.1)
+    assert law.contact.made
+    assert law.plan.limits == ()
     X_WC = rest.X_WT @ rest.X_TC
-    assert np.abs(rotation_error(law.R_WC, X_WC[:3, :3])).max() < 1e-8  # [rad]
-    assert_allclose(law.X_TC_wanted, rest.X_TC, atol=1e-8)
+    assert np.abs(rotation_error(law.plan.X_WC[:3, :3], X_WC[:3, :3])).max() < 1e-8  # [rad]
+    assert_allclose(law.plan.X_TC, rest.X_TC, atol=1e-8)
 
 
 @pytest.mark.parametrize(("force", "torque"), CASES)
@@ -120,7 +119,7 @@ def test_a_load_is_accepted_exactly_up_to_what_the_grasp_may_be_deflected(
     def ask(share: float) -> None:
         wide = replace(PARAMETERS, max_deflection=0.03, max_rotation=40.0, tipping_margin=0.0)
         parameters = replace(wide, **{f"max_{what}": share * most})
-        Acceptance(parameters, gauge(), Hand(), TOOL).hybrid(rest.setpoint, None, rest.measured, UNMOVED)
+        SetpointChecks(parameters, estimator(), Hand()).load(rest.setpoint, UNMOVED, rest.measured.X_WC[:3, :3])
 
     ask(1.001)
     with pytest.raises(SetpointError, match=rf"SP13.*needs a {what}"):
@@ -137,11 +136,11 @@ def test_the_cases_turn_and_shift_the_grasp_enough_to_tell() -> None:
 def test_the_law_never_asks_for_more_deflection_than_the_grasp_endures() -> None:
     rest = at_rest(*CASES[0])
     bound = 0.8 * float(np.linalg.norm(rest.X_TC[:3, 3]))
-    law = HybridLaw(LAWS["seed"], replace(PARAMETERS, max_deflection=bound), gauge())
-    law.image(rest.measured)
+    law = HybridLaw(replace(PARAMETERS, max_deflection=bound), estimator())
+    law.image(rest.measured, loop_time=0.1)
     law.adopt(rest.setpoint, (0.0, 0.0, 0.0))
-    assert "max_deflection" in law.limits
-    assert_allclose(np.linalg.norm(law.X_TC_wanted[:3, 3]), bound, rtol=1e-12)
+    assert "max_deflection" in law.plan.limits
+    assert_allclose(np.linalg.norm(law.plan.X_TC[:3, 3]), bound, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("share", "trips"), [(0.999, False), (1.001, True)])

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.algorithm1 import loop_gain, motor_position
-from seed_control.command.lag import LagEstimate
+from seed_control.command.flange_command import LagEstimate
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
-from seed_control.payload.identify import Weighing, WeighingError
+from seed_control.payload.identify import PayloadError, PayloadFit
 from seed_control.wrench.estimate import observed_part
 from seed_control.wrench.history import PoseHistory
 from seed_core.bushing import Bushing
@@ -134,7 +134,7 @@ ORIENTATIONS = [(np.pi, 0.0, 0.0), (np.pi - 0.5, 0.0, 0.0), (np.pi, 0.5, 0.0), (
 
 def test_weighing_finds_mass_and_centre_of_mass_through_the_noise() -> None:
     bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.005, -0.01, 0.06))
-    weighing = Weighing(bushing)
+    weighing = PayloadFit(bushing)
     for rpy in ORIENTATIONS:
         X_WT, X_CT = hanging(rotation_from_rpy(rpy), 0.2, com, bushing)
         for _ in range(45):
@@ -150,7 +150,7 @@ def test_weighing_finds_mass_and_centre_of_mass_through_the_noise() -> None:
 
 def test_known_mass_shows_a_wrong_stiffness() -> None:
     bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.0, 0.0, 0.06))
-    weighing = Weighing(Bushing(DEFAULT_STIFFNESS.scaled(1.3)))
+    weighing = PayloadFit(Bushing(DEFAULT_STIFFNESS.scaled(1.3)))
     for rpy in ORIENTATIONS:
         for _ in range(5):
             weighing.add(*hanging(rotation_from_rpy(rpy), 0.2, com, bushing))
@@ -161,7 +161,7 @@ def test_known_mass_shows_a_wrong_stiffness() -> None:
 
 def test_one_orientation_leaves_the_centre_of_mass_open_along_gravity() -> None:
     bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.005, -0.01, 0.06))
-    weighing = Weighing(bushing)
+    weighing = PayloadFit(bushing)
     for _ in range(20):
         weighing.add(*hanging(rotation_from_rpy((np.pi, 0.0, 0.0)), 0.2, com, bushing))
     result = weighing.result()
@@ -170,12 +170,12 @@ def test_one_orientation_leaves_the_centre_of_mass_open_along_gravity() -> None:
 
 
 def test_weighing_nothing_or_too_little_is_refused() -> None:
-    weighing = Weighing(Bushing(DEFAULT_STIFFNESS))
-    with pytest.raises(WeighingError, match=r"0 samples are too few"):
+    weighing = PayloadFit(Bushing(DEFAULT_STIFFNESS))
+    with pytest.raises(PayloadError, match=r"0 samples are too few"):
         weighing.result()
     for _ in range(50):
         weighing.add(np.eye(4), make_pose(p=1e-4 * RNG.normal(size=3)))
-    with pytest.raises(WeighingError, match=r"not distinguishable from nothing"):
+    with pytest.raises(PayloadError, match=r"not distinguishable from nothing"):
         weighing.result()
 
 

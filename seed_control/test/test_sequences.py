@@ -54,12 +54,12 @@ def do(bench: Bench, name: str) -> None:
     state = bench.run(0.1)
     law = bench.controller.law
     assert np.isfinite(bench.commands[-1]).all()
-    assert len(law.normals) == len(law._wanted) == len(law.walk.observers)
+    assert len(law.plan.normals) == len(law.plan.wanted) == len(law.reference._courses)
     if law.setpoint is None:
         assert not law.regulates_force
         assert not state.in_contact
-        assert not law.limits
-        np.testing.assert_array_equal(law.R_W_task, np.eye(3))
+        assert not law.plan.limits
+        np.testing.assert_array_equal(law.plan.R_W_task, np.eye(3))
     assert (state.setpoint_kind in ("wrench", "hybrid")) == (law.setpoint is not None)
 
 

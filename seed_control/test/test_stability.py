@@ -5,15 +5,15 @@ from itertools import product
 
 import numpy as np
 import pytest
-
-from seed_control.command.flange_command import BANDWIDTH
-from seed_control.law.stability import (
+from stability import (
     environment_share,
     lean_crossover,
     lean_delay_limit,
     lean_phase_margin,
     surface_small_gain,
 )
+
+from seed_control.command.flange_command import BANDWIDTH
 from seed_control.law.surface_observer import MAX_SHARE, ObserverTuning, SurfaceObserver
 from seed_control.parameters import ControllerParameters
 

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.controller import Controller, ControllerParameters
-from seed_control.payload.identify import Weight
-from seed_control.payload.motion import WeighingRun
+from seed_control.payload.identify import Payload
+from seed_control.payload.motion import PayloadRun
 from seed_control.tasks import load_task
 from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.closed_loop.run import start_pose
@@ -17,7 +17,7 @@ from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 
 
-def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy", seed: int = 3) -> Weight:
+def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy", seed: int = 3) -> Payload:
     task = load_task("squeegee")
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
     controller = Controller(
@@ -34,7 +34,7 @@ def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy",
             controller.add_estimate(estimate)
         if run is None and t >= 0.6:
             controller.enable(t)
-            run = WeighingRun(controller.gauge.bushing, scenario.tool, controller.step(t).state)
+            run = PayloadRun(controller.wrench_estimator.bushing, scenario.tool, controller.step(t).state)
         if run is not None:
             status = run.step(t, controller.state)
             if status.done:

@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from seed_control.command.lag import LagEstimate
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
-from seed_control.command.workspace import Workspace
 from seed_control.parameters import ControllerParameters
-from seed_core.quaternion import IDENTITY, as_quaternion
+from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3, as_vector3, transformed
 
@@ -17,8 +15,12 @@ BANDWIDTH = 80.0  # [rad/s] of the smoothing
 TRAIL = 2.0 / BANDWIDTH  # [s] by which a smoothed command trails in steady motion
 _RESTS = 2e-3  # [m], [rad]; an arm this near to the command is where it was sent
 
+_FORGET = 2.0  # [s] of motion, for the estimate of the lag
+_GUESS = 0.05**2 * 0.2  # [m^2/s]; its first guess weighs as much as 0.2 s at 50 mm/s
+_STILL = 2e-3  # [m/s]; slower motion says nothing
 
-class Command:
+
+class FlangeCommand:
     """The commanded pose. Targets are given for the gripper's frame C, whose origin is what moves smoothly.
 
     Limiting the flange's position and rotation apart would swing C.
@@ -81,3 +83,41 @@ class Command:
         if limiter.angular.limited:
             met += ("max_angular_speed",)
         return met
+
+
+class Workspace:
+    """The box that the flange must not leave, for targets of the gripper's frame C; p_EC [m]: C in the flange."""
+
+    def __init__(self, parameters: ControllerParameters, p_EC: Vector3) -> None:
+        self._low, self._high = np.array(parameters.workspace_low), np.array(parameters.workspace_high)
+        self._p_EC = p_EC
+        margin = float(np.linalg.norm(p_EC))  # no rotation takes the flange further from C than this
+        self._surely = (*as_vector3(self._low + margin), *as_vector3(self._high - margin))
+
+    def within(self, p_WC: Vector3, q_WE: Quaternion) -> Vector3:
+        """The target [m] itself (the same object) while the flange stays inside, else the nearest that keeps it."""
+        (x, y, z), (a, b, c, d, e, f) = p_WC, self._surely
+        if a <= x <= d and b <= y <= e and c <= z <= f:
+            return p_WC
+        p_WE = to_pose(p_WC, q_WE, self._p_EC)[:3, 3]
+        inside = np.clip(p_WE, self._low, self._high)
+        return p_WC if np.array_equal(inside, p_WE) else as_vector3(np.array(p_WC) + inside - p_WE)
+
+
+class LagEstimate:
+    """How far the arm trails its command: regression of command minus measured position on velocity; `lag` [s]."""
+
+    def __init__(self, guess: float) -> None:
+        self._top, self._bottom = guess * _GUESS, _GUESS
+        self.lag = guess
+
+    def update(self, command: Vector3, measured: Vector3, velocity: Vector3, dt: float) -> None:
+        """One step: commanded and measured position [m], velocity of the command [m/s]."""
+        (u, v, w), (a, b, c), (x, y, z) = velocity, command, measured
+        square = u * u + v * v + w * w
+        if square < _STILL * _STILL:
+            return
+        keep = 1.0 - min(square / 0.05**2, 1.0) * dt / _FORGET
+        self._top = keep * self._top + dt * ((a - x) * u + (b - y) * v + (c - z) * w)
+        self._bottom = keep * self._bottom + dt * square
+        self.lag = min(max(self._top / self._bottom, 0.0), 0.3)

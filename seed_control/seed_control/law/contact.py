@@ -11,7 +11,7 @@ from seed_core.spatial import Array
 _CERTAIN = 2.5  # deviations of the estimated force that contact must stand out by
 
 
-class ContactJudge:
+class ContactDetector:
     """`made`: in contact now; `lost`: how often contact was lost."""
 
     def __init__(self, parameters: ControllerParameters) -> None:
@@ -25,9 +25,11 @@ class ContactJudge:
         self.made, self._above, self._below = False, 0, 0
 
     def update(self, along: Array, wanted: Array, deviation: float) -> bool:
-        """One image: estimated and wanted force (m,) [N] along the normals, and the former's deviation [N].
+        """Take in one image; whether contact was made by this very one.
 
-        Returns whether contact was made by this very image.
+        Args:
+            along, wanted: estimated and wanted force (m,) [N] along the force directions.
+            deviation: standard deviation of the estimate [N].
         """
         active = np.abs(wanted) > 0.0
         if not active.any():

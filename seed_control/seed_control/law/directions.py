@@ -7,22 +7,36 @@ import numpy as np
 
 from seed_core.spatial import Array
 
+_SAME = 0.7  # cosine: a direction that has turned further than 45 degrees is another one
 
-def force_directions(P: Array, m: int) -> Array:
-    """(m, 3) orthonormal basis of the range of the projector P, always the same one for the same P."""
+
+def force_directions(P: Array, before: Array | None) -> tuple[Array, bool]:
+    """Orthonormal basis (m, 3) of the range of a projector, and whether it goes on from the one before.
+
+    Each direction follows its own former one as a task frame turns, so that none changes its sign or swaps its place.
+
+    Args:
+        P: (3, 3) projector, of rank m.
+        before: the basis in use (any size), or None to start anew.
+    """
+    m = round(float(P[0, 0] + P[1, 1] + P[2, 2]))
+    if before is not None and len(before) == m:
+        turned = before @ P
+        if ((turned * before).sum(axis=1) > _SAME).all():
+            return _orthonormal(turned, m), True
     if m == 3:
-        return np.eye(3)
-    if m == 0:
-        return np.zeros((0, 3))
+        return np.eye(3), False
     order = np.argsort(-np.diag(P), kind="stable")
+    return _orthonormal(P[order], m), False
+
+
+def _orthonormal(rows: Array, m: int) -> Array:
+    """The first m directions (m, 3) of rows that are independent (Gram and Schmidt)."""
     out: list[Array] = []
-    for i in order:
-        v = P[i].copy()
+    for v in rows:
         for n in out:
-            v -= (n @ v) * n
+            v = v - (n @ v) * n
         size = float(np.sqrt(v @ v))
-        if size > 0.3:
+        if size > 0.3 and len(out) < m:
             out.append(v / size)
-        if len(out) == m:
-            break
-    return np.array(out)
+    return np.array(out).reshape(m, 3)

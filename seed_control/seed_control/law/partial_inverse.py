@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The partial inverses of the stiffness map (Sec. V-C): torque or angle per axis, force or position per direction.
+"""The partial inverses of the stiffness map (Sec. V-C), which stand for line 5 of Algorithm 2 in hybrid control.
+
+`hybrid_force_position` (Sec. V-C1): force along some directions, position along the others.
+`hybrid_torque_orientation` (Sec. V-C2): torque about some of T's axes, the angle about the others (Assumption 3).
 
 Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are tx-roll, ty-pitch, tz-yaw.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from math import asin, cos, isfinite, pi, sin, sqrt
 
@@ -25,10 +27,29 @@ class PartialInverseError(SeedError):
     """Torques and angles that no displacement gives, or that more than one gives."""
 
 
-def partial_angles(
+def hybrid_force_position(force_projector: Array, K: Array, displacement: Array, force: Array) -> Array:
+    """Hybrid force/position control (Sec. V-C1): d = p_TC (3,) [m] with K d = force along P, d = displacement along S.
+
+    P = I - S. For one stiffness along all directions this is the paper's p_WC = S p_des + P (p_WT + K^-1 f).
+
+    Args:
+        force_projector: P (3, 3) onto the directions that carry force, any symmetric projector.
+        K: translational stiffness (3, 3) [N/m], force = K p_TC, in the same axes.
+        displacement: wanted p_TC (3,) [m]; its part along P is ignored.
+        force: wanted force of the spring on the tool (3,) [N]; its part along S is ignored.
+    """
+    P = force_projector
+    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0  # makes both kinds of rows of one size
+    M = np.eye(3) - P + P @ K / scale
+    return np.asarray(np.linalg.solve(M, displacement - P @ displacement + P @ force / scale))
+
+
+def hybrid_torque_orientation(
     k: Vector3, torque: Vector3, angles: Vector3, is_torque: Selection, near_pitch: float | None = None
 ) -> Vector3:
-    """Roll, pitch, yaw [rad] with torque[i] where is_torque[i], and equal to angles[i] where not.
+    """Hybrid torque/orientation control (Sec. V-C2): rpy(R_TC) [rad] with torque[i] where is_torque[i], else angles[i].
+
+    All eight selections: with all three torques it is Eq. 5, with two or one the paper's two partial maps.
 
     Args:
         k: rotational stiffness [N m/rad].
@@ -49,13 +70,12 @@ def partial_angles(
             f"tz = {torque[2]:.3g} N m needs a yaw of {np.rad2deg(yaw):.0f} degrees; below 180 only"
         )
     c2, s2 = cos(yaw), sin(yaw)
-    if is_torque[1]:
-        if is_torque[0]:
-            pitch = _within((c2 * torque[1] - s2 * torque[0]) / kp, torque[1])
-        else:
-            pitch = _pitch_by_root(k, torque[1], angles[0], tz, c2, s2, near_pitch)
-    else:
+    if not is_torque[1]:
         pitch = _within(angles[1], torque[1])
+    elif is_torque[0]:
+        pitch = _within((c2 * torque[1] - s2 * torque[0]) / kp, torque[1])  # Eq. 5
+    else:
+        pitch = _pitch_by_root(k, torque[1], angles[0], tz, c2, s2, near_pitch)
     if not is_torque[0]:
         return angles[0], pitch, yaw
     if is_torque[1]:
@@ -66,7 +86,7 @@ def partial_angles(
                 f"tx with the pitch given has no solution at a yaw of {np.rad2deg(yaw):.1f} degrees"
             )
         along = (torque[0] + s2 * kp * pitch) / c2
-    roll = (cos(pitch) * along - sin(pitch) * tz) / kr
+    roll = (cos(pitch) * along - sin(pitch) * tz) / kr  # Eq. 5
     if not abs(roll) < pi:
         raise PartialInverseError(
             f"tx = {torque[0]:.3g} N m needs a roll of {np.rad2deg(roll):.0f} degrees; below 180 only"
@@ -91,8 +111,11 @@ def _pitch_by_root(k: Vector3, ty: float, roll: float, tz: float, c2: float, s2:
 
     # F' = 0 is a quadratic in sin p, so the range falls into at most three pieces on which F is monotone.
     edges = [-PITCH_RANGE, *_turning_points(c2 * kp, s2 * a, s2 * tz), PITCH_RANGE]
-    pieces = pairwise(edges)
-    roots = [_bisect(value, low, high) for low, high in pieces if value(low) * value(high) <= 0.0]
+    roots = [
+        float(brentq(value, low, high, xtol=1e-15, rtol=8.9e-16))
+        for low, high in pairwise(edges)
+        if value(low) * value(high) <= 0.0
+    ]
     if not roots:
         low, high = sorted((value(-PITCH_RANGE) + ty, value(PITCH_RANGE) + ty))
         raise PartialInverseError(
@@ -116,36 +139,3 @@ def _turning_points(b: float, c: float, d: float) -> list[float]:
         root = c * c + 4.0 * b * (b + d)
         sines = [] if root < 0.0 else [(c - sqrt(root)) / (2.0 * b), (c + sqrt(root)) / (2.0 * b)]
     return sorted(p for p in (asin(s) for s in sines if abs(s) < 1.0) if abs(p) < PITCH_RANGE)
-
-
-def _bisect(value: Callable[[float], float], low: float, high: float) -> float:
-    """Root of a monotone function between low and high, where it changes sign."""
-    if value(low) == 0.0:
-        return low
-    return float(brentq(value, low, high, xtol=1e-15, rtol=8.9e-16)) if value(high) != 0.0 else high
-
-
-def translation_matrix(force_projector: Array, K: Array) -> Array:
-    """M (3, 3) with M d = (I - P) d_position + P f / k: the hybrid of force and position, scaled by k = mean of K.
-
-    Args:
-        force_projector: P = I - S (3, 3).
-        K: translational stiffness (3, 3) [N/m], force = K p_TC, in the same axes as P.
-    """
-    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0
-    return np.eye(3) - force_projector + force_projector @ K / scale
-
-
-def hybrid_translation(force_projector: Array, K: Array, displacement: Array, force: Array) -> Array:
-    """d = p_TC (3,) [m] with K d = force along P and d = displacement along I - P.
-
-    Args:
-        force_projector: P (3, 3), any symmetric projector.
-        K: (3, 3) [N/m] in the same axes.
-        displacement: wanted p_TC (3,) [m]; its part along P is ignored.
-        force: wanted force of the spring on the tool (3,) [N]; its part along I - P is ignored.
-    """
-    P = force_projector
-    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0
-    right = displacement - P @ displacement + P @ force / scale
-    return np.asarray(np.linalg.solve(translation_matrix(P, K), right))

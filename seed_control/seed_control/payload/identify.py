@@ -23,12 +23,12 @@ from seed_core.spatial import Array, inverse_pose, skew
 _LEAST_TURN = np.deg2rad(10.0)  # between orientations, for the whole centre of mass
 
 
-class WeighingError(SeedError):
+class PayloadError(SeedError):
     """The tool cannot be weighed from these samples."""
 
 
 @dataclass(frozen=True)
-class Weight:
+class Payload:
     """Result of a weighing.
 
     Attributes:
@@ -48,7 +48,7 @@ class Weight:
     stiffness_ratio: float | None = None
 
 
-class Weighing:
+class PayloadFit:
     """Collects samples (X_WT, X_CT) of a tool at rest in free space; `result` fits them."""
 
     def __init__(self, bushing: Bushing) -> None:
@@ -67,27 +67,27 @@ class Weighing:
         self._force.append(spring.force)
         self._torque.append(spring.torque)
 
-    def result(self, known_mass: float | None = None) -> Weight:
+    def result(self, known_mass: float | None = None) -> Payload:
         """Least squares over all samples; known_mass [kg] cross-checks the stiffness.
 
         Raises:
-            WeighingError: fewer than 10 samples, or a tool too light for the noise.
+            PayloadError: fewer than 10 samples, or a tool too light for the noise.
         """
         if len(self) < 10:
-            raise WeighingError(f"{len(self)} samples are too few to weigh the tool; hold still for at least 10")
+            raise PayloadError(f"{len(self)} samples are too few to weigh the tool; hold still for at least 10")
         g, force = np.array(self._g), np.array(self._force)
         mass = -float((g * force).sum() / (g * g).sum())
         residuals = force + mass * g
         sigma = float(np.sqrt((residuals**2).sum() / max(residuals.size - 1, 1)))
         mass_std = sigma / float(np.sqrt((g * g).sum()))
         if mass < 3.0 * mass_std or mass <= 0.0:
-            raise WeighingError(
+            raise PayloadError(
                 f"the tool weighs {1e3 * mass:.1f} g, not distinguishable from nothing "
                 f"(deviation {1e3 * mass_std:.1f} g): is it grasped, and hanging free?"
             )
         com, com_std = self._center_of_mass(g, mass)
         size = float(np.sqrt((residuals**2).mean()))
-        return Weight(mass, mass_std, com, com_std, size, known_mass / mass if known_mass is not None else None)
+        return Payload(mass, mass_std, com, com_std, size, known_mass / mass if known_mass is not None else None)
 
     def _center_of_mass(self, g: Array, mass: float) -> tuple[Array, Array]:
         """com of torque = m g x com ... = skew(m g) com; what no orientation shows stays zero."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from seed_control.payload.identify import Weighing, WeighingError, Weight
+from seed_control.payload.identify import Payload, PayloadError, PayloadFit
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.task import Phase, Task, WorkFrame
@@ -20,7 +20,7 @@ _SAMPLING = 0.6  # [s] per orientation
 _MOST_FORCE = 0.5  # of the weight that is expected, by which the load may differ before the start
 
 
-def weighing_task(X_W_tip: Array) -> Task:
+def payload_task(X_W_tip: Array) -> Task:
     """The task for a tool whose tip is at X_W_tip (4, 4) in free space."""
     x, y, z = X_W_tip[:3, 3].tolist()
     r, p, w = np.rad2deg(rpy_from_rotation(X_W_tip[:3, :3])).tolist()
@@ -45,20 +45,20 @@ def weighing_task(X_W_tip: Array) -> Task:
     )
 
 
-class WeighingRun:
+class PayloadRun:
     """One weighing. Call `step` at the control rate, send its set-points, read `result` when it is done.
 
     Raises:
-        WeighingError: at the start, while something carries or presses the tool.
+        PayloadError: at the start, while something carries or presses the tool.
     """
 
     def __init__(self, bushing: Bushing, tool: Tool, state: ControllerState) -> None:
         if state.X_W_tip is None or state.filtered is None:
-            raise WeighingError("cannot weigh the tool: no estimate of the relative pose has come yet")
+            raise PayloadError("cannot weigh the tool: no estimate of the relative pose has come yet")
         _check_free(tool, state)
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
-        self._player = TaskPlayer(weighing_task(state.X_W_tip))
-        self._weighing = Weighing(bushing)
+        self._player = TaskPlayer(payload_task(state.X_W_tip))
+        self._weighing = PayloadFit(bushing)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
 
@@ -73,8 +73,8 @@ class WeighingRun:
         """End early."""
         self._player.cancel(reason)
 
-    def result(self) -> Weight:
-        """Mass, centre of mass, and the check of the stiffness by the tool's stated mass. Raises WeighingError."""
+    def result(self) -> Payload:
+        """Mass, centre of mass, and the check of the stiffness by the tool's stated mass. Raises PayloadError."""
         return self._weighing.result(self._tool.mass if self._tool.mass > 0.0 else None)
 
     def _sample(self, t: float, state: ControllerState, X_W_tip: Array) -> None:
@@ -97,13 +97,13 @@ def _check_free(tool: Tool, state: ControllerState) -> None:
     left = float(np.linalg.norm(state.filtered.force))
     bound = max(_MOST_FORCE * tool.mass * GRAVITY, 1.0)
     if state.in_contact or left > bound:
-        raise WeighingError(
+        raise PayloadError(
             f"cannot weigh the tool: {left:.2f} N act on it beside its weight, at most {bound:.2f} N may: "
             "lift it off, or state tool.mass"
         )
 
 
-def report(weight: Weight, tool: Tool) -> str:
+def report(weight: Payload, tool: Tool) -> str:
     """The result in one line, for people."""
     com = ", ".join(
         "not seen" if not np.isfinite(s) else f"{1e3 * c:.1f} +- {1e3 * s:.1f}"

@@ -65,14 +65,16 @@ def relative_pose_setpoint(message: RelativePoseMsg, frames: FrameNames) -> Rela
     )
 
 
-def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoint | None) -> StateMsg:
-    """Everything but the header and the counts of the node itself."""
+def fill_state(
+    message: StateMsg, state: ControllerState, setpoint: HybridSetpoint | None, error: Wrench | None
+) -> StateMsg:
+    """Everything but the header and the counts of the node itself; error: `Controller.regulated_error`."""
     message.enabled, message.mode, message.reason = state.enabled, state.mode, state.reason
     message.setpoint_kind, message.in_contact, message.settled = state.setpoint_kind, state.in_contact, state.settled
     fill_wrench(message.desired, state.desired or Wrench.zero())
     fill_wrench(message.estimated, state.estimated or Wrench.zero())
+    fill_wrench(message.error, error or Wrench.zero())
     if setpoint is not None and state.X_W_tip is not None:
-        fill_wrench(message.error, regulated_error(setpoint, state))
         message.lean = so3_log(setpoint.X_W_tip[:3, :3].T @ state.X_W_tip[:3, :3])
     if state.X_W_tip is not None:
         fill_pose(message.tip, state.X_W_tip)
@@ -84,15 +86,6 @@ def fill_state(message: StateMsg, state: ControllerState, setpoint: HybridSetpoi
     message.ignored_estimates = sum(getattr(state.counters, name) for name in _IGNORED)
     message.ignored_poses = state.counters.kinematics_refused
     return message
-
-
-def regulated_error(setpoint: HybridSetpoint, state: ControllerState) -> Wrench:
-    """measured - desired on the force-controlled directions and the torque-controlled axes, in the task frame."""
-    measured = state.filtered or state.estimated or Wrench.zero()
-    off = measured.minus(state.desired or Wrench.zero())
-    axes = (state.R_W_task.T @ state.X_W_tip[:3, :3]) if state.X_W_tip is not None else np.eye(3)
-    about = axes @ np.diag(np.array(setpoint.torque_axes, dtype=float)) @ axes.T
-    return Wrench(about @ off.torque, setpoint.force_projector @ off.force)
 
 
 def _task_orientation(q: Quaternion) -> Array:

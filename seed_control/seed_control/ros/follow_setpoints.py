@@ -13,11 +13,11 @@ from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 
 from seed_control.controller import Controller
-from seed_control.ros.conversions import regulated_error
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.read import read_task
 from seed_core.errors import SeedError
+from seed_core.spatial import Wrench
 from seed_ros import SeedNode
 from seed_ros.conversions import fill_wrench
 
@@ -109,13 +109,14 @@ class FollowServer:
 
     def after_step(self, state: ControllerState) -> None:
         """Sum up the error while force is regulated, from the first time it has settled."""
-        run, setpoint = self._run, self._core.law.setpoint
-        if run is None or setpoint is None or state.filtered is None or state.desired is None:
+        run = self._run
+        if run is None or state.desired is None:
             return
         wants = bool(np.abs(state.desired.force).max() > 0.0)
         run.regulating = wants and (run.regulating or state.settled)
         if run.regulating:
-            error = regulated_error(setpoint, state)
+            error = self._core.regulated_error()
+            assert error is not None  # it has been in contact
             run.squares += (error.force @ error.force, error.torque @ error.torque)
             run.samples += 1
 
@@ -124,9 +125,7 @@ class FollowServer:
         phases = run.player.phases
         message.phase_count = len(phases)
         message.phase_index = phases.index(status.phase) if status.phase in phases else len(phases)
-        state, setpoint = self._core.state, self._core.law.setpoint
-        if setpoint is not None and state.desired is not None and state.filtered is not None:
-            fill_wrench(message.error, regulated_error(setpoint, state))
+        fill_wrench(message.error, self._core.regulated_error() or Wrench.zero())
         run.goal.publish_feedback(message)
 
     def _finish(self, run: _Run, status: TaskStatus) -> FollowSetpoints.Result:

@@ -13,7 +13,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from seed_control.controller import Controller, ControlRefusedError
-from seed_control.payload.motion import WeighingRun, report
+from seed_control.payload.motion import PayloadRun, report
 from seed_core.errors import SeedError
 from seed_ros import SeedNode
 
@@ -24,7 +24,7 @@ class PayloadIdentification:
     def __init__(self, node: SeedNode, core: Controller, others: Callable[[], bool]) -> None:
         """others: whether something else gives set-points."""
         self._core, self._others = core, others
-        self._run: WeighingRun | None = None
+        self._run: PayloadRun | None = None
         self._done = Future()
         # a group of its own: others are served while it waits for its answer, among them ~/enable, which ends it
         node.serve(Trigger, "~/weigh_tool", self._identify, group=ReentrantCallbackGroup(), log_as="weigh_tool")
@@ -42,7 +42,7 @@ class PayloadIdentification:
             raise ControlRefusedError(
                 f"cannot weigh the tool: {state.reason or 'the controller is not enabled'}; call ~/enable first"
             )
-        self._run = run = WeighingRun(self._core.gauge.bushing, self._core.tool, state)
+        self._run = run = PayloadRun(self._core.wrench_estimator.bushing, self._core.tool, state)
         self._done = Future()
         ended_early = await self._done
         if ended_early:

@@ -23,7 +23,7 @@ from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControlOutput
-from seed_control.wrench.stiffness_schedule import GripSettings
+from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
@@ -63,7 +63,7 @@ class ControllerNode(SeedNode):
         live = ("rotation", "translation")
         stiffness = self.declare(DEFAULT_STIFFNESS, "grasp", live=live, on_change=self._on_stiffness)
         hand = self.declare(Hand(), "hand")
-        schedule = self.declare(GripSettings(), "grip")
+        schedule = self.declare(ScheduleSettings(), "grip")
         self.refuse_unknown()
 
         self.core = Controller(self.parameters, hand, self.tool, stiffness)
@@ -162,7 +162,7 @@ class ControllerNode(SeedNode):
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:
-        message = fill_state(StateMsg(), output.state, self.core.law.setpoint)
+        message = fill_state(StateMsg(), output.state, self.core.law.setpoint, self.core.regulated_error())
         message.header.stamp, message.header.frame_id = stamp_from_seconds(now), self.frames.base
         message.steps = self.steps
         message.ignored_poses += self.counters["poses_refused"]

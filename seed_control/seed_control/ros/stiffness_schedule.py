@@ -8,7 +8,7 @@ from functools import partial
 
 from std_msgs.msg import Float32, Float64
 
-from seed_control.wrench.stiffness_schedule import GripFollower, GripSettings
+from seed_control.wrench.stiffness_schedule import ScheduleSettings, StiffnessSchedule
 from seed_core.bushing import Stiffness
 from seed_core.stiffness_file import GripStiffness, load_stiffness
 from seed_ros import QUEUE, SENSOR, SeedNode
@@ -17,12 +17,12 @@ from seed_ros import QUEUE, SENSOR, SeedNode
 class StiffnessScheduleInput:
     """Subscribes to what tells the grip and calls `apply` with each new stiffness."""
 
-    def __init__(self, node: SeedNode, settings: GripSettings, apply: Callable[[Stiffness], None]) -> None:
+    def __init__(self, node: SeedNode, settings: ScheduleSettings, apply: Callable[[Stiffness], None]) -> None:
         self._node, self._apply = node, apply
         self._pressures: dict[str, float] = {}  # [hPa] by finger
         if not settings.file:
             return
-        self._schedule = GripFollower(GripStiffness(load_stiffness(settings.file)), settings.follow)
+        self._schedule = StiffnessSchedule(GripStiffness(load_stiffness(settings.file)), settings.follow)
         if settings.follow == "width":
             node.create_subscription(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
             return

@@ -1,42 +1,155 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a set-point can be followed with this hand, tool, grasp and estimator; refusals SP10 to SP17."""
+"""Whether a set-point can be followed with this hand, tool, grasp and estimator: refusals SP09 to SP16.
+
+Every set-point is judged before anything changes; whatever refuses raises SetpointError.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from seed_control.algorithm2 import wrench_about_T
+from seed_control.law.tipping import tipping_moment
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
+from seed_control.setpoint.setpoints import Flags, HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_control.wrench.estimate import Measurement, WrenchEstimator
+from seed_core.bushing import BushingError
 from seed_core.estimate import AXES, RelativePoseEstimate
-from seed_core.spatial import Array, Wrench, inverse_pose, so3_log
+from seed_core.hand import Hand
+from seed_core.spatial import Array, Wrench, inverse_pose, rpy_from_rotation, so3_log
 
 _TORQUE_TOLERANCE = 1e-6  # [N m]
 _NO_DISPLACEMENT = 1e-6  # [m], [rad]
 _OBSERVED_SHARE = 0.2  # how much of a force direction may lie along an unobserved axis
 
 
-def check_stamp(stamp: float | None, now: float, oldest: float) -> None:
-    """SP10: a stamp that is too old, or more than 50 ms in the future."""
-    if stamp is not None and not -0.05 <= now - stamp <= oldest:
-        raise SetpointError(
-            "SP10", f"set-point is stamped {now - stamp:.3f} s ago; at most {oldest:g} s is accepted: check the clocks"
+class SetpointChecks:
+    """The checks of one controller, hand, tool and grasp."""
+
+    def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator, hand: Hand) -> None:
+        self._parameters, self._wrench_estimator = parameters, wrench_estimator
+        self._X_Ttip = wrench_estimator.tool.X_Ttip
+        self._X_tipE = inverse_pose(self._X_Ttip) @ inverse_pose(hand.X_EC)  # of an undeflected grasp
+
+    def stamp(self, stamp: float | None, now: float) -> None:
+        """SP10: a stamp [s] that is too old, or more than 50 ms in the future."""
+        oldest = self._parameters.setpoint_max_age
+        if stamp is not None and not -0.05 <= now - stamp <= oldest:
+            raise SetpointError(
+                "SP10",
+                f"set-point is stamped {now - stamp:.3f} s ago; at most {oldest:g} s is accepted: check the clocks",
+            )
+
+    def displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate) -> None:
+        """SP13, SP15: whether the grasp endures the displacement asked for, and the estimate observes it."""
+        _check_observed(unobserved_displacement(s.X_TC, estimate))
+        self._check_deflection(s.X_TC)
+
+    def as_hybrid(self, s: HybridSetpoint | WrenchSetpoint, m: Measurement) -> HybridSetpoint:
+        """The form that the law follows. A wrench (Algorithm 2 alone): every direction carries force, and angles are
+        torque where a contact resists them.
+
+        Args:
+            m: the newest measurement.
+        """
+        if isinstance(s, HybridSetpoint):
+            return s
+        if any(s.contact_resists) != all(s.contact_resists):
+            raise SetpointError(
+                "SP09",
+                "a wrench set-point needs contact_resists about all three axes or none; use a "
+                "hybrid set-point for some of them",
+            )
+        return HybridSetpoint(
+            X_W_tip=m.X_WT @ self._X_Ttip,
+            wrench=s.wrench,
+            force_projector=np.eye(3),
+            torque_axes=s.contact_resists,
+            task_frame=s.frame,
+            contact_resists=s.contact_resists,
         )
 
+    def load(self, s: HybridSetpoint, estimate: RelativePoseEstimate, R_WC: Array) -> None:
+        """SP11 to SP15: whether grasp, contact and estimator bear the force and torque asked for.
 
-def check_load(wrench: Wrench, parameters: ControllerParameters) -> None:
-    """SP11: a force or torque beyond what may be asked for."""
-    for name, vector, bound, unit in (
-        ("force", wrench.force, parameters.max_force, "N"),
-        ("torque", wrench.torque, parameters.max_torque, "N m"),
-    ):
-        size = float(np.linalg.norm(vector))
-        if size > bound * (1 + 1e-9):
-            raise SetpointError("SP11", f"{name} of {size:.3g} {unit} is beyond max_{name} = {bound:g} {unit}")
+        Args:
+            R_WC: (3, 3) of the gripper at the estimate.
+        """
+        self._check_size(s.wrench)
+        R_W_tip = s.X_W_tip[:3, :3]
+        R_WT, R_W_task = R_W_tip @ self._X_Ttip[:3, :3].T, R_W_tip if s.task_frame == "tool" else s.R_W_task
+        load_W, wrench_estimator = s.wrench.rotated(R_W_task), self._wrench_estimator
+        load_T = load_W.rotated(R_WT.T)  # about the tip
+        _check_torque_axes(s.torque_axes, load_T.torque)
+        spring = wrench_about_T(load_W, R_WT, wrench_estimator.p_Ttip).minus(wrench_estimator.weight(R_WT))
+        try:
+            X_TC = wrench_estimator.bushing.pose(spring)
+        except BushingError as error:
+            raise SetpointError("SP13", str(error)) from error
+        self._check_deflection(X_TC)
+        self._check_tipping(load_T.force, s.torque_axes)
+        P = R_W_task @ s.force_projector @ R_W_task.T
+        directions = np.array([v for v in P if v @ v > 0.1])
+        _check_observed(unobserved_load(directions, s.torque_axes, estimate, R_WC))
+
+    def place(self, X_W_tip: Array) -> None:
+        """SP16: a flange position outside of the workspace box, for the wanted tip at X_W_tip (4, 4)."""
+        position = (X_W_tip @ self._X_tipE)[:3, 3]
+        low, high = self._parameters.workspace_low, self._parameters.workspace_high
+        if not all(a <= x <= b for a, x, b in zip(low, position.tolist(), high, strict=True)):
+            raise SetpointError(
+                "SP16", f"puts the flange at {np.round(position, 3)} m, outside of the workspace {low} to {high} m"
+            )
+
+    def _check_size(self, wrench: Wrench) -> None:
+        """SP11: a force or torque beyond what may be asked for."""
+        p = self._parameters
+        for name, vector, bound, unit in (
+            ("force", wrench.force, p.max_force, "N"),
+            ("torque", wrench.torque, p.max_torque, "N m"),
+        ):
+            size = float(np.linalg.norm(vector))
+            if size > bound * (1 + 1e-9):
+                raise SetpointError("SP11", f"{name} of {size:.3g} {unit} is beyond max_{name} = {bound:g} {unit}")
+
+    def _check_deflection(self, X_TC: Array) -> None:
+        """SP13: more deflection of the grasp than it endures without slip."""
+        p, d = self._parameters, float(np.linalg.norm(X_TC[:3, 3]))
+        if d > p.max_deflection:
+            raise SetpointError(
+                "SP13",
+                f"needs a deflection of {1e3 * d:.1f} mm, at most {1e3 * p.max_deflection:.1f} mm is safe "
+                "against slip: ask for less force or a stiffer grip",
+            )
+        worst = float(np.rad2deg(np.abs(rpy_from_rotation(X_TC[:3, :3])).max()))
+        if worst > p.max_rotation:
+            raise SetpointError(
+                "SP13",
+                f"needs a rotation of {worst:.1f} degrees in the grasp, at most {p.max_rotation:g} is safe "
+                "against slip: ask for less torque or a stiffer grip",
+            )
+
+    def _check_tipping(self, force_T: Array, torque_axes: Flags) -> None:
+        """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are softer than F H."""
+        size, moment = float(np.linalg.norm(force_T)), tipping_moment(force_T, self._wrench_estimator.p_Ttip)
+        if moment <= 0.0:
+            return
+        needed = self._parameters.tipping_margin * moment
+        for i, k in enumerate(self._wrench_estimator.bushing.stiffness.rotation):
+            if torque_axes[i] or abs(force_T[i]) > 0.9 * size:  # about the force's own axis nothing tips
+                continue
+            if k < needed:
+                raise SetpointError(
+                    "SP14",
+                    f"the tool would tip: {size:.3g} N at a lever of {moment / size:.3g} m needs more than "
+                    f"{needed:.3g} N m/rad about T's {'xyz'[i]}, the grasp has {k:.3g}: ask for at most "
+                    f"{size * k / needed:.3g} N or a stiffer grip",
+                )
 
 
-def check_torque_axes(setpoint: HybridSetpoint, torque_T: Array) -> None:
+def _check_torque_axes(torque_axes: Flags, torque_T: Array) -> None:
     """SP12: a wanted torque about an axis of T that holds its angle."""
-    for i, on in enumerate(setpoint.torque_axes):
+    for i, on in enumerate(torque_axes):
         if not on and abs(torque_T[i]) > _TORQUE_TOLERANCE:
             raise SetpointError(
                 "SP12",
@@ -45,33 +158,13 @@ def check_torque_axes(setpoint: HybridSetpoint, torque_T: Array) -> None:
             )
 
 
-def check_deflection(displacement: Array, angles: Array, parameters: ControllerParameters) -> None:
-    """SP13: a wrench that needs more deflection than the grasp endures without slip."""
-    d = float(np.linalg.norm(displacement))
-    if d > parameters.max_deflection:
-        raise SetpointError(
-            "SP13",
-            f"needs a deflection of {1e3 * d:.1f} mm, at most {1e3 * parameters.max_deflection:.1f} mm is safe "
-            "against slip: ask for less force or a stiffer grip",
-        )
-    worst = float(np.rad2deg(np.abs(angles).max()))
-    if worst > parameters.max_rotation:
-        raise SetpointError(
-            "SP13",
-            f"needs a rotation of {worst:.1f} degrees in the grasp, at most {parameters.max_rotation:g} is safe "
-            "against slip: ask for less torque or a stiffer grip",
-        )
+def _check_observed(unobserved: str) -> None:
+    """SP15: why an estimator cannot serve a set-point."""
+    if unobserved:
+        raise SetpointError("SP15", unobserved)
 
 
-def check_observed(blind: str) -> None:
-    """SP15: why an estimator cannot serve a set-point, from `unobserved_load` or `unobserved_displacement`."""
-    if blind:
-        raise SetpointError("SP15", blind)
-
-
-def unobserved_load(
-    directions: Array, torque_axes: tuple[bool, bool, bool], estimate: RelativePoseEstimate, R_WC: Array
-) -> str:
+def unobserved_load(directions: Array, torque_axes: Flags, estimate: RelativePoseEstimate, R_WC: Array) -> str:
     """Which force or torque lies on an axis that the estimate does not observe (Sec. VIII-B); '' for none.
 
     Args:
@@ -101,12 +194,3 @@ def unobserved_displacement(X_TC: Array, estimate: RelativePoseEstimate) -> str:
         if not seen and abs(part) > _NO_DISPLACEMENT:
             return f"a displacement of {part:.3g} {unit} in {name}, which the estimator does not observe"
     return ""
-
-
-def check_workspace(position: Array, parameters: ControllerParameters) -> None:
-    """SP16: a flange position outside of the workspace box."""
-    low, high = parameters.workspace_low, parameters.workspace_high
-    if not all(a <= x <= b for a, x, b in zip(low, position.tolist(), high, strict=True)):
-        raise SetpointError(
-            "SP16", f"puts the flange at {np.round(position, 3)} m, outside of the workspace {low} to {high} m"
-        )

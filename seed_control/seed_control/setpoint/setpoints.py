@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user asks of the controller. Each set-point checks itself; a refusal carries a number, SP01 to SP12.
+"""What a user asks of the controller. Each set-point checks itself; a refusal carries a number, SP01 to SP08.
 
 Every wrench here is what the tool does to the environment, about the tip: pressing a table with 10 N is the force
 (0, 0, -10) in the world's axes.
@@ -7,6 +7,7 @@ Every wrench here is what the tool does to the environment, about the tip: press
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -14,7 +15,6 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, SpatialError, Wrench, check_pose
-from seed_core.vector3 import Vector3, as_vector3
 
 TaskFrame = Literal["world", "tool", "surface"]
 TASK_FRAMES = ("world", "tool", "surface")
@@ -93,7 +93,6 @@ class HybridSetpoint:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
     stamp: float | None = None
-    motion: tuple[Vector3, Vector3] = field(init=False, repr=False)  # tip's place and velocity once more, for each step
 
     def __post_init__(self) -> None:
         _check_frame(self.task_frame, TASK_FRAMES)
@@ -101,19 +100,36 @@ class HybridSetpoint:
         put(self, "wrench", _checked_wrench(self.wrench))
         put(self, "force_projector", _checked_projector(self.force_projector))
         put(self, "R_W_task", _checked_rotation(self.R_W_task, self.task_frame))
-        self._put_motion(self.X_W_tip, self.velocity)
+        self._put_place(self.X_W_tip, self.velocity)
         self._check_selection()
 
     def moved(self, X_W_tip: Array, velocity: Array) -> HybridSetpoint:
         """The same set-point at another place: cheap, for paths; everything but the two arguments is shared."""
-        out = object.__new__(HybridSetpoint)
-        out.__dict__.update(self.__dict__)
-        out._put_motion(X_W_tip, velocity)
+        out = copy(self)
+        out._put_place(X_W_tip, velocity)
         return out
 
-    def _put_motion(self, X_W_tip: Array, velocity: Array) -> None:
-        X, v = _checked_pose(X_W_tip, "X_W_tip"), _checked_vector(velocity, "velocity", "m/s")
-        self.__dict__.update(X_W_tip=X, velocity=v, motion=(as_vector3(X[:3, 3]), as_vector3(v)))
+    def differs_in_place_only(self, other: HybridSetpoint | None) -> bool:
+        """Whether the other asks for the same load and rotation, so that neither need be judged again."""
+        if other is None or not np.array_equal(self.X_W_tip[:3, :3], other.X_W_tip[:3, :3]):
+            return False
+        if (
+            self.wrench is other.wrench
+            and self.force_projector is other.force_projector
+            and self.R_W_task is other.R_W_task
+        ):
+            return True  # one moved from the other
+        return (
+            (self.task_frame, self.torque_axes, self.approach_speed)
+            == (other.task_frame, other.torque_axes, other.approach_speed)
+            and np.array_equal(self.wrench, other.wrench)
+            and np.array_equal(self.force_projector, other.force_projector)
+            and np.array_equal(self.R_W_task, other.R_W_task)
+        )
+
+    def _put_place(self, X_W_tip: Array, velocity: Array) -> None:
+        object.__setattr__(self, "X_W_tip", _checked_pose(X_W_tip, "X_W_tip"))
+        object.__setattr__(self, "velocity", _checked_vector(velocity, "velocity", "m/s"))
 
     def _check_selection(self) -> None:
         stray = self.wrench.force - self.force_projector @ self.wrench.force

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, inf
 
-from seed_control.law.features import Features
+import numpy as np
+
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement
-from seed_core.spatial import Array, Wrench, rpy_from_rotation, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
 
 
 def share_of(dt: float, tau: float) -> float:
@@ -17,18 +18,49 @@ def share_of(dt: float, tau: float) -> float:
 
 
 class ToolFilter:
-    """The tool in the grasp and in the world, smoothed.
+    """The tool in the grasp and in the world, smoothed. The first image is taken over as it is.
 
     Attributes:
-        R_WT: (3, 3), by as much as the stated noise of rotations asks.
-        q: rpy (3,) of R_TC [rad] and offset: (3,) from tip to gripper in W [m], slowly: both are fed forward.
+        R_WT: (3, 3), by as much as the stated noise of rotations asks; X_WT: (4, 4) with the tip at its place,
+            over `force_filter`. Both are the newest image's where the pose is not smoothed.
         p_TC: (3,) [m], spring: load on the tool in T, on_environment: in W, over `rotation_filter`.
-        tip: (3,) [m] in W, over `force_filter`.
     """
 
-    def __init__(self, features: Features, parameters: ControllerParameters) -> None:
-        self._parameters, self._filtered = parameters, features.filtered
-        self._stamp: float | None = None
+    def __init__(self, parameters: ControllerParameters, p_Ttip: Array, smoothed: bool) -> None:
+        self._parameters, self._p_Ttip, self._smoothed = parameters, p_Ttip, smoothed
+        self._stamp = -inf
+        self._tip = np.zeros(3)
+        self.R_WT, self.X_WT, self.p_TC = np.eye(3), np.eye(4), np.zeros(3)
+        self.spring = self.on_environment = Wrench.zero()
+
+    def update(self, m: Measurement) -> None:
+        """Take in one image."""
+        p, dt = self._parameters, m.stamp - self._stamp
+        self._stamp = m.stamp
+        a = share_of(dt, p.rotation_filter)
+        self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
+        self.spring = _mixed(self.spring, m.spring, a)
+        self.on_environment = _mixed(self.on_environment, m.on_environment, a)
+        if not self._smoothed or dt == inf:
+            self.R_WT, self._tip = m.X_WT[:3, :3], m.tip
+        else:
+            smoothing = p.rotation_filter * min(m.rotation_deviation / ROTATION_DEVIATION, 1.0)
+            self.R_WT = self.R_WT @ so3_exp(share_of(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
+            self._tip = self._tip + share_of(dt, p.force_filter) * (m.tip - self._tip)
+        self.X_WT = make_pose(self.R_WT, self._tip - self.R_WT @ self._p_Ttip)
+
+
+class DeflectionFilter:
+    """The deflection that is fed forward, slowly.
+
+    Attributes:
+        q: (3,) rpy of R_TC [rad]. tip_to_C: (3,) from the tip to the gripper, in W [m].
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        self._parameters = parameters
+        self._stamp = -inf
+        self.q, self.tip_to_C = np.zeros(3), np.zeros(3)
 
     def update(self, m: Measurement, loop_time: float, tipping_gain: float) -> None:
         """Take in one image, whose answer takes loop_time [s].
@@ -36,31 +68,13 @@ class ToolFilter:
         What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
         winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting.
         """
-        q, offset = rpy_from_rotation(m.X_TC[:3, :3]), m.X_WC[:3, 3] - m.tip
-        if self._stamp is None:
-            self.R_WT, self.q, self.offset = m.X_WT[:3, :3].copy(), q, offset
-            self.p_TC, self.spring, self.on_environment = m.X_TC[:3, 3].copy(), m.spring, m.on_environment
-            self.tip = m.tip.copy()
-        else:
-            self._mix(m, m.stamp - self._stamp, q, offset, loop_time, tipping_gain)
+        p, dt = self._parameters, m.stamp - self._stamp
         self._stamp = m.stamp
-
-    def _mix(self, m: Measurement, dt: float, q: Array, offset: Array, loop_time: float, gain: float) -> None:
-        p = self._parameters
-        smoothing = p.rotation_filter * min(m.rotation_deviation / ROTATION_DEVIATION, 1.0)
-        self.R_WT = self.R_WT @ so3_exp(self._share(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
         least = p.feedforward_ratio * loop_time
-        self.q = self.q + share_of(dt, max(p.angle_feedforward, least) * gain) * (q - self.q)
-        slow = max(p.position_feedforward, least) * gain**3
-        self.offset = self.offset + share_of(dt, slow) * (offset - self.offset)
-        a = share_of(dt, p.rotation_filter)
-        self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
-        self.spring = _mixed(self.spring, m.spring, a)
-        self.on_environment = _mixed(self.on_environment, m.on_environment, a)
-        self.tip = self.tip + self._share(dt, p.force_filter) * (m.tip - self.tip)
-
-    def _share(self, dt: float, tau: float) -> float:
-        return share_of(dt, tau) if self._filtered else 1.0
+        fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
+        slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
+        self.q = self.q + fast * (rpy_from_rotation(m.X_TC[:3, :3]) - self.q)
+        self.tip_to_C = self.tip_to_C + slow * (m.X_WC[:3, 3] - m.tip - self.tip_to_C)
 
 
 def _mixed(a: Wrench, b: Wrench, share: float) -> Wrench:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from seed_control.parameters import ControllerParameters
-from seed_control.state import Journal
+from seed_control.state import Counting
 from seed_control.wrench.history import PoseHistory
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
@@ -23,8 +23,9 @@ class Inputs:
         arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
     """
 
-    def __init__(self, parameters: ControllerParameters, synchronise: bool, journal: Journal) -> None:
-        self._parameters, self._synchronise, self._journal = parameters, synchronise, journal
+    def __init__(self, parameters: ControllerParameters, synchronised: bool, counting: Counting) -> None:
+        """synchronised: match an image with the kinematics of its own moment, not with the newest."""
+        self._parameters, self._synchronised, self._counting = parameters, synchronised, counting
         self.history = PoseHistory()
         self.estimate: RelativePoseEstimate | None = None
         self.pending: RelativePoseEstimate | None = None  # not matched yet
@@ -36,9 +37,9 @@ class Inputs:
         try:
             good = isfinite(stamp) and self.history.add(stamp, check_pose(X_WE, "X_WE"))
         except SeedError as error:
-            self._journal.note, good = str(error), False
+            self._counting.remark, good = str(error), False
         if not good:
-            self._journal.count("kinematics_refused")
+            self._counting.count("kinematics_refused")
         return good
 
     def add_estimate(self, estimate: RelativePoseEstimate, blind: str) -> bool:
@@ -49,7 +50,7 @@ class Inputs:
         if not isfinite(estimate.stamp):
             return self._bad("estimate's stamp is not finite")
         if self.estimate is not None and estimate.stamp <= self.estimate.stamp:
-            self._journal.count("estimates_out_of_order")
+            self._counting.count("estimates_out_of_order")
             return False
         if not estimate.valid or estimate.gross_slip:
             why = "the tool has slid in the grasp" if estimate.gross_slip else estimate.reason or "no reason given"
@@ -65,7 +66,7 @@ class Inputs:
         return True
 
     def _bad(self, why: str) -> bool:
-        self._journal.count("estimates_invalid", why)
+        self._counting.count("estimates_invalid", why)
         self.bad_in_a_row += 1
         self.why_bad = why
         return False
@@ -76,14 +77,14 @@ class Inputs:
         if estimate is None:
             return None
         stamp, history = estimate.stamp, self.history
-        X_WE = history.at(stamp) if self._synchronise else history.newest()
+        X_WE = history.at(stamp) if self._synchronised else history.newest()
         if X_WE is not None:
             self.pending, self.arrived, self.image_stamp = None, t, stamp
             return estimate, X_WE
         if stamp < history.oldest_stamp or t - stamp > self._parameters.max_estimate_age:
             self.pending = None
             why = f"estimate of {t - stamp:.3f} s ago meets no kinematics of its moment"
-            self._journal.count("estimates_unmatched", why)
+            self._counting.count("estimates_unmatched", why)
         return None
 
     def staleness(self, t: float) -> str:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stiffness that belongs to the present grip, from the identification and the measured pressure or width."""
+"""The stiffness in use: the one that belongs to the present grip, and a new one taken over without a jump."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,14 @@ _WORTHWHILE = 0.005  # relative change of any stiffness that is passed on; less 
 
 
 @dataclass(frozen=True)
-class GripSettings:
+class ScheduleSettings:
     """Where the stiffness comes from while the grip changes."""
 
     file: str = field("", doc="stiffness.yaml of the identification; empty: the stiffness stays as it is given")
     follow: str = field("pressure", choices=("pressure", "width"), doc="what tells the grip")
 
 
-class GripFollower:
+class StiffnessSchedule:
     """Turns measured pressures or widths into changes of stiffness that are worth passing on."""
 
     def __init__(self, stiffness: GripStiffness, follow: str) -> None:
@@ -41,3 +42,23 @@ class GripFollower:
             return None
         self._passed = now
         return stiffness
+
+
+class StiffnessBlend(NamedTuple):
+    """From one stiffness to another over duration [s] from start [s]."""
+
+    old: Stiffness
+    new: Stiffness
+    start: float
+    duration: float
+
+    def share(self, t: float) -> float:
+        """How much of the new one is in use at time t [s]; one when it is done."""
+        return min(max((t - self.start) / self.duration, 0.0), 1.0) if self.duration > 0.0 else 1.0
+
+    def at(self, t: float) -> Stiffness:
+        """Stiffness in use at time t [s]."""
+        s = self.share(t)
+        pairs = zip(self.old.rotation + self.old.translation, self.new.rotation + self.new.translation, strict=True)
+        a, b, c, d, e, f = ((1.0 - s) * old + s * new for old, new in pairs)
+        return Stiffness((a, b, c), (d, e, f))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.law.partial_inverse import PartialInverseError, hybrid_translation, partial_angles
+from seed_control.law.partial_inverse import PartialInverseError, hybrid_force_position, hybrid_torque_orientation
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.spatial import rotation_from_rpy
 
@@ -25,7 +25,7 @@ def test_every_selection_finds_the_angles_that_made_the_torques(is_torque: tuple
     rng = np.random.default_rng(4)
     for i in range(500):
         q = np.deg2rad(30.0) * rng.uniform(-1, 1, 3) * (1e-7 if i % 10 == 0 else 1.0)
-        found = partial_angles(K, triple(MAP.torque(q)), triple(q), is_torque)
+        found = hybrid_torque_orientation(K, triple(MAP.torque(q)), triple(q), is_torque)
         assert_allclose(found, q, atol=2e-14)  # some roundings of an angle below 0.6
 
 
@@ -34,7 +34,7 @@ def test_given_angles_and_torques_are_met_exactly(is_torque: tuple[bool, bool, b
     rng = np.random.default_rng(5)
     for _ in range(300):
         torque, angles = 0.8 * rng.uniform(-1, 1, 3), np.deg2rad(20.0) * rng.uniform(-1, 1, 3)
-        q = np.array(partial_angles(K, triple(torque), triple(angles), is_torque))
+        q = np.array(hybrid_torque_orientation(K, triple(torque), triple(angles), is_torque))
         reached = MAP.torque(q)
         for i, on in enumerate(is_torque):
             assert_allclose(reached[i] if on else q[i], torque[i] if on else angles[i], atol=2e-14)
@@ -68,10 +68,10 @@ def test_of_two_pitches_for_one_torque_the_one_next_to_the_measured_is_taken(
     torque, angles, which = (0.0, ty, 0.0), (roll, 0.0, yaw), (False, True, False)
     middle = expected.mean()
     for near, root in ((-2.0, 0), (middle - 1e-3, 0), (middle + 1e-3, 1), (2.0, 1)):
-        q = partial_angles(k, torque, angles, which, near)
+        q = hybrid_torque_orientation(k, torque, angles, which, near)
         assert_allclose(q[1], expected[root], atol=1e-4)  # [rad], of the grid
     with pytest.raises(PartialInverseError, match="give the measured pitch"):
-        partial_angles(k, torque, angles, which)
+        hybrid_torque_orientation(k, torque, angles, which)
 
 
 @pytest.mark.parametrize(
@@ -91,10 +91,10 @@ def test_what_has_no_solution_is_refused_with_numbers(
     words: str,
 ) -> None:
     with pytest.raises(PartialInverseError, match=words):
-        partial_angles(K, torque, angles, is_torque)
+        hybrid_torque_orientation(K, torque, angles, is_torque)
 
 
-def test_hybrid_translation_meets_force_and_position_along_any_directions() -> None:
+def test_hybrid_force_position_meets_force_and_position_along_any_directions() -> None:
     rng = np.random.default_rng(6)
     for rank in (0, 1, 2, 3):
         for _ in range(50):
@@ -103,7 +103,7 @@ def test_hybrid_translation_meets_force_and_position_along_any_directions() -> N
             R = rotation_from_rpy(0.5 * rng.uniform(-1, 1, 3))
             stiffness = R @ np.diag([800.0, 1200.0, 700.0]) @ R.T
             wanted, force = 0.01 * rng.normal(size=3), 10.0 * rng.normal(size=3)
-            d = hybrid_translation(P, stiffness, wanted, force)
+            d = hybrid_force_position(P, stiffness, wanted, force)
             assert_allclose(P @ stiffness @ d, P @ force, atol=1e-11)  # [N]
             assert_allclose(d - P @ d, wanted - P @ wanted, atol=1e-15)  # [m]
 
@@ -111,5 +111,5 @@ def test_hybrid_translation_meets_force_and_position_along_any_directions() -> N
 def test_isotropic_hybrid_is_the_formula_of_the_paper() -> None:
     """p_WC = S p_des + (I - S)(p_WT + K^-1 f), Sec. V-C1."""
     P, k = np.diag([0.0, 0.0, 1.0]), 900.0
-    d = hybrid_translation(P, k * np.eye(3), np.array((0.01, 0.02, 0.5)), np.array((7.0, 7.0, -9.0)))
+    d = hybrid_force_position(P, k * np.eye(3), np.array((0.01, 0.02, 0.5)), np.array((7.0, 7.0, -9.0)))
     assert_allclose(d, (0.01, 0.02, -0.01), atol=1e-16)
