@@ -72,6 +72,9 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     bench.client.create_subscription(String, "identification/samples", lambda m: lines.append(m.data), LINES)
     assert bench.until(lambda: not node.streams.missing(node.now()))
     goal = IdentifyStiffness.Goal(output=str(tmp_path), poses="kinematic")
+    cancelled = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until(cancelled.cancel_goal_async().done)
+    assert "cancelled" in bench.result(cancelled).result.message
     handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
     result = bench.result(handle, 120.0).result
     assert result.success, result.message
@@ -85,7 +88,7 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     assert clock["value"] == pytest.approx(0.04, abs=0.005)
     assert "clock_offset" in result.message
     assert "<svg" in (tmp_path / "report.html").read_text()
-    assert bench.until(lambda: len(lines) == len(data.samples) + 1)
+    assert bench.until(lambda: len(lines) == 2 * (len(data.samples) + 1) - LEFT)  # the cancelled goal's, then all
     away = np.abs(cell.X_WE - cell.settings.flange.pose).max()
     assert away < 1e-6  # back at the grasp
 
