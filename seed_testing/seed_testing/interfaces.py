@@ -16,7 +16,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from seed_bringup.ros.link_frames import LinksNode
+from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
 from seed_driver.ros.node import DriverNode
 from seed_driver.ros.target_guard import GuardNode
@@ -36,7 +36,7 @@ NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "bubbles": (TactileCamerasNode, {}),
     "sysid": (SysidNode, {}),
     "identification_cell": (CellNode, {}),
-    "link_frames": (LinksNode, {}),
+    "link_frames": (LinkFramesNode, {}),
 }
 HEADING = "## Parameters\n"
 COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these

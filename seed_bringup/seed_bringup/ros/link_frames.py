@@ -7,7 +7,6 @@ publish themselves: `tool0` stays a child of `base`, and what hangs on it stays 
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,18 +14,14 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 from ament_index_python.packages import get_package_share_directory
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp
+from seed_ros import COMMAND, LATCHED, FixedRateLoop, SeedNode, TransformBroadcaster
 from seed_ros.conversions import seconds, transform_stamped
-from seed_ros.loop import FixedRateLoop
-from seed_ros.node import TransformBroadcaster, run
-from seed_ros.parameters import declare, refuse_unknown
-from seed_ros.qos import COMMAND, LATCHED
 from seed_ur.models import MODELS
 
 OTHERS = ("tool0", "compliance", "tool", "tip")  # frames that arm, estimator and controller publish
@@ -84,35 +79,31 @@ def _three(text: str) -> Array:
     return np.array((x, y, z))
 
 
-class LinksNode(Node):
+class LinkFramesNode(SeedNode):
     """See docs/interfaces.md."""
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("link_frames", **arguments)
-        s = declare(self, LinkSettings())
-        refuse_unknown(self)
-        file = Path(s.urdf or Path(get_package_share_directory("seed_bringup")) / "urdf" / f"{s.model}.urdf")
+        settings = self.declare(LinkSettings())
+        self.refuse_unknown()
+
+        package = Path(get_package_share_directory("seed_bringup"))
+        file = Path(settings.urdf or package / "urdf" / f"{settings.model}.urdf")
         self.joints = joints_of(file)
-        self._broadcaster = TransformBroadcaster(self)
-        self.loop = FixedRateLoop(self, s.rate, lambda: None)
-        self.loop.poll(JointState, "joint_states", self._on_joints, COMMAND)
+
         description = self.create_publisher(String, "robot_description", LATCHED)
         description.publish(String(data=file.read_text(encoding="utf-8")))
-        now = self.get_clock().now().nanoseconds * 1e-9
-        fixed = [j for j in self.joints if not j.moves]
-        self._broadcaster.send_static(*(transform_stamped(j.X, now, j.parent, j.child) for j in fixed))
+        self._transforms = TransformBroadcaster(self)
+        now, fixed = self.now(), [j for j in self.joints if not j.moves]
+        self._transforms.send_static(*(transform_stamped(j.X, now, j.parent, j.child) for j in fixed))
+        self.loop = FixedRateLoop(self, settings.rate, lambda: None)
+        self.loop.poll(JointState, "joint_states", self._on_joints, COMMAND)
 
     def _on_joints(self, message: JointState) -> None:
         t = seconds(message.header.stamp)
         angles = dict(zip(message.name, message.position, strict=False))
         here = [j for j in self.joints if j.moves and np.isfinite(angles.get(j.name, np.nan))]
-        self._broadcaster.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
+        self._transforms.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
 
 
-def main() -> None:
-    """Run the node until it is interrupted."""
-    sys.exit(run(LinksNode))
-
-
-if __name__ == "__main__":
-    main()
+main = LinkFramesNode.main
