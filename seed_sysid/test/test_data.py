@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_data import at_rest
 
 from seed_bringup import identify
 from seed_core.spatial import inverse_pose
 from seed_sim.identification.scenario import load
-from seed_sim.identification.session import at_rest, simulate
+from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.scenario import load_scenario, tactile_of
 from seed_sysid.data.bag import TOPIC, TYPE

@@ -15,8 +15,7 @@ from seed_sim.identification.cell import PoseSource, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sysid.data.dataset import Dataset, Header
 from seed_sysid.data.recorder import Recorder
-from seed_sysid.run.excitation import design
-from seed_sysid.run.procedure import Command, Run, average
+from seed_sysid.run.procedure import Command, Run
 
 _SHOW = 1.0  # [s] between lines of progress
 
@@ -61,20 +60,6 @@ def simulate(
     finally:
         recorder.close()
     return recorder.dataset, cell
-
-
-def at_rest(scenario: IdentificationScenario, seed: int) -> tuple[Dataset, SimulatedCell]:
-    """The same data without the motion between and the settling: for studies of the fit over many seeds."""
-    cell = SimulatedCell(scenario, seed)
-    p = scenario.procedure
-    targets = design(p.excitation, p.limits, p.fit.model)
-    readings = max(1, round(p.settle.average * scenario.rate))
-    samples = []
-    for grip, width in enumerate(p.widths):
-        for target in targets:
-            command = Command(target.X_TC, width, grip, "measuring")
-            samples.append(average(target, grip, cell.rest(command, readings), 1.0, False))
-    return Dataset(header(scenario, seed, ""), samples), cell
 
 
 def _loop(run: Run, cell: SimulatedCell, recorder: Recorder) -> None:

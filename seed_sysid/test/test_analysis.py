@@ -5,52 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulated_data import at_rest
 
-from seed_core.bushing import Bushing, Stiffness
-from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.spatial import interpolate_pose, make_pose, pose_from_rpy, so3_exp
+from seed_core.bushing import Stiffness
+from seed_core.spatial import interpolate_pose
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, load
-from seed_sim.identification.session import at_rest
 from seed_sysid.fit.analysis import analyse, make_problem
 from seed_sysid.fit.hysteresis import stop_states
-from seed_sysid.fit.load_model import LoadModel, Unknowns
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
 from seed_sysid.run.excitation import design, information_rows
 from seed_sysid.stiffness_map import AXES, stiffness_map
-
-
-def _random_poses(rng: np.random.Generator, n: int) -> np.ndarray:
-    return np.array([pose_from_rpy(rng.uniform(-0.4, 0.4, 3), rng.uniform(-0.01, 0.01, 3)) for _ in range(n)])
-
-
-@pytest.mark.parametrize("model", ["midpoint", "plain"])
-def test_the_map_over_many_poses_is_the_bushing(model: str) -> None:
-    rng = np.random.default_rng(1)
-    X = np.concatenate([_random_poses(rng, 30), [np.eye(4)], [make_pose(so3_exp([1e-8, 0, 0]))]])
-    m = stiffness_map(X, model)  # type: ignore[arg-type]
-    bushing = Bushing(DEFAULT_STIFFNESS, model)  # type: ignore[arg-type]
-    k = DEFAULT_STIFFNESS.vector()
-    got = np.einsum("nij,nj->ni", m.B, k * m.xi)
-    np.testing.assert_allclose(got, [bushing.wrench(x).vector() for x in X], atol=1e-12)  # [N m, N] rounding
-
-
-def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
-    data, _ = at_rest(load("weird"), 3)
-    problem = make_problem(data, "kinematic", FitParameters())
-    rng = np.random.default_rng(2)
-    problem = replace(problem, z=rng.uniform(-1, 1, (len(problem.X_TC), 6)), hysteretic=(1, 4))
-    model = LoadModel(problem, np.ones(len(problem.X_TC), dtype=bool))
-    size = 12 * 3 + 18
-    vector = np.resize([4.0, 3.0, 4.0, 800.0, 1200.0, 800.0], size) * rng.uniform(0.01, 0.1, size)
-
-    def predicted(v: np.ndarray) -> np.ndarray:
-        return model.predict(Unknowns.from_vector(v)).ravel()
-
-    J, step = model.jacobian(Unknowns.from_vector(vector)), 1e-6
-    for i in range(size):
-        d = step * np.eye(size)[i]
-        numeric = (predicted(vector + d) - predicted(vector - d)) / (2 * step)
-        np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()))
 
 
 def test_friction_follows_the_way_between_poses() -> None:

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identification fit on synthetic wrenches: the map, the load model, and what the fit says of its own result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, t
+
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
+from seed_sysid.fit.identification_fit import Solution, fit_stiffness
+from seed_sysid.fit.load_model import LoadModel, Problem, Unknowns, left_jacobian
+from seed_sysid.parameters import FitParameters
+from seed_sysid.stiffness_map import stiffness_map
+
+GRIPS, POSES = 2, 40  # per grip
+NOISE = np.array([0.002, 0.003, 0.004, 0.05, 0.1, 0.08])  # [N m, N]
+TRUTH = Unknowns(
+    stiffness=np.array([[4.0, 3.0, 5.0, 800.0, 1200.0, 600.0], [5.0, 3.5, 4.0, 900.0, 1500.0, 700.0]]),
+    offset=np.array([0.03, -0.04, 0.02, 0.003, -0.004, 0.002]),
+    bias=np.array([[0.1, -0.2, 0.05, 1.0, -2.0, 3.0], [0.2, 0.1, -0.05, -1.0, 0.5, 2.0]]),
+    drift=np.array([0.01, -0.02, 0.03, 0.4, -0.3, 0.2]),
+    friction=np.zeros(6),
+)
+
+
+def random_poses(rng: np.random.Generator, n: int) -> np.ndarray:
+    return np.array([pose_from_rpy(rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.01, 0.01, 3)) for _ in range(n)])
+
+
+def made(
+    seed: int = 1, noise: float = 0.0, poses: int = POSES, combined: float = 1.0, friction: float = 0.0
+) -> tuple[Problem, Unknowns]:
+    """A problem, and the unknowns that it was made with; wrenches by the bushing of seed_core, moved by hand.
+
+    Half the poses are combinations, whose noise is `combined` times that of the others.
+    """
+    rng = np.random.default_rng(seed)
+    n = GRIPS * poses
+    X_TC, grip, time = random_poses(rng, n), np.arange(n) % GRIPS, np.linspace(1000.0, 1600.0, n)
+    group = (np.arange(n) // GRIPS) % 2
+    z, truth = rng.uniform(-1.0, 1.0, (n, 6)), TRUTH._replace(friction=friction * np.array([0, 0.1, 0, 0, 1.0, 0]))
+    R, p = so3_exp(truth.offset[:3]), truth.offset[3:]
+    wrench = np.empty((n, 6))
+    for i, X in enumerate(X_TC):
+        load = Bushing(Stiffness.from_vector(truth.stiffness[grip[i]])).wrench(X).vector()
+        load += stiffness_map(X[None]).B[0] @ (truth.friction * z[i])
+        torque, force = R @ load[:3], R @ load[3:]
+        s = (time[i] - 1300.0) / 600.0
+        wrench[i] = np.concatenate([torque + np.cross(p, force), force]) + truth.bias[grip[i]] + s * truth.drift
+    wrench += noise * NOISE * np.where(group, combined, 1.0)[:, None] * rng.normal(size=(n, 6))
+    hysteretic = (1, 4) if friction else ()
+    index = np.arange(n)
+    return Problem(X_TC, wrench, grip, time, group, X_TC, index, z, hysteretic), truth
+
+
+def assert_found(solution: Solution, truth: Unknowns, rtol: float = 1e-9) -> None:
+    for name, got, true in zip(Unknowns._fields, solution.value, truth, strict=True):
+        np.testing.assert_allclose(got, true, rtol=rtol, atol=rtol, err_msg=name)
+
+
+@pytest.mark.parametrize("model", ["midpoint", "plain"])
+def test_the_map_over_many_poses_is_the_bushing(model: str) -> None:
+    X = np.concatenate([random_poses(np.random.default_rng(1), 30), [np.eye(4)], [make_pose(so3_exp([1e-8, 0, 0]))]])
+    m = stiffness_map(X, model)  # type: ignore[arg-type]
+    bushing = Bushing(DEFAULT_STIFFNESS, model)  # type: ignore[arg-type]
+    got = np.einsum("nij,nj->ni", m.B, DEFAULT_STIFFNESS.vector() * m.xi)
+    np.testing.assert_allclose(got, [bushing.wrench(x).vector() for x in X], atol=1e-12)  # [N m, N] rounding
+
+
+def test_the_load_model_predicts_what_the_bushing_and_a_moved_sensor_measure() -> None:
+    problem, truth = made(friction=1.0)
+    model = LoadModel(problem, np.ones(len(problem.X_TC), dtype=bool))
+    np.testing.assert_allclose(model.predict(truth), problem.wrench, atol=1e-12)  # [N m, N] rounding
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-7, 0.05, 1.0])
+def test_the_jacobian_is_the_derivative_of_the_prediction(turn: float) -> None:
+    problem, truth = made(friction=1.0)
+    direction = np.array([0.6, -0.7, 0.39])
+    truth = truth._replace(offset=np.concatenate([turn * direction / np.linalg.norm(direction), [0.02, -0.01, 0.03]]))
+    model = LoadModel(problem, np.ones(len(problem.X_TC), dtype=bool))
+    vector, step = truth.vector(), 1e-5
+
+    def predicted(v: np.ndarray) -> np.ndarray:
+        return model.predict(Unknowns.from_vector(v)).ravel()
+
+    J = model.jacobian(truth)
+    assert J.shape == (problem.wrench.size, len(vector))
+    for i, column in enumerate(J.T):
+        d = step * np.eye(len(vector))[i]
+        numeric = (predicted(vector + d) - predicted(vector - d)) / (2 * step)
+        np.testing.assert_allclose(column, numeric, atol=1e-7 * max(1.0, np.abs(numeric).max()), err_msg=str(i))
+
+
+@pytest.mark.parametrize("angle", [1e-7, 0.9e-4, 1.1e-4, 0.3, 2.0])
+def test_the_left_jacobian_moves_a_rotation_vector(angle: float) -> None:
+    v, d = angle * np.array([0.36, -0.48, 0.8]), np.array([0.3, 0.5, -0.2])
+    for step in (d * 1e-6, -d * 1e-6):
+        np.testing.assert_allclose(
+            so3_exp(left_jacobian(v) @ step) @ so3_exp(v), so3_exp(v + step), atol=1e-12
+        )  # second order
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_without_noise_the_fit_is_exact(friction: float) -> None:
+    problem, truth = made(friction=friction)
+    solution = fit_stiffness(problem)
+    assert_found(solution, truth)
+    np.testing.assert_allclose(solution.residuals, 0.0, atol=1e-9)  # [N m, N]
+    np.testing.assert_allclose(solution.r_squared, 1.0, atol=1e-12)
+    assert solution.inlier.all()
+    assert solution.likely.all()
+
+
+def test_offset_and_drift_stay_zero_where_they_are_not_asked_for() -> None:
+    problem, _ = made()
+    solution = fit_stiffness(replace(problem, parameters=FitParameters(offset=False, drift=False)))
+    for part in (solution.value.offset, solution.std.offset, solution.value.drift, solution.std.drift):
+        np.testing.assert_array_equal(part, 0.0)
+    assert (solution.std.stiffness > 0.0).all()
+    assert (solution.std.bias > 0.0).all()
+    assert solution.noise.max() > 0.05  # [N] of the drift that is not explained
+
+
+def test_friction_counts_on_hysteretic_axes_alone() -> None:
+    problem, truth = made(friction=1.0)
+    solution = fit_stiffness(replace(problem, hysteretic=(4,)))
+    np.testing.assert_array_equal(solution.value.friction[[0, 1, 2, 3, 5]], 0.0)
+    np.testing.assert_array_equal(solution.std.friction[[0, 1, 2, 3, 5]], 0.0)
+    np.testing.assert_allclose(solution.value.friction[4], truth.friction[4], rtol=0.02)
+
+
+def test_noise_is_told_for_each_channel_and_group() -> None:
+    problem, _ = made(noise=1.0, poses=600, combined=3.0)
+    solution = fit_stiffness(problem)
+    for group, factor in ((0, 1.0), (1, 3.0)):
+        got = solution.sample_noise[problem.group == group]
+        assert (got == got[0]).all()
+        np.testing.assert_allclose(got[0], factor * NOISE, rtol=0.1)  # 600 samples: 3 % standard deviation
+    degrees = len(problem.X_TC) - (12 * GRIPS + 12) / 6.0
+    expected = np.sqrt((solution.residuals[solution.inlier] ** 2).sum(axis=0) / degrees)
+    np.testing.assert_allclose(solution.noise, expected, rtol=2e-3)  # but for single outliers
+
+
+def test_a_group_of_few_samples_shares_the_noise_of_all() -> None:
+    problem, _ = made(noise=1.0)
+    for few, shared in ((11, True), (12, False)):
+        solution = fit_stiffness(replace(problem, group=(np.arange(len(problem.X_TC)) < few).astype(int)))
+        assert solution.inlier.all()
+        assert np.allclose(solution.sample_noise[0], solution.noise) == shared
+
+
+def test_noiseless_data_are_given_the_noise_of_rounding() -> None:
+    solution = fit_stiffness(made()[0])
+    np.testing.assert_array_equal(solution.noise, [1e-5] * 3 + [1e-4] * 3)  # [N m, N]
+    np.testing.assert_array_equal(solution.sample_noise, np.tile(solution.noise, (GRIPS * POSES, 1)))
+
+
+def test_standard_deviations_and_intervals_are_those_of_the_weighted_least_squares() -> None:
+    problem, _ = made(noise=1.0, friction=1.0)
+    solution = fit_stiffness(problem)
+    model = LoadModel(problem, np.ones(len(problem.X_TC), dtype=bool))
+    weight = solution.inlier[:, None] / solution.sample_noise
+    J = weight.ravel()[:, None] * model.jacobian(solution.value)
+    J = J[:, np.abs(solution.std.vector()) > 0.0]
+    assert J.shape[1] == 12 * GRIPS + 14
+    covariance = np.linalg.inv(J.T @ J)
+    std = solution.std.vector()
+    np.testing.assert_allclose(std[std > 0.0], np.sqrt(np.diag(covariance)), rtol=1e-6)
+    np.testing.assert_allclose(solution.condition, np.linalg.cond(J / np.linalg.norm(J, axis=0)), rtol=1e-6)
+    degrees = solution.inlier.sum() - J.shape[1] / 6.0
+    np.testing.assert_allclose(solution.half_width, t.ppf(0.975, degrees) * solution.std.stiffness, rtol=1e-12)
+
+
+def test_forces_of_the_plain_model_are_ordinary_least_squares() -> None:
+    """There every force channel stands alone and its weight cancels: k x + bias + drift s, worked by NumPy's lstsq."""
+    problem, _ = made(noise=1.0)
+    parameters = FitParameters(model="plain", offset=False)
+    solution = fit_stiffness(replace(problem, group=np.zeros_like(problem.group), parameters=parameters))
+    assert solution.inlier.all()
+    own, s = np.eye(GRIPS)[problem.grip], (problem.time - 1300.0) / 600.0
+    for axis in (3, 4, 5):
+        A = np.column_stack([own * problem.X_TC[:, axis - 3, 3, None], own, s])
+        found = np.linalg.lstsq(A, problem.wrench[:, axis], rcond=None)[0]
+        np.testing.assert_allclose(solution.value.stiffness[:, axis], found[:2], rtol=1e-9)
+        np.testing.assert_allclose(solution.value.bias[:, axis], found[2:4], rtol=1e-8)
+        np.testing.assert_allclose(solution.value.drift[axis], found[4], rtol=1e-8)
+
+
+def test_r_squared_is_the_explained_share_of_the_inliers_variance() -> None:
+    problem, _ = made(noise=20.0)
+    problem.wrench[3] += [0.0, 0.0, 0.0, 300.0, 0.0, 0.0]
+    solution = fit_stiffness(problem)
+    assert not solution.inlier[3]
+    r, w = solution.residuals[solution.inlier], problem.wrench[solution.inlier]
+    np.testing.assert_allclose(solution.r_squared, 1.0 - (r**2).mean(axis=0) / w.var(axis=0), rtol=1e-9)
+
+
+def test_outliers_are_named_and_do_no_harm() -> None:
+    problem, truth = made(noise=1.0)
+    spoiled = [5, 17, 40, 41, 66]
+    rng = np.random.default_rng(7)
+    problem.wrench[spoiled] += rng.choice((-1.0, 1.0), (5, 6)) * [0.3, 0.3, 0.3, 5.0, 5.0, 5.0]
+    solution = fit_stiffness(problem)
+    assert np.flatnonzero(~solution.inlier).tolist() == spoiled
+    np.testing.assert_array_equal(solution.likely, solution.inlier)
+    assert (np.abs(solution.value.stiffness - truth.stiffness) < 4.0 * solution.std.stiffness).all()
+    error = (solution.residuals[spoiled] + problem.wrench[spoiled]) - made()[0].wrench[spoiled]
+    assert (np.abs(error) < 4.0 * solution.noise).all()  # they are predicted all the same
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(0.9, True), (1.6, False)])
+def test_a_sample_is_an_outlier_beyond_the_probability_asked_for(factor: float, kept: bool) -> None:
+    """One channel off by this much of the bound, sqrt(chi2), in standard deviations of a fit without it."""
+    problem, _ = made(noise=1.0, poses=300)
+    problem = replace(problem, parameters=FitParameters(outlier=1e-9))
+    bound = float(np.sqrt(chi2.isf(1e-9, 6)))
+    clean = fit_stiffness(problem)
+    sample = int(np.argmin(((clean.residuals / clean.sample_noise) ** 2).sum(axis=1)))
+    problem.wrench[sample, 3] += factor * bound * clean.sample_noise[sample, 3]
+    solution = fit_stiffness(problem)
+    assert solution.inlier[sample] == kept
+    assert solution.likely[sample] == kept
+
+
+def test_poses_left_out_of_the_fit_are_predicted_and_change_nothing() -> None:
+    problem, truth = made()
+    train = np.arange(len(problem.X_TC)) % 5 != 0
+    problem.wrench[~train] += 1000.0
+    solution = fit_stiffness(problem, train)
+    time = problem.time[train]
+    shift, span = time.mean() - 1300.0, float(np.ptp(time))
+    moved = truth._replace(bias=truth.bias + shift / 600.0 * truth.drift, drift=truth.drift * span / 600.0)
+    assert_found(solution, moved)
+    np.testing.assert_allclose(solution.residuals[train], 0.0, atol=1e-9)
+    np.testing.assert_allclose(solution.residuals[~train], -1000.0, atol=1e-9)
+    np.testing.assert_array_equal(solution.inlier, train)
+    np.testing.assert_array_equal(solution.likely, train)
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_samples_taken_at_one_time_have_no_drift() -> None:
+    problem, truth = made()
+    still = replace(problem, wrench=problem.wrench - np.outer((problem.time - 1300.0) / 600.0, truth.drift))
+    solution = fit_stiffness(replace(still, time=np.full(len(problem.time), 5.0)))
+    assert_found(solution, truth._replace(drift=np.zeros(6)), rtol=1e-6)
+    assert np.isinf(solution.std.drift).all()
+
+
+def test_unknowns_come_back_from_their_vector() -> None:
+    vector = np.arange(12 * GRIPS + 18.0)
+    unknowns = Unknowns.from_vector(vector)
+    np.testing.assert_array_equal(unknowns.vector(), vector)
+    np.testing.assert_array_equal(unknowns.stiffness, np.arange(12.0).reshape(2, 6))
+    np.testing.assert_array_equal(unknowns.bias, np.arange(18.0, 30.0).reshape(2, 6))
+    np.testing.assert_array_equal(unknowns.friction, np.arange(36.0, 42.0))
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.95])
+def test_intervals_contain_the_truth_as_often_as_they_say(confidence: float) -> None:
+    """12 stiffnesses of 20 seeds; four standard deviations of a share of 240."""
+    covered = []
+    for seed in range(20):
+        problem, truth = made(seed=100 + seed, noise=1.0, poses=100)
+        s = fit_stiffness(replace(problem, parameters=FitParameters(confidence=confidence)))
+        covered.append(np.abs(s.value.stiffness - truth.stiffness) <= s.half_width)
+    assert abs(np.mean(covered) - confidence) < 4.0 * np.sqrt(confidence * (1.0 - confidence) / 240.0)
