@@ -36,6 +36,16 @@ COMMANDS = (
     Command("build", DEVELOPERS, "build the workspace again", "build"),
     Command("lint", DEVELOPERS, "ruff and mypy", "lint"),
 )
+USAGE = """\
+usage: ./seed COMMAND [ARGUMENTS]     (./seed COMMAND --help for one command)
+
+{commands}
+
+The first start sets everything up; SEED_HOME says where (default: ~/.cache/seed-ros2).
+SEED_ROS=wheels|/opt/ros/NAME chooses the ROS 2, SEED_PYTHON the interpreter.
+
+Exit codes of every command: 0 good; 1 a bad result, or something failed; 2 used wrongly (an argument,
+or a file that it names); 130 after Ctrl-C. A shell's is that of what ran in it."""
 
 
 def offered(checkout: bool) -> dict[str, Command]:
@@ -45,17 +55,4 @@ def offered(checkout: bool) -> dict[str, Command]:
 
 def usage(commands: dict[str, Command]) -> str:
     """The help text of ./seed."""
-    lines = [f"  {name:<10} {command.help}" for name, command in commands.items()]
-    return "\n".join(
-        [
-            "usage: ./seed COMMAND [ARGUMENTS]     (./seed COMMAND --help for one command)",
-            "",
-            *lines,
-            "",
-            "The first start sets everything up; SEED_HOME says where (default: ~/.cache/seed-ros2).",
-            "SEED_ROS=wheels|/opt/ros/NAME chooses the ROS 2, SEED_PYTHON the interpreter.",
-            "",
-            "Exit codes of every command: 0 good; 1 a bad result, or something failed; 2 used wrongly (an argument,",
-            "or a file that it names); 130 after Ctrl-C. A shell's is that of what ran in it.",
-        ]
-    )
+    return USAGE.format(commands="\n".join(f"  {name:<10} {command.help}" for name, command in commands.items()))

@@ -25,9 +25,10 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import Float32, String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
+from seed_bringup.bags import BagError  # noqa: E402
 from seed_bringup.bags.files import BagWriter  # noqa: E402
 from seed_bringup.bags.recording import Recording  # noqa: E402
-from seed_bringup.bags.types import BagError, InstalledTypes, definition_file  # noqa: E402
+from seed_bringup.bags.types import InstalledTypes, definition_file  # noqa: E402
 
 pytestmark = pytest.mark.realtime
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,27 +49,24 @@ def alive(name: str, **given: Any) -> Iterator[Node]:
     """A node of NODES with these parameters, configured and active if it has a lifecycle and may be."""
     context = Context()
     rclpy.init(args=[], context=context)
-    try:
-        node = NODES[name][0](
-            context=context, parameter_overrides=[Parameter(key, value=value) for key, value in given.items()]
-        )
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown, context=context)
+        overrides = [Parameter(key, value=value) for key, value in given.items()]
+        node = NODES[name][0](context=context, parameter_overrides=overrides)
+        stack.callback(node.destroy_node)
         if given and isinstance(node, LifecycleNode):
             node.trigger_configure()
             node.trigger_activate()
-        try:
-            yield node
-        finally:
-            node.destroy_node()
-    finally:
-        rclpy.try_shutdown(context=context)
+        yield node
 
 
 def entries_of(node: Node) -> set[Entry]:
     """Topics, services and actions of a node, and services that it calls, named relative to it."""
-    found = {("out", _name(node, p.topic_name), _type(p.msg_type)) for p in node.publishers}
-    found |= {("in", _name(node, s.topic_name), _type(s.msg_type)) for s in node.subscriptions}
-    found |= {("service", _name(node, s.srv_name), _type(s.srv_type)) for s in node.services}
-    found |= {("calls", _name(node, c.service_name.lstrip("/")), _type(c.srv_type)) for c in node.clients}
+    ends = [("out", p.topic_name, p.msg_type) for p in node.publishers]
+    ends += [("in", s.topic_name, s.msg_type) for s in node.subscriptions]
+    ends += [("service", s.srv_name, s.srv_type) for s in node.services]
+    ends += [("calls", c.service_name.lstrip("/"), c.srv_type) for c in node.clients]
+    found = {(what, _name(node, name), _type(kind)) for what, name, kind in ends}
     found = {e for e in found if e[1] not in COMMON and not e[2].startswith(COMMON_TYPES)}
     actions = get_action_server_names_and_types_by_node(node, node.get_name(), node.get_namespace())
     return found | {("action", _name(node, action), kinds[0]) for action, kinds in actions}

@@ -14,7 +14,8 @@ from pathlib import Path
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
 
-from seed_bringup.bags.types import BagError, InstalledTypes
+from seed_bringup.bags import BagError
+from seed_bringup.bags.types import InstalledTypes
 
 
 def open_bag(path: Path) -> Reader:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import rclpy
@@ -17,45 +17,35 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
-from seed_bringup.bags import qos
+from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import open_bag
-from seed_bringup.bags.types import BagError, InstalledTypes, message_class
+from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 CLOCK_TOPIC = "/clock"
 PATIENCE = 3.0  # [s] a process that is there already may take so long to be found
 
 
-@dataclass(frozen=True)
-class Options:
-    """How to play."""
-
-    rate: float = 1.0  # bag seconds per second
-    clock: bool = False
-    loop: bool = False
-    delay: float = 1.0  # [s] before the first message, for subscribers to be found; more while there is none
-    topics: Sequence[str] = ()  # all when empty
-    remap: Mapping[str, str] = field(default_factory=dict)
-
-
 class Player(Node):
-    """Publishes what a bag holds."""
+    """Publishes what a bag holds; arguments as of play()."""
 
-    def __init__(self, reader: Reader, options: Options) -> None:
+    def __init__(
+        self, reader: Reader, rate: float, clock: bool, topics: Sequence[str], remap: Mapping[str, str]
+    ) -> None:
         super().__init__("seed_bag_player", start_parameter_services=False)
-        for topic in [*options.topics, *options.remap]:
+        for topic in [*topics, *remap]:
             if topic not in reader.topics:
                 raise BagError(f"the bag has no topic {topic!r}; it has: {', '.join(sorted(reader.topics))}")
         self.reader = reader
-        self.options = options
-        wanted = set(options.topics or reader.topics) - ({CLOCK_TOPIC} if options.clock else set())
+        self.rate = rate
+        wanted = set(topics or reader.topics) - ({CLOCK_TOPIC} if clock else set())
         self.connections = [c for c in reader.connections if c.topic in wanted]
         types = InstalledTypes()
-        self.outputs = {c.id: self._publisher(c, types) for c in self.connections}
-        self.clock_output = self.create_publisher(Clock, CLOCK_TOPIC, QoSProfile(depth=10)) if options.clock else None
+        self.outputs = {c.id: self._publisher(c, remap.get(c.topic, c.topic), types) for c in self.connections}
+        self.clock_output = self.create_publisher(Clock, CLOCK_TOPIC, QoSProfile(depth=10)) if clock else None
         self.published = 0
 
-    def _publisher(self, connection: Connection, types: InstalledTypes) -> Any:
+    def _publisher(self, connection: Connection, topic: str, types: InstalledTypes) -> Any:
         installed = types.hash(connection.msgtype)
         if connection.digest and connection.digest != installed:
             # Bytes of another version of a type would arrive as nonsense.
@@ -64,7 +54,6 @@ class Player(Node):
                 f"({connection.digest} against {installed}); play it with the release that it was recorded with"
             )
         assert isinstance(connection.ext, ConnectionExtRosbag2)
-        topic = self.options.remap.get(connection.topic, connection.topic)
         profile = qos.to_play(connection.ext.offered_qos_profiles, connection.msgcount)
         return self.create_publisher(message_class(connection.msgtype), topic, profile)
 
@@ -90,12 +79,12 @@ class Player(Node):
     def _wait_for(self, started: float, first: int, stamp: int) -> None:
         """Sleep until a message is due; tell the time meanwhile."""
         while rclpy.ok():
-            played = (time.monotonic() - started) * self.options.rate  # [s] of the bag
+            played = (time.monotonic() - started) * self.rate  # [s] of the bag
             remaining = (stamp - first) * 1e-9 - played
             if remaining <= 0.0:
                 break
             self._tell(min(first + int(played * 1e9), stamp))
-            time.sleep(min(remaining / self.options.rate, CLOCK_PERIOD))
+            time.sleep(min(remaining / self.rate, CLOCK_PERIOD))
         self._tell(stamp)
 
     def _tell(self, stamp: int) -> None:
@@ -110,18 +99,42 @@ class Player(Node):
             output.wait_for_all_acked(Duration(seconds=2.0))
 
 
-def play(path: Path, options: Options) -> int:
-    """Play a bag and return how many messages were published."""
-    if not options.rate > 0.0:
-        raise BagError(f"rate = {options.rate} must be > 0")
+def play(
+    path: Path,
+    rate: float = 1.0,
+    clock: bool = False,
+    loop: bool = False,
+    delay: float = 1.0,
+    topics: Sequence[str] = (),
+    remap: Mapping[str, str] = MappingProxyType({}),
+) -> int:
+    """Play a bag.
+
+    Args:
+        path: Folder or file of the bag.
+        rate: Seconds of the bag per second.
+        clock: Whether to publish /clock from the bag's times.
+        loop: Whether to play again and again.
+        delay: [s] before the first message, for subscribers to be found; more while there is none.
+        topics: Only these; all when empty.
+        remap: Names under which topics are published, by their names in the bag.
+
+    Returns:
+        How many messages were published.
+
+    Raises:
+        BagError: No bag, no such topic, or a type that is not installed as it was recorded.
+    """
+    if not rate > 0.0:
+        raise BagError(f"rate = {rate} must be > 0")
     with open_bag(path) as reader:
         rclpy.init(args=[])
         try:
-            player = Player(reader, options)
-            time.sleep(options.delay)
+            player = Player(reader, rate, clock, topics, remap)
+            time.sleep(delay)
             player.wait_for_subscriber()
             player.play_once()
-            while options.loop and rclpy.ok():
+            while loop and rclpy.ok():
                 player.play_once()
             if rclpy.ok():
                 player.finish()

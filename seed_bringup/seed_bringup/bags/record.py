@@ -14,9 +14,9 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Connection
 
-from seed_bringup.bags import qos
+from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter
-from seed_bringup.bags.types import BagError, message_class
+from seed_bringup.bags.types import message_class
 from seed_ros.loop import FixedRateLoop
 
 DISCOVERY_PERIOD = 0.2  # [s]

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from seed_bringup.bags.types import BagError
+from seed_bringup.bags import BagError
 
 CLOSE_PATIENCE = 30.0  # [s] to write the last chunk and the index
 

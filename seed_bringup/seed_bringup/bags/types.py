@@ -17,11 +17,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from seed_core.errors import SeedError
-
-
-class BagError(SeedError):
-    """A bag cannot be written or read; the message says which and why."""
+from seed_bringup.bags import BagError
 
 
 class InstalledTypes:

@@ -65,13 +65,13 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def _play(options: argparse.Namespace) -> None:
-    from seed_bringup.bags.play import Options, play
+    from seed_bringup.bags.play import play
 
     if any(":=" not in pair for pair in options.remap):
         raise SeedError(f"--remap takes FROM:=TO, not {' '.join(options.remap)}")
     remap = dict(pair.split(":=", 1) for pair in options.remap)
-    how = Options(options.rate, options.clock, options.loop, options.delay, options.topics, remap)
-    print(f"seed bag: {play(options.bag, how)} messages played")
+    played = play(options.bag, options.rate, options.clock, options.loop, options.delay, options.topics, remap)
+    print(f"seed bag: {played} messages played")
 
 
 def _info(options: argparse.Namespace) -> None:

@@ -7,13 +7,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import NoReturn
 
 from seed_core.command_line import command
 from seed_core.errors import SeedError
 
 # pytest's exit codes
 PYTEST_USAGE, PYTEST_NOTHING_COLLECTED = 4, 5
+HELP = (["-h"], ["--help"])
 
 
 def checkout() -> Path:
@@ -41,40 +41,24 @@ Recordings that are no part of the project are looked for in $SEED_DATA; their t
 @command("seed test")
 def test(argv: list[str]) -> int:
     """Run pytest over every package, or over the paths given; further arguments are pytest's."""
-    if _asks_for_help(argv):
+    if argv[:1] in HELP:
         print(TEST_HELP)
         return 0
     root = checkout()
     argv = [a for a in argv if a != "--"]
-    missing = _missing_paths(argv, root)
+    there = {a for a in argv if not a.startswith("-") and (root / a.split("::")[0]).exists()}
+    free = [a for a, before in zip(argv, ["", *argv], strict=False) if "-" not in (a[:1], before[:1])]  # of no option
+    missing = [a for a in free if a not in there and (a.startswith("seed_") or "/" in a or "::" in a)]
     if missing:
         raise SeedError(f"there is no {', '.join(missing)} in {root}")
-    paths = [] if _names_a_path(argv, root) else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
-    words = [sys.executable, "-P", "-m", "pytest", "--durations=15", *_workers(argv), *argv, *paths]
-    print(f"seed test: {' '.join(words[3:])}", flush=True)
-    code = subprocess.run(words, cwd=root).returncode
+    paths = [] if there else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
+    # Two processes, each file in one of them; alone when a debugger or the caller's own -n is wanted.
+    alone = any(a in ("--pdb", "-s", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
+    workers = [] if alone else ["-n", "2", "--dist", "loadfile"]
+    pytest = [sys.executable, "-P", "-m", "pytest", "--durations=15", *workers, *argv, *paths]
+    print(f"seed test: {' '.join(pytest[3:])}", flush=True)
+    code = subprocess.run(pytest, cwd=root).returncode
     return 2 if code in (PYTEST_USAGE, PYTEST_NOTHING_COLLECTED) else min(code, 1)
-
-
-def _names_a_path(argv: list[str], root: Path) -> bool:
-    return any((root / a.split("::")[0]).exists() for a in argv if not a.startswith("-"))
-
-
-def _missing_paths(argv: list[str], root: Path) -> list[str]:
-    """Arguments that look like paths, follow no option, and name nothing."""
-    pairs = zip(argv, ["", *argv], strict=False)
-    words = [word for word, before in pairs if not word.startswith("-") and not before.startswith("-")]
-    return [w for w in words if (w.startswith("seed_") or "/" in w or "::" in w) and not _names_a_path([w], root)]
-
-
-def _workers(argv: list[str]) -> list[str]:
-    """Two processes, each file in one of them; alone when a debugger or the caller's own -n is wanted."""
-    own = any(a in ("--pdb", "-s", "-n", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
-    return [] if own else ["-n", "2", "--dist", "loadfile"]
-
-
-def _asks_for_help(argv: list[str]) -> bool:
-    return argv[:1] in (["-h"], ["--help"])
 
 
 @command("seed lint")
@@ -82,20 +66,17 @@ def lint(argv: list[str]) -> int:
     """Ruff's rules and format over everything, mypy strict over the cores; --fix mends what ruff can."""
     if argv not in ([], ["--fix"]):
         print("usage: ./seed lint [--fix]\n\n" + (lint.__doc__ or ""))
-        return 0 if _asks_for_help(argv) else 2
+        return 0 if argv[:1] in HELP else 2
     root = checkout()
-    fix = bool(argv)
-    ruff = [sys.executable, "-P", "-m", "ruff"]
-    commands = [
-        [*ruff, "check", *(["--fix"] if fix else []), "."],
-        [*ruff, "format", *([] if fix else ["--check"]), "."],
-        [sys.executable, "-P", "-m", "mypy", *map(str, cores(root))],
-    ]
-    codes = []
-    for words in commands:
-        print(f"seed lint: {' '.join(words[3:5])}", flush=True)
-        codes.append(subprocess.run(words, cwd=root).returncode)
-    failed = [" ".join(words[3:5]) for words, code in zip(commands, codes, strict=True) if code]
+    failed = []
+    for words in (
+        ["ruff", "check", *argv, "."],
+        ["ruff", "format", *([] if argv else ["--check"]), "."],
+        ["mypy", *map(str, cores(root))],
+    ):
+        print(f"seed lint: {' '.join(words[:2])}", flush=True)
+        if subprocess.run([sys.executable, "-P", "-m", *words], cwd=root).returncode:
+            failed.append(" ".join(words[:2]))
     print(f"seed lint: {'failed: ' + ', '.join(failed) if failed else 'all is well'}")
     return int(bool(failed))
 
@@ -113,27 +94,20 @@ def is_edge(file: Path) -> bool:
 @command("seed shell")
 def shell(argv: list[str]) -> int:
     """An interactive shell in the environment, or one command: ./seed shell -c 'python tool.py'."""
-    if _asks_for_help(argv):
-        print(f"usage: ./seed shell [-c COMMAND | ARGUMENTS OF THE SHELL]\n\n{shell.__doc__}")
-        return 0
-    return _become_a_shell(argv)
-
-
-def _become_a_shell(argv: list[str]) -> NoReturn:
-    program = os.environ.get("SHELL", "/bin/bash")
-    if not argv:
-        print(
-            f"seed shell: {os.environ.get('VIRTUAL_ENV', '')}; leave with exit or Ctrl-D",
-            file=sys.stderr,
-            flush=True,
-        )
-    os.execvp(program, [program, *argv])
+    if argv[:1] not in HELP:
+        if not argv:
+            where = os.environ.get("VIRTUAL_ENV", "")
+            print(f"seed shell: {where}; leave with exit or Ctrl-D", file=sys.stderr, flush=True)
+        program = os.environ.get("SHELL", "/bin/bash")
+        os.execvp(program, [program, *argv])
+    print(f"usage: ./seed shell [-c COMMAND | ARGUMENTS OF THE SHELL]\n\n{shell.__doc__}")
+    return 0
 
 
 def build(argv: list[str]) -> int:
     """The bootstrap has built the workspace (arguments went to CMake); say so."""
-    if _asks_for_help(argv):
+    if argv[:1] in HELP:
         print("usage: ./seed build [CMAKE ARGUMENTS]\n\nBuild every package again; a start does so where it must.")
-        return 0
-    print("seed build: the workspace is built")
+    else:
+        print("seed build: the workspace is built")
     return 0

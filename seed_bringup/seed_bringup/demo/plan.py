@@ -32,14 +32,13 @@ class Plan:
     def command(self) -> str:
         """What to type to get this again."""
         o = self.options
-        return (
-            f"./seed demo --task {o.task} --seed {o.seed} --estimator {o.estimator}"
-            + (f" --force {o.force:g}" if o.force is not None else "")
-            + (f" --scenario {o.scenario}" if o.scenario is not None else "")
-            + (f" --law {o.law}" if o.law != "seed" else "")
-            + (f" --camera-rate {o.camera_rate:g}" if o.camera_rate else "")
-            + (f" robot:=ur robot_ip:={self.robot['robot_ip']}" if self.robot["robot"] == "ur" else "")
-        )
+        words = ["./seed demo", "--task", o.task, "--seed", o.seed, "--estimator", o.estimator]
+        words += [] if o.force is None else ["--force", f"{o.force:g}"]
+        words += [] if o.scenario is None else ["--scenario", o.scenario]
+        words += [] if o.law == "seed" else ["--law", o.law]
+        words += ["--camera-rate", f"{o.camera_rate:g}"] if o.camera_rate else []
+        words += [f"robot:=ur robot_ip:={self.robot['robot_ip']}"] if self.robot["robot"] == "ur" else []
+        return " ".join(map(str, words))
 
 
 def plan(options: argparse.Namespace) -> Plan:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -69,45 +70,39 @@ class _Reader:
         self.variables = variables
         self.environment = environment
         self.file = file
-        self.at = 0
+        self.tokens = re.findall(r"\$\(|.", text, re.DOTALL)[::-1]  # "$(" or a character; the next one is last
 
     def template(self, end: str) -> str:
-        """Up to an unescaped character of `end` (kept), or to the end of the text when `end` is empty."""
+        """Up to a character of `end` (kept), or to the end of the text when `end` is empty."""
         parts: list[str] = []
-        while self.at < len(self.text):
-            if self.text.startswith("$(", self.at):
-                parts.append(self._substitution())
-                continue
-            character = self.text[self.at]
-            if character in end:
-                return "".join(parts)
-            if character == "\\" and end and self.at + 1 < len(self.text):
-                self.at += 1
-                character = self.text[self.at]
-            parts.append(character)
-            self.at += 1
-        if end:
-            raise SubstitutionError(f"{self.text!r}: a quote or a parenthesis is not closed")
+        while not self._at(end):
+            token = self.tokens.pop()
+            if token == "$(":
+                token = self._substitution()
+            elif token == "\\" and end and self.tokens:
+                token = self.tokens.pop()
+            parts.append(token)
         return "".join(parts)
 
-    def _substitution(self) -> str:
-        self.at += len("$(")
-        arguments: list[str] = []
-        while not self.text.startswith(")", self.at):
-            arguments.append(self._argument())
-            while self.text.startswith(" ", self.at):
-                self.at += 1
-        self.at += 1
-        return self._evaluate(arguments)
+    def _at(self, characters: str) -> bool:
+        """Whether one of the characters comes next; with none, whether nothing does."""
+        if characters and not self.tokens:
+            raise SubstitutionError(f"{self.text!r}: a quote or a parenthesis is not closed")
+        return self.tokens[-1] in characters if characters else not self.tokens
 
-    def _argument(self) -> str:
-        if not self.text.startswith(("'", '"'), self.at):
-            return self.template(end=" )")
-        quote = self.text[self.at]
-        self.at += 1
-        value = self.template(end=quote)
-        self.at += 1
-        return value
+    def _substitution(self) -> str:
+        words: list[str] = []
+        while not self._at(")"):
+            if self._at("'\""):
+                quote = self.tokens.pop()
+                words.append(self.template(end=quote))
+                self.tokens.pop()
+            else:
+                words.append(self.template(end=" )"))
+            while self._at(" "):
+                self.tokens.pop()
+        self.tokens.pop()
+        return self._evaluate(words)
 
     def _evaluate(self, words: list[str]) -> str:
         match words:

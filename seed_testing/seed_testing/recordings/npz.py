@@ -17,15 +17,9 @@ def read_arrays(
 ) -> list[NDArray[np.generic]]:
     """The named arrays of an npz file.
 
-    Args:
-        path: The file.
-        names: Of the arrays.
-        what: What the recording is of, for the refusal of a file that is too large.
-        problem: What is said of a file that lacks an array or is no npz file.
-        most_bytes: Largest size [bytes].
-
     Raises:
-        SeedError: The file is none, too large, or lacks an array.
+        SeedError: The file is larger than `most_bytes`, told with `what` it is of; or it is none, or lacks an array,
+            told with `problem`.
     """
     try:
         size = path.stat().st_size
