@@ -11,7 +11,7 @@ from quasi_static import DT, Bench
 from seed_control.tasks import TaskError, TaskPlayer, TaskStatus, load_task, shipped_tasks
 from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
-from seed_control.tasks.script import steps_of
+from seed_control.tasks.steps import steps_of
 from seed_core.config import ConfigError
 from seed_core.spatial import pose_from_rpy
 

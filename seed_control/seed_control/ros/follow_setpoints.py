@@ -14,8 +14,7 @@ from seed_msgs.action import FollowSetpoints
 
 from seed_control.controller import Controller
 from seed_control.state import ControllerState
-from seed_control.tasks import TaskPlayer, TaskStatus
-from seed_control.tasks.read import read_task
+from seed_control.tasks import TaskPlayer, TaskStatus, read_task
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
 from seed_ros import SeedNode

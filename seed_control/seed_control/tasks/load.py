@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where tasks come from: files, the shipped ones by name, and changes to one that is loaded."""
+"""Tasks from files, from the shipped ones by name, or from YAML text; with another force or another text to write."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
-from seed_core.config import load_file
+from seed_core.config import field, load_file, load_text
 from seed_core.files import shared_path
+
+MAX_TEXT = 100_000  # characters of a task sent as text
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What a client may change of a task."""
+
+    force: float | None = field(None, unit="N", low=0.1, high=200.0, doc="size of every force of the task")
+    text: str | None = field(None, doc="text to write")
 
 
 def shipped_tasks() -> dict[str, Path]:
@@ -25,36 +35,45 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
         text: replaces the text of a task that writes.
 
     Raises:
-        TaskError: no such task.
+        TaskError: no such task, or one that the changes do not fit.
         ConfigError: with file and line.
     """
     shipped = shipped_tasks()
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
         raise TaskError(f"no task '{source}': neither a file nor one of {', '.join(shipped)}")
-    return changed(load_file(path, Task), force, text)
+    return _changed(load_file(path, Task), force, text)
 
 
-def changed(task: Task, force: float | None = None, text: str | None = None) -> Task:
-    """The task with another size of every force [N], or another text to write. Raises TaskError."""
+def read_task(source: str, overrides: str = "") -> Task:
+    """A task as a client of the action sends it: a name, a file, or the YAML text itself.
+
+    Args:
+        overrides: a YAML mapping with `force` [N], `text`; empty for none.
+
+    Raises:
+        TaskError: no such task, or one that an override does not fit.
+        ConfigError: with source and line.
+    """
+    change = load_text(overrides, Overrides, "overrides") if overrides.strip() else Overrides()
+    if "\n" not in source:
+        return load_task(source.strip(), change.force, change.text)
+    if len(source) > MAX_TEXT:
+        raise TaskError(f"a task of {len(source)} characters is too long; at most {MAX_TEXT}")
+    return _changed(load_text(source, Task, "task"), change.force, change.text)
+
+
+def _changed(task: Task, force: float | None, text: str | None) -> Task:
     if force is not None:
-        task = _with_force(task, force)
+        if not 0.0 < force <= 200.0:
+            raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
+        phases = tuple(replace(p, control=p.control.scaled_to(force)) if p.control else p for p in task.phases)
+        draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
+        task = replace(task, phases=phases, draw=draw)
     if text is not None:
-        task = _with_text(task, text)
+        if task.draw is None or not task.draw.text:
+            raise TaskError(f"task '{task.name}' does not write a text")
+        if not text.strip() or len(text) > 80:
+            raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
+        task = replace(task, draw=replace(task.draw, text=text))
     return task
-
-
-def _with_force(task: Task, force: float) -> Task:
-    if not 0.0 < force <= 200.0:
-        raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
-    phases = tuple(replace(p, control=p.control.scaled_to(force)) if p.control else p for p in task.phases)
-    draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
-    return replace(task, phases=phases, draw=draw)
-
-
-def _with_text(task: Task, text: str) -> Task:
-    if task.draw is None or not task.draw.text:
-        raise TaskError(f"task '{task.name}' does not write a text")
-    if not text.strip() or len(text) > 80:
-        raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
-    return replace(task, draw=replace(task.draw, text=text))

@@ -10,10 +10,9 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
-from seed_control.tasks.script import Step, steps_of
-from seed_control.tasks.step_run import StepRun, expected_time
+from seed_control.tasks.steps import Step, StepRun, steps_of
 from seed_control.tasks.task import Phase, Task
-from seed_core.spatial import Array, rotation_from_rpy
+from seed_core.spatial import Array, inverse_pose, rotation_from_rpy
 
 _LIFT_SPEED = 0.05  # [m/s]
 
@@ -47,15 +46,14 @@ class TaskPlayer:
         self._steps = steps_of(task)
         self._X_W = task.frame.pose
         self._R_tip = rotation_from_rpy(np.deg2rad(task.tip_rpy))
-        self._index = -1
+        self._index = -1  # of the running step; their number while the tool is lifted early
         self._run: StepRun | None = None
         self._status = TaskStatus(None, "waiting", 0.0)
         self._ending = ""  # why the task ends early
         self._cancelled = False
         self._paused = False
         self._last: float | None = None
-        weights = [expected_time(s) for s in self._steps]
-        self._before = np.concatenate([[0.0], np.cumsum(weights)])
+        self._before = np.cumsum([0.0, *(s.expected_time for s in self._steps)])
 
     @property
     def phase(self) -> str:
@@ -82,38 +80,42 @@ class TaskPlayer:
 
     def step(self, t: float, state: ControllerState) -> TaskStatus:
         """Status at time t [s], with the set-point to send."""
-        if self._status.done:
-            return self._status
-        dt = 0.0 if self._last is None else max(t - self._last, 0.0)
-        self._last = t
+        if not self._status.done:
+            dt = 0.0 if self._last is None else max(t - self._last, 0.0)
+            self._last = t
+            self._status = self._advance(dt, state)
+        return self._status
+
+    def _advance(self, dt: float, state: ControllerState) -> TaskStatus:
         if state.X_W_tip is None or not state.enabled or state.mode == "holding":
-            return self._stopped(state)
+            if self._run is None and not self._ending:
+                return self._status  # before the start it waits for the controller; afterwards the task has failed
+            holds = f"arm holds: {state.reason or 'the controller stopped'}"
+            return self._ended(f"{self._ending}; {holds}" if self._ending else holds)
         if self._run is None:
-            self._next(state)
-        assert self._run is not None
+            self._run = self._next(state.X_W_tip)
         ended = self._run.advance(0.0 if self._paused and not self._ending else dt, state)
         if ended == "timeout" and not self._ending:
             phase = self._run.step.phase
             self._end_early(f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
         elif ended:
-            self._next(state)
-        return self._report()
-
-    def _stopped(self, state: ControllerState) -> TaskStatus:
-        """The controller does not move: before the start wait for it, afterwards the task has failed."""
-        if self._run is None and not self._ending:
-            return self._status
-        why = state.reason or "the controller stopped"
-        self._status = TaskStatus(
-            None,
-            self.phase,
+            if self._index >= len(self._steps):
+                return self._ended(self._ending)
+            if not self._ending and self._index + 1 == len(self._steps):
+                return TaskStatus(None, "done", 1.0, done=True, message="finished")
+            self._run = self._next(state.X_W_tip)
+        return TaskStatus(
+            self._run.setpoint(),
+            self._run.step.phase.name,
             self._progress(),
-            True,
-            not self._cancelled,
-            self._cancelled,
-            f"{self._ending + '; ' if self._ending else ''}arm holds: {why}",
+            failed=bool(self._ending) and not self._cancelled,
+            cancelled=self._cancelled,
+            message="paused" if self._paused and not self._ending else self._ending,
         )
-        return self._status
+
+    def _ended(self, message: str) -> TaskStatus:
+        """Done early: failed, if it was not cancelled."""
+        return TaskStatus(None, self.phase, self._progress(), True, not self._cancelled, self._cancelled, message)
 
     def _end_early(self, reason: str) -> None:
         if self._status.done or self._ending:
@@ -122,79 +124,30 @@ class TaskPlayer:
         if self._run is not None:
             self._run.finish = True
 
-    def _next(self, state: ControllerState) -> None:
-        """Go to the next step, or to the lift that ends the task early, or to the end."""
-        lifting = self._index >= len(self._steps)
-        if lifting or (not self._ending and self._index + 1 == len(self._steps)):
-            ok = not self._ending
-            self._status = TaskStatus(
-                None,
-                "done" if ok else self.phase,
-                1.0 if ok else self._progress(),
-                True,
-                not ok and not self._cancelled,
-                self._cancelled,
-                self._ending or "finished",
-            )
-            return
+    def _next(self, X_W_tip: Array) -> StepRun:
+        """The next step, or the lift that ends the task early; X_W_tip (4, 4) is measured."""
+        X_tip = inverse_pose(self._X_W) @ X_W_tip  # in the work frame
+        start, R_start = X_tip[:3, 3], self._run.R_end if self._run else X_tip[:3, :3]
+        if self._run is not None:  # on from the last reference, but from where it is measured where force ruled
+            P, last = self._run.force_projector, self._run.position
+            start = last - P @ last + P @ start
         if self._ending:
             self._index = len(self._steps)
-            self._run = self._lift(state)
-            return
+            path = Path([start, start + np.array((0.0, 0.0, self.task.lift))], _LIFT_SPEED, 0.2)
+            lift = Phase(f"lift after {'cancel' if self._cancelled else 'failure'}")
+            return StepRun(Step(lift), path, R_start, R_start, self._X_W)
         self._index += 1
-        self._run = self._begin(self._steps[self._index], state)
-
-    def _lift(self, state: ControllerState) -> StepRun:
-        start = self._start(state)
-        end = start + np.array((0.0, 0.0, self.task.lift))
-        path = Path([start, end], _LIFT_SPEED, 0.2)
-        R = self._run.R_end if self._run else self._local(state)[:3, :3]
-        word = "cancel" if self._cancelled else "failure"
-        phase = Phase(f"lift after {word}")
-        return StepRun(Step(phase), path, R, R, self._X_W)
-
-    def _begin(self, step: Step, state: ControllerState) -> StepRun:
+        step = self._steps[self._index]
         phase = step.phase
-        start = self._start(state)
-        path = Path(np.array([start, *step.points]), phase.speed, phase.acceleration)
-        R0 = self._run.R_end if self._run else self._local(state)[:3, :3]
-        R1 = R0 if self._run else self._R_tip
+        R_end = R_start if self._run else self._R_tip
         if phase.tilt is not None:
-            R1 = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
-        return StepRun(step, path, R0, R1, self._X_W)
-
-    def _local(self, state: ControllerState) -> Array:
-        assert state.X_W_tip is not None
-        X = self._X_W
-        return np.asarray(np.linalg.inv(X) @ state.X_W_tip)
-
-    def _start(self, state: ControllerState) -> Array:
-        """Where the next path begins, in the work frame: on the last reference, but measured where force ruled."""
-        measured = self._local(state)[:3, 3]
-        if self._run is None:
-            return measured
-        P = self._run.force_projector
-        return np.asarray(self._run.position - P @ self._run.position + P @ measured)
+            R_end = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
+        path = Path(np.array([start, *step.points]), phase.speed, phase.acceleration)
+        return StepRun(step, path, R_start, R_end, self._X_W)
 
     def _progress(self) -> float:
         if self._run is None or self._index < 0:
             return 0.0
         i = min(self._index, len(self._steps) - 1)
         share = self._run.share if self._index < len(self._steps) else 0.0
-        weight = self._before[i + 1] - self._before[i]
-        return float((self._before[i] + share * weight) / self._before[-1])
-
-    def _report(self) -> TaskStatus:
-        if not self._status.done:
-            assert self._run is not None
-            word = "paused" if self._paused and not self._ending else self._ending
-            self._status = TaskStatus(
-                self._run.setpoint(),
-                self._run.step.phase.name,
-                self._progress(),
-                False,
-                bool(self._ending) and not self._cancelled,
-                self._cancelled,
-                word,
-            )
-        return self._status
+        return float((self._before[i] + share * (self._before[i + 1] - self._before[i])) / self._before[-1])

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A task as a list of steps, and one step being played: its place on the path, its set-point, and when it is over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.state import ControllerState
+from seed_control.tasks.font import Point, strokes_of_text
+from seed_control.tasks.path import Path
+from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
+from seed_core.spatial import Array, Wrench, make_pose, so3_exp, so3_log
+
+_TURN_SPEED = 0.3  # [rad/s] of the reference
+_TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
+
+
+@dataclass(frozen=True)
+class Step:
+    """A phase with the points of its path in the work frame, each (x, y, z) [m]; empty: stay."""
+
+    phase: Phase
+    points: tuple[Vector, ...] = ()
+
+    @property
+    def expected_time(self) -> float:
+        """How long it will take [s], for the progress."""
+        points, phase = np.array(self.points).reshape(-1, 3), self.phase
+        length = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum()) if len(points) > 1 else 0.1
+        waiting = _TYPICAL if phase.until != "arrived" else 0.0
+        return waiting + phase.dwell + (length / phase.speed if len(points) else 0.0)
+
+
+def steps_of(task: Task) -> list[Step]:
+    """All steps of the task in order: phases as they stand, a drawing's strokes before the last one."""
+    steps = [Step(p, (p.to,) if p.to else ()) for p in task.phases]
+    return steps if task.draw is None else [*steps[:-1], *_drawing(task.draw), steps[-1]]
+
+
+def strokes_of(drawing: Drawing) -> list[list[Point]]:
+    """Polylines (x, y) [m] in the work frame."""
+    if drawing.text:
+        return strokes_of_text(drawing.text, drawing.height, drawing.origin, drawing.font)
+    ox, oy = drawing.origin
+    return [[(x + ox, y + oy) for x, y in s] for s in drawing.strokes]
+
+
+def _drawing(drawing: Drawing) -> list[Step]:
+    strokes = strokes_of(drawing)
+    forces = drawing.forces or (None,) * len(strokes)
+    up, travel = drawing.clearance, drawing.travel_speed
+    out: list[Step] = []
+    for number, (stroke, force) in enumerate(zip(strokes, forces, strict=True), start=1):
+        control = drawing.control.scaled_to(force) if force else drawing.control
+        name = f"stroke {number}/{len(strokes)}"
+        over, raised = (*stroke[0], up), (*stroke[-1], up)
+        line: tuple[Vector, ...] = tuple((x, y, 0.0) for x, y in stroke)
+        out += [
+            Step(Phase(f"{name} over", over, speed=travel), (over,)),
+            Step(Phase(f"{name} touch", control=control, until="settled", dwell=0.15)),
+            Step(Phase(f"{name} draw", line[-1], speed=drawing.speed, control=control), line),
+            Step(Phase(f"{name} raise", raised, speed=travel), (raised,)),
+        ]
+    return out
+
+
+class StepRun:
+    """One step being played; everything in the work frame until the set-point.
+
+    Attributes:
+        position: (3,) [m], velocity: (3,) [m/s] of the reference.
+        force_projector: (3, 3) onto the force directions at the start.
+        share: of the step, 0 to 1.
+        finish: set to end it at once.
+    """
+
+    def __init__(self, step: Step, path: Path, R_start: Array, R_end: Array, X_W: Array) -> None:
+        """From R_start (3, 3) to R_end of the tip, in the work frame at X_W (4, 4)."""
+        self.step, self.path, self.R_end, self._X_W = step, path, R_end, X_W
+        self._R_start, self._turn = R_start, so3_log(R_start.T @ R_end)
+        angle = float(np.sqrt(self._turn @ self._turn))
+        self.duration = max(path.duration, angle / _TURN_SPEED)
+        self._t = self._waited = self._held = self.share = 0.0
+        self.finish = False
+        self.position, self.velocity = path.at(0.0)
+        self._first = _first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
+        P = self._first.force_projector
+        self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
+
+    def advance(self, dt: float, state: ControllerState) -> str:
+        """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
+        phase = self.step.phase
+        self._t += dt
+        self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
+        self.share = min(self._t / max(self.duration, _TYPICAL if phase.until != "arrived" else 1e-9), 1.0)
+        if self.finish:
+            return "done"
+        if self._t < self.duration:
+            return ""
+        self._waited += dt
+        met = {"arrived": True, "contact": state.in_contact, "settled": state.settled}[phase.until]
+        self._held = self._held + dt if met else 0.0
+        if met and self._held >= phase.dwell:
+            return "done"
+        return "timeout" if self._waited > phase.timeout + phase.dwell else ""
+
+    def setpoint(self) -> HybridSetpoint:
+        """The set-point of this moment."""
+        share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
+        R = self.R_end if share >= 1.0 else self._R_start @ so3_exp(share * self._turn)
+        X_W_tip = self._X_W @ make_pose(R, self.position)
+        return self._first.moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
+
+
+def _first_setpoint(control: Control | None, X_W: Array, X_tip: Array) -> HybridSetpoint:
+    """Where a step begins: tip at X_tip (4, 4) in the work frame at X_W (4, 4)."""
+    X_W_tip = X_W @ X_tip
+    if control is None:
+        return HybridSetpoint(X_W_tip)
+    return HybridSetpoint(
+        X_W_tip=X_W_tip,
+        wrench=Wrench(np.array(control.torque), np.array(control.force)),
+        force_projector=np.diag(np.array(control.flags(control.force_directions), dtype=float)),
+        torque_axes=control.flags(control.torque_axes),
+        contact_resists=control.flags(control.contact_resists),
+        task_frame="tool" if control.frame == "tool" else "surface",
+        R_W_task=X_W[:3, :3],
+        approach_speed=control.approach_speed,
+    )
