@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from seed_core.bushing import Bushing
 from seed_core.hand import Frame, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_exp, so3_log
-from seed_sim.plant.plant import DT, Plant, PlantError
+from seed_sim.plant.grip import PlantError
+from seed_sim.plant.plant import DT, Plant
 from seed_sim.scenario import GraspSection, Scenario, ServoSection, TableSection
 
 FLAT = TableSection(tilt_x=(0.0, 0.0), tilt_y=(0.0, 0.0), height=(0.0, 0.0))
@@ -140,14 +141,14 @@ def test_firmer_grip_sags_less():
     plant.set_gripper_width(STILL.grasp.nominal_width - 1.0 / STILL.grasp.stiffening)  # twice as stiff
     plant.advance(plant.time + 1.0)
     assert_allclose(plant.X_CT[2, 3], 0.5 * loose, rtol=1e-2)
-    assert plant.pressure > STILL.grasp.nominal_pressure
+    assert plant.grip.pressure > STILL.grasp.nominal_pressure
 
 
 def test_impossible_grip_is_refused_and_changes_nothing():
     plant = settled(STILL, 0.3, 0.01)
     with pytest.raises(PlantError, match=r"0\.3 to 4 times"):
         plant.set_gripper_width(0.2)
-    assert plant.width == STILL.grasp.nominal_width
+    assert plant.grip.width == STILL.grasp.nominal_width
     assert plant.stiffness == STILL.grasp.stiffness
 
 
@@ -159,7 +160,7 @@ def test_light_tool_is_cut_into_substeps_and_stays_finite():
         grasp=GraspSection(pad_mass=0.02, pad_radius=0.02),
     )
     plant = settled(pen, -0.003, 0.5)
-    assert plant._substeps > 1
+    assert plant.grip.substeps > 1
     assert_allclose(balance(plant), np.zeros(6), atol=5e-3)
 
 
@@ -207,14 +208,14 @@ def test_after_a_reset_the_cell_is_as_new():
     driver = replace(load_scenario("torque_driver"), table=FLAT, servo=EXACT)
     start, deep = flange(driver, 0.005), flange(driver, -0.004)
     new, used = (Plant(driver, 0, WORK, start) for _ in range(2))
-    used.set_gripper_width(used.width - 0.004)
+    used.set_gripper_width(used.grip.width - 0.004)
     used.command(flange(driver, -0.006))
     used.advance(0.3)
     used.command(flange(driver, -0.006, (np.pi, 0.0, 0.3)))
     used.advance(1.0)
     assert abs(used.contact_wrench.torque[2]) > 0.1  # the screw is turned
     used.reset(start)
-    assert used.width == new.width
+    assert used.grip.width == new.grip.width
     for plant in (new, used):
         plant.command(deep)
         plant.advance(0.2)

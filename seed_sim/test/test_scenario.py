@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError
-from seed_sim.plant.plant import draw_surface
+from seed_sim.plant.table import draw_surface
 from seed_sim.scenario import COLUMNS, Scenario, load_scenario, shipped_scenarios
 
 
@@ -59,19 +59,19 @@ def test_wrong_file_is_refused_with_line_and_bound(tmp_path: Path, text, message
 def test_one_number_is_a_span_without_width(tmp_path: Path):
     file = tmp_path / "tilted.yaml"
     file.write_text("table: {tilt_x: 1.5, tilt_y: -1, height: -2}")
-    surface = draw_surface(load_scenario(file), np.eye(4), np.random.default_rng(1), 5)
+    surface = draw_surface(load_scenario(file).table, np.eye(4), np.random.default_rng(1), 5)
     assert_allclose(surface.X_WS[2, 3], -0.002)
     assert_allclose(np.rad2deg(np.arctan2(surface.X_WS[2, 1], surface.X_WS[2, 2])), 1.5)
 
 
 def test_tables_are_drawn_within_their_bounds_and_from_the_seed():
     scenario = load_scenario("nominal")
-    tables = [draw_surface(scenario, np.eye(4), np.random.default_rng([s, 1]), 5).X_WS for s in range(200)]
+    tables = [draw_surface(scenario.table, np.eye(4), np.random.default_rng([s, 1]), 5).X_WS for s in range(200)]
     heights = np.array([X[2, 3] for X in tables])
     tilts = np.rad2deg(np.arccos([X[2, 2] for X in tables]))
     assert np.abs(heights).max() <= 3e-3
     assert np.ptp(heights) > 5e-3
     assert tilts.max() <= np.hypot(2.0, 2.0) + 1e-3
     assert tilts.max() > 2.0
-    again = draw_surface(scenario, np.eye(4), np.random.default_rng([7, 1]), 5).X_WS
+    again = draw_surface(scenario.table, np.eye(4), np.random.default_rng([7, 1]), 5).X_WS
     assert_allclose(again, tables[7], rtol=0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A position-controlled arm: dead time, first-order lag, and an error of repeatability that nobody reports."""
+"""A position-controlled arm: dead time, first-order lag, and an error of repeatability that it does not report."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from seed_ur.kinematics import KinematicsError, URKinematics
 
 ELBOW_UP = (pi, -1.7, 1.9, -1.8, -0.5 * pi, 0.0)  # a UR in front of its table
 _MAX_JOINT_SPEED = 3.14  # [rad/s]
-_WANDERS = (0.05, 0.5)  # [Hz] range of the frequencies at which the repeatability error wanders
+_RATES = (0.05, 0.5)  # [Hz] range of the frequencies of the repeatability error
 _SINES = 4
-_TURNED = 1e-24  # [rad^2] below which a turn is over
-_STILL = np.zeros(3)
+_ARRIVED = 1e-24  # [rad^2] below which a rotation is at its end
+_ZERO = np.zeros(3)
 
 
 class Repeatability:
@@ -25,7 +25,7 @@ class Repeatability:
 
     def __init__(self, bound: float, rng: np.random.Generator) -> None:
         self._amplitude = bound / _SINES
-        rates = 2.0 * pi * rng.uniform(*_WANDERS, (3, _SINES))
+        rates = 2.0 * pi * rng.uniform(*_RATES, (3, _SINES))
         phases = rng.uniform(0.0, 2.0 * pi, (3, _SINES))
         self._sines = [list(zip(r, p, strict=True)) for r, p in zip(rates.tolist(), phases.tolist(), strict=True)]
 
@@ -44,15 +44,15 @@ class Arm:
         self._queue: deque[tuple[float, Array]] = deque()
         self._kinematics = None if servo.arm == "cartesian" else URKinematics.for_model(servo.arm)
         self._repeatability = Repeatability(1e-3 * servo.repeatability, rng)
-        self._step = (0.0, 1.0)  # length of the last step and the share of the way that it makes
+        self._step = (0.0, 1.0)  # length of the last step [s], and the share of the way that it makes
         self.reset(X_WE)
 
     def reset(self, X_WE: Array) -> None:
         """Rest at X_WE (4, 4). Raises KinematicsError when it is out of reach."""
         self.reported = X_WE.copy()
         self._target = self.reported
-        self._left = np.zeros(3)  # rotation vector from the target to where it is, in the target's axes
-        self.turned = np.zeros(3)  # rotation vector of the last step, in the world
+        self._remaining = np.zeros(3)  # rotation vector from the target to where it is, in the target's axes
+        self.rotation_step = np.zeros(3)  # rotation vector of the last step, in the world
         self._queue.clear()
         self._error = self._repeatability.at(0.0)
         self.q = self._kinematics.inverse(X_WE, ELBOW_UP) if self._kinematics else np.zeros(0)
@@ -66,7 +66,7 @@ class Arm:
     def advance(self, t: float, dt: float) -> None:
         """Go to time t [s], a step of dt [s]."""
         while self._queue and self._queue[0][0] <= t:
-            self._take(self._queue.popleft()[1])
+            self._accept(self._queue.popleft()[1])
         if self._step[0] != dt:
             self._step = (dt, 1.0 - exp(-dt / self.servo.lag) if self.servo.lag > 0.0 else 1.0)
         if self._kinematics:
@@ -75,10 +75,10 @@ class Arm:
             self._follow_pose(self._step[1])
         self._error = self._repeatability.at(t)
 
-    def _take(self, X_WE: Array) -> None:
+    def _accept(self, X_WE: Array) -> None:
         self._target = X_WE
         if not self._kinematics:
-            self._left = so3_log(X_WE[:3, :3].T @ self.reported[:3, :3])
+            self._remaining = so3_log(X_WE[:3, :3].T @ self.reported[:3, :3])
         else:
             try:
                 self._q_target = np.array(self._kinematics.follow(X_WE, self._q_target.tolist()))
@@ -87,12 +87,12 @@ class Arm:
 
     def _follow_pose(self, share: float) -> None:
         R_target, p = self._target[:3, :3], self.reported[:3, 3]
-        if float(self._left @ self._left) > _TURNED:
-            self.turned = -share * (R_target @ self._left)
-            self._left = (1.0 - share) * self._left
-            R = R_target @ so3_exp(self._left)
+        if float(self._remaining @ self._remaining) > _ARRIVED:
+            self.rotation_step = -share * (R_target @ self._remaining)
+            self._remaining = (1.0 - share) * self._remaining
+            R = R_target @ so3_exp(self._remaining)
         else:
-            self.turned, R = _STILL, R_target
+            self.rotation_step, R = _ZERO, R_target
         self.reported = make_pose(R, p + share * (self._target[:3, 3] - p))
 
     def _follow_joints(self, share: float, dt: float) -> None:
@@ -100,7 +100,7 @@ class Arm:
         bound = _MAX_JOINT_SPEED * dt
         self.q = self.q + np.clip(share * (self._q_target - self.q), -bound, bound)
         before, self.reported = self.reported, self._kinematics.forward(self.q)
-        self.turned = so3_log(self.reported[:3, :3] @ before[:3, :3].T)
+        self.rotation_step = so3_log(self.reported[:3, :3] @ before[:3, :3].T)
 
     @property
     def actual(self) -> Array:

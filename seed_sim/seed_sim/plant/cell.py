@@ -7,14 +7,20 @@ bushing's damper sees how the gripper moves, which a frame fixed in the world wo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydrake import geometry as dg
+from pydrake.math import RigidTransform
+from pydrake.multibody import math as dm
+from pydrake.multibody import plant as dp
+from pydrake.multibody import tree as dt
+from pydrake.systems.framework import DiagramBuilder
 
-from seed_core.errors import FailedError
 from seed_core.hand import GRAVITY
 from seed_core.spatial import Array, make_pose
+from seed_sim.plant.grip import Grip
+from seed_sim.plant.table import Surface
 from seed_sim.plant.tools import (
     HOLE_CLEARANCE,
     HOLE_DEPTH,
@@ -28,45 +34,24 @@ from seed_sim.plant.tools import (
 )
 from seed_sim.scenario import Scenario
 
-try:
-    from pydrake import geometry as dg
-    from pydrake.math import RigidTransform
-    from pydrake.multibody import math as dm
-    from pydrake.multibody import plant as dp
-    from pydrake.multibody import tree as dt
-    from pydrake.systems.framework import DiagramBuilder
-except ImportError as _error:
-    _missing: ImportError | None = _error
-else:
-    _missing = None
-
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
 _WALL = 0.02  # [m] thickness of a hole's or slot's wall
-_STEEL = 1e7  # [N/m] of a contact point of the tool, and of a wall
-_COLOURS = {
-    "wood": (0.76, 0.6, 0.42, 1.0),
-    "steel": (0.35, 0.4, 0.45, 1.0),
-    "tool": (0.1, 0.45, 0.7, 1.0),
-    "bubble": (0.85, 0.85, 0.9, 0.6),
-}
-
-
-@dataclass(frozen=True)
-class Surface:
-    """The table that a seed has drawn: its frame in the world, z out of the surface."""
-
-    X_WS: Array
-    friction: float
-    point_stiffness: float
-
-    @property
-    def normal(self) -> Array:
-        """(3,) out of the surface, in the world."""
-        return np.asarray(self.X_WS[:3, 2])
+_HARD = 1e7  # [N/m] of a contact point of the tool, and of a wall
+_WOOD, _STEEL, _BLUE, _BUBBLE = (0.76, 0.6, 0.42, 1), (0.35, 0.4, 0.45, 1), (0.1, 0.45, 0.7, 1), (0.85, 0.85, 0.9, 0.6)
 
 
 class Cell:
-    """A finished Drake plant with its context. `bushing` is None when the tool is welded to the gripper."""
+    """A finished Drake plant with its context. `bushing` is None when the tool is welded to the gripper.
+
+    Args:
+        scenario: the simulated cell.
+        surface: of the table, as the seed has drawn it.
+        shape: of the tool.
+        inertia: of the tool; None welds it to the gripper.
+        grip: constants of the bushing.
+        step: [s].
+        meshcat: a pydrake.geometry.Meshcat to draw in, or None.
+    """
 
     def __init__(
         self,
@@ -74,66 +59,68 @@ class Cell:
         surface: Surface,
         shape: ToolShape,
         inertia: ToolInertia | None,
-        damping: tuple[Array, Array],
-        dt_step: float,
+        grip: Grip,
+        step: float,
         meshcat: Any,
     ) -> None:
-        if _missing is not None:
-            raise FailedError("the simulated cell needs Drake: pip install drake==1.51.1") from _missing
-        self.surface, self.shape = surface, shape
+        self._surface, self._dissipation = surface, scenario.table.dissipation
         self.bushing: Any = None
         builder = DiagramBuilder()
-        self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, dt_step)
+        self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, step)
         self.plant.SetUseSampledOutputPorts(False)
         self.plant.set_contact_model(dp.ContactModel.kPoint)
         self.plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kTamsi)
-        self.gripper_model = self.plant.AddModelInstance("gripper")
-        self.tool_model = self.plant.AddModelInstance("tool") if inertia else self.gripper_model
-        self.gripper = self.plant.AddRigidBody(
-            "gripper", self.gripper_model, dt.SpatialInertia.SolidBoxWithMass(_GRIPPER_MASS, 1, 1, 1)
-        )
-        self.plant.set_gravity_enabled(self.gripper_model, False)
-        self.tool = self._soft_tool(scenario, inertia, damping) if inertia else self.gripper
-        self._touch(scenario)
+        gripper_model = self.plant.AddModelInstance("gripper")
+        tool_model = self.plant.AddModelInstance("tool") if inertia else gripper_model
+        heavy = dt.SpatialInertia.SolidBoxWithMass(_GRIPPER_MASS, 1, 1, 1)
+        self.gripper = self.plant.AddRigidBody("gripper", gripper_model, heavy)
+        self.plant.set_gravity_enabled(gripper_model, False)
+        self.tool = self._held_tool(tool_model, inertia, grip) if inertia else self.gripper
+        self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
         self._add_table()
-        self._add_fixture(scenario.tool_kind)
+        if scenario.tool_kind == "peg":
+            self._add_hole(float(np.abs(shape.points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE)
+        if scenario.tool_kind == "torque_driver":
+            self._add_screw(POINT_RADIUS + SLOT_CLEARANCE)
         if meshcat is not None:
-            self._draw(scene, builder, meshcat)
+            self._draw(shape)
+            parameters = dg.MeshcatVisualizerParams(publish_period=1 / 30)
+            dg.MeshcatVisualizer.AddToBuilder(builder, scene, meshcat, parameters)
         self.plant.Finalize()
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
         self.gripper_at, self.tool_at = self._place_in_state(self.gripper), self._place_in_state(self.tool)
-        self.contact_forces = self.plant.get_generalized_contact_forces_output_port(self.tool_model)
+        self.contact_forces = self.plant.get_generalized_contact_forces_output_port(tool_model)
         if inertia:
-            self._weigh(inertia)
+            self._apply_weight(inertia)
+
+    def set_bushing(self, grip: Grip) -> None:
+        """Give the bushing the constants of the grip."""
+        stiffness, (rotational, translational) = grip.stiffness, grip.damping
+        self.bushing.SetTorqueStiffnessConstants(self.context, np.array(stiffness.rotation))
+        self.bushing.SetForceStiffnessConstants(self.context, np.array(stiffness.translation))
+        self.bushing.SetTorqueDampingConstants(self.context, rotational)
+        self.bushing.SetForceDampingConstants(self.context, translational)
 
     def _place_in_state(self, body: Any) -> tuple[int, int]:
         """Index of a free body's quaternion (then its position), and of its angular velocity (then its velocity)."""
         nq = self.plant.num_positions()
         return body.floating_positions_start(), nq + body.floating_velocities_start_in_v()
 
-    def _soft_tool(self, scenario: Scenario, inertia: ToolInertia, damping: tuple[Array, Array]) -> Any:
+    def _held_tool(self, model: Any, inertia: ToolInertia, grip: Grip) -> Any:
+        """A body with the bushing between it and the gripper; its weight is applied by itself."""
         unit = inertia.about_T / inertia.moving_mass
-        body = self.plant.AddRigidBody(
-            "tool",
-            self.tool_model,
-            dt.SpatialInertia(
-                inertia.moving_mass,
-                inertia.moving_com,
-                dt.UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2]),
-            ),
-        )
-        self.plant.set_gravity_enabled(self.tool_model, False)  # see _weigh
-        k = scenario.grasp.stiffness
-        self.bushing = self.plant.AddForceElement(
-            dt.LinearBushingRollPitchYaw(
-                body.body_frame(), self.gripper.body_frame(), k.rotation, damping[0], k.translation, damping[1]
-            )
-        )
+        unit_inertia = dt.UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2])
+        spatial_inertia = dt.SpatialInertia(inertia.moving_mass, inertia.moving_com, unit_inertia)
+        body = self.plant.AddRigidBody("tool", model, spatial_inertia)
+        self.plant.set_gravity_enabled(model, False)
+        k, d, frames = grip.stiffness, grip.damping, (body.body_frame(), self.gripper.body_frame())
+        bushing = dt.LinearBushingRollPitchYaw(*frames, k.rotation, d[0], k.translation, d[1])
+        self.bushing = self.plant.AddForceElement(bushing)
         return body
 
-    def _weigh(self, inertia: ToolInertia) -> None:
+    def _apply_weight(self, inertia: ToolInertia) -> None:
         """The tool's weight at its centre of mass; that of the pads which move with it rests on the gripper."""
         weight = dp.ExternallyAppliedSpatialForce()
         weight.body_index = self.tool.index()
@@ -141,109 +128,69 @@ class Cell:
         weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -inertia.mass * GRAVITY)))
         self.plant.get_applied_spatial_force_input_port().FixValue(self.context, [weight])
 
-    def _material(self, stiffness: float, dissipation: float) -> Any:
-        properties = dg.ProximityProperties()
-        mu = self.surface.friction
+    def _add_contact(self, body: Any, X: Any, shape: Any, name: str, stiffness: float) -> None:
+        """What touches, with the table's friction and dissipation, and a stiffness [N/m] per contact point."""
+        properties, mu = dg.ProximityProperties(), self._surface.friction
+        friction = dp.CoulombFriction(mu, mu)
         dg.AddContactMaterial(
-            dissipation=dissipation,
-            point_stiffness=stiffness,
-            friction=dp.CoulombFriction(mu, mu),
-            properties=properties,
+            dissipation=self._dissipation, point_stiffness=stiffness, friction=friction, properties=properties
         )
-        return properties
+        self.plant.RegisterCollisionGeometry(body, X, shape, name, properties)
 
-    def _touch(self, scenario: Scenario) -> None:
-        """Spheres whose lowest points are the contact points, hard compared with the table."""
-        self._dissipation = scenario.table.dissipation
-        down = scenario.tool.X_Ttip[:3, 2]
-        material = self._material(_STEEL, self._dissipation)
-        for i, point in enumerate(self.shape.points):
-            self.plant.RegisterCollisionGeometry(
-                self.tool, RigidTransform(point - POINT_RADIUS * down), dg.Sphere(POINT_RADIUS), f"tip{i}", material
-            )
+    def _add_contact_points(self, shape: ToolShape, down: Array) -> None:
+        """Spheres whose lowest points are the contact points, hard compared with the table; down (3,) in T."""
+        for i, point in enumerate(shape.points):
+            X = RigidTransform(point - POINT_RADIUS * down)
+            self._add_contact(self.tool, X, dg.Sphere(POINT_RADIUS), f"tip{i}", _HARD)
 
     def _add_table(self) -> None:
-        k = self.surface.point_stiffness
-        in_series = k * _STEEL / (_STEEL - k)  # with the tool's, this makes k
-        self._wall(self.plant.world_body(), self.surface.X_WS, (0.0, 0.0, -0.5), (4.0, 4.0, 1.0), "table", in_series)
+        k = self._surface.point_stiffness
+        in_series = k * _HARD / (_HARD - k)  # with the tool's, this makes k
+        X = RigidTransform(self._surface.X_WS @ make_pose(None, (0.0, 0.0, -0.5)))
+        self._add_contact(self.plant.world_body(), X, dg.Box(4.0, 4.0, 1.0), "table", in_series)
 
-    def _wall(
-        self,
-        body: Any,
-        X_body: Array,
-        centre: tuple[float, ...],
-        size: tuple[float, ...],
-        name: str,
-        stiffness: float,
-        colour: str = "",
+    def _add_wall(
+        self, body: Any, X_body: Array, centre: tuple[float, ...], size: tuple[float, ...], name: str
     ) -> None:
-        X = RigidTransform(X_body @ make_pose(None, centre))
-        material = self._material(stiffness, self._dissipation)
-        self.plant.RegisterCollisionGeometry(body, X, dg.Box(*size), name, material)
-        if colour:
-            self.plant.RegisterVisualGeometry(body, X, dg.Box(*size), f"{name}_look", list(_COLOURS[colour]))
-
-    def _add_fixture(self, kind: str) -> None:
-        if kind == "peg":
-            half = float(np.abs(self.shape.points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE
-            self._add_hole(half)
-        if kind == "torque_driver":
-            self._add_screw(POINT_RADIUS + SLOT_CLEARANCE)
+        X, box = RigidTransform(X_body @ make_pose(None, centre)), dg.Box(*size)
+        self._add_contact(body, X, box, name, _HARD)
+        self.plant.RegisterVisualGeometry(body, X, box, f"{name}_look", _STEEL)
 
     def _add_hole(self, half: float) -> None:
         """Four walls around a square hole on the table."""
         out, long = half + 0.5 * _WALL, 2.0 * (half + _WALL)
-        for i, (x, y, a, b) in enumerate(
-            ((out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL))
-        ):
-            self._wall(
-                self.plant.world_body(),
-                self.surface.X_WS,
-                (x, y, 0.5 * HOLE_DEPTH),
-                (a, b, HOLE_DEPTH),
-                f"hole{i}",
-                _STEEL,
-                "steel",
-            )
+        sides = ((out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL))
+        for i, (x, y, a, b) in enumerate(sides):
+            centre, size = (x, y, 0.5 * HOLE_DEPTH), (a, b, HOLE_DEPTH)
+            self._add_wall(self.plant.world_body(), self._surface.X_WS, centre, size, f"hole{i}")
 
     def _add_screw(self, half: float) -> None:
         """A slotted head that turns about the table's normal against a spring and a damper."""
         model = self.plant.AddModelInstance("screw")
         self.plant.set_gravity_enabled(model, False)
         screw = self.plant.AddRigidBody("screw", model, dt.SpatialInertia.SolidBoxWithMass(0.3, 0.05, 0.05, 0.02))
-        fixed = self.plant.AddFrame(
-            dt.FixedOffsetFrame("screw_axis", self.plant.world_frame(), RigidTransform(self.surface.X_WS))
-        )
+        X_WS = RigidTransform(self._surface.X_WS)
+        axis = self.plant.AddFrame(dt.FixedOffsetFrame("screw_axis", self.plant.world_frame(), X_WS))
         joint = self.plant.AddJoint(
-            dt.RevoluteJoint("screw", fixed, screw.body_frame(), [0.0, 0.0, 1.0], damping=SCREW_DAMPING)
+            dt.RevoluteJoint("screw", axis, screw.body_frame(), [0.0, 0.0, 1.0], damping=SCREW_DAMPING)
         )
         self.plant.AddForceElement(dt.RevoluteSpring(joint, 0.0, SCREW_STIFFNESS))
         for name, side in (("slot_left", 1.0), ("slot_right", -1.0)):
-            self._wall(
-                screw,
-                np.eye(4),
-                (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH),
-                (0.03, _WALL, SLOT_DEPTH),
-                name,
-                _STEEL,
-                "steel",
-            )
+            centre = (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH)
+            self._add_wall(screw, np.eye(4), centre, (0.03, _WALL, SLOT_DEPTH), name)
 
-    def _draw(self, scene: Any, builder: Any, meshcat: Any) -> None:
-        world, add = self.plant.world_body(), self.plant.RegisterVisualGeometry
-        colour = {name: list(rgba) for name, rgba in _COLOURS.items()}
-        X = self.surface.X_WS @ make_pose(None, (0.12, 0.0, -0.01))
-        add(world, RigidTransform(X), dg.Box(0.6, 0.5, 0.02), "table_top", colour["wood"])
-        for i, (size, centre) in enumerate(self.shape.boxes):
-            add(self.tool, RigidTransform(list(centre)), dg.Box(*size), f"tool{i}", colour["tool"])
-        for name, y in (("left", 0.03), ("right", -0.03)):
-            add(self.gripper, RigidTransform([0, y, 0]), dg.Ellipsoid(0.04, 0.02, 0.03), name, colour["bubble"])
-            add(
-                self.gripper,
-                RigidTransform([0, 2.2 * y, -0.03]),
-                dg.Box(0.09, 0.03, 0.1),
-                f"{name}_finger",
-                colour["steel"],
-            )
-        add(self.gripper, RigidTransform([0, 0, -0.12]), dg.Box(0.09, 0.2, 0.06), "palm", colour["steel"])
-        dg.MeshcatVisualizer.AddToBuilder(builder, scene, meshcat, dg.MeshcatVisualizerParams(publish_period=1 / 30))
+    def _draw(self, shape: ToolShape) -> None:
+        """The looks of table, tool and gripper."""
+        finger, bubble = dg.Box(0.09, 0.03, 0.1), dg.Ellipsoid(0.04, 0.02, 0.03)
+        looks: list[tuple[Any, tuple[float, float, float], Any, str, tuple[float, ...]]] = [
+            (self.gripper, (0.0, 0.0, -0.12), dg.Box(0.09, 0.2, 0.06), "palm", _STEEL),
+            (self.gripper, (0.0, 0.03, 0.0), bubble, "left", _BUBBLE),
+            (self.gripper, (0.0, -0.03, 0.0), bubble, "right", _BUBBLE),
+            (self.gripper, (0.0, 0.066, -0.03), finger, "left_finger", _STEEL),
+            (self.gripper, (0.0, -0.066, -0.03), finger, "right_finger", _STEEL),
+            *((self.tool, centre, dg.Box(*size), f"tool{i}", _BLUE) for i, (size, centre) in enumerate(shape.boxes)),
+        ]
+        for body, centre, form, name, colour in looks:
+            self.plant.RegisterVisualGeometry(body, RigidTransform(list(centre)), form, name, colour)
+        X_top = RigidTransform(self._surface.X_WS @ make_pose(None, (0.12, 0.0, -0.01)))
+        self.plant.RegisterVisualGeometry(self.plant.world_body(), X_top, dg.Box(0.6, 0.5, 0.02), "table_top", _WOOD)

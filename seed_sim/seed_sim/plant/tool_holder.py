@@ -62,8 +62,7 @@ class ToolHolder:
     def _hold(self) -> None:
         """The tool hangs in the grasp as far as its weight is given to it: p_CT = weight / stiffness."""
         scenario, plant = self._plant.scenario, self._plant
-        mass = scenario.tool.mass if scenario.true_mass is None else scenario.true_mass
-        weight_C = weight_about_T(mass, scenario.tool.center_of_mass, plant.X_WC[:3, :3]).force
+        weight_C = weight_about_T(scenario.tool_mass, scenario.tool.center_of_mass, plant.X_WC[:3, :3]).force
         plant.grasp(self._given * np.asarray(weight_C / np.array(plant.stiffness.translation)))
 
     def _let_down(self, dt: float) -> None:

@@ -27,7 +27,8 @@ from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, 
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.arm import ELBOW_UP
-from seed_sim.plant.plant import Plant, PlantError, save_replay
+from seed_sim.plant.grip import PlantError
+from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.ros.outputs import Outputs
 from seed_sim.ros.plant_time import PlantTime
@@ -190,7 +191,7 @@ class SimNode(SeedNode):
             response.success, response.message = True, self._close_to(request.width)
         except PlantError as error:
             response.success, response.message = False, str(error)
-        response.width, response.pressure = float(self.plant.width), float(self.plant.pressure)
+        response.width, response.pressure = float(self.plant.grip.width), float(self.plant.grip.pressure)
         return response
 
     def _close_to(self, width: float) -> str:
@@ -205,7 +206,7 @@ class SimNode(SeedNode):
         self._meshcat.StopRecording()
         self._meshcat.PublishRecording()
         file = Path(self.settings.replay)
-        save_replay(self._meshcat, file)
+        file.write_text(self._meshcat.StaticHtml(), encoding="utf-8")
         return str(file)
 
     def _report(self) -> diagnostics.Report:

@@ -130,6 +130,6 @@ class Outputs:
             self._joints.publish(joints)
 
     def _publish_gripper(self) -> None:
-        self._width.publish(Float64(data=float(self._plant.width)))
+        self._width.publish(Float64(data=float(self._plant.grip.width)))
         for publisher in self._pressures:
-            publisher.publish(Float32(data=float(self._plant.pressure)))
+            publisher.publish(Float32(data=float(self._plant.grip.pressure)))

@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
-from seed_sim.plant.tools import damping_of, fastest_rate, inertia_of, shape_of
+from seed_sim.plant.grip import damping_of, fastest_rate
+from seed_sim.plant.tools import inertia_of, shape_of
 
 KINDS = ("squeegee", "pen", "torque_driver", "peg")
 
