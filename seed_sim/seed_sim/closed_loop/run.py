@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from seed_control.controller import Controller, ControllerParameters
+from seed_control.controller import Controller
+from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
