@@ -6,9 +6,10 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,22 +19,7 @@ from seed_core.spatial import Array, rpy_from_rotation
 
 BLUE, ORANGE, GREEN, GREY, INK = "#1f6feb", "#e8710a", "#188a5b", "#9aa4b2", "#1f2937"
 AXES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
-    "axes.grid": True,
-    "grid.color": "#e7eaf0",
-    "grid.linewidth": 0.8,
-    "xtick.color": "#5b6573",
-    "ytick.color": "#5b6573",
-    "legend.frameon": False,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "seed",
-}
+STYLE = Path(__file__).parents[1] / "templates" / "figures.mplstyle"
 
 
 def force_and_torque(
@@ -43,7 +29,7 @@ def force_and_torque(
 
     The first run is drawn in colour, the others as what it is compared with. band: the scored stretch [s].
     """
-    with mpl.rc_context(STYLE):
+    with style.context(STYLE):
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True)
         colours = [BLUE, ORANGE, GREY, GREEN]
@@ -73,7 +59,7 @@ def force_and_torque(
 
 def relative_pose(estimate: Series, truth: Series, phases: list[Phase]) -> str:
     """The six coordinates of X_CT: as estimated from the images, and as they are."""
-    with mpl.rc_context(STYLE):
+    with style.context(STYLE):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         grid = figure.subplots(2, 3, sharex=True)
         estimated, true = _coordinates(estimate.values), _coordinates(truth.values)

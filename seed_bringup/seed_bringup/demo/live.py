@@ -111,26 +111,20 @@ def play_live(asked: Plan) -> LiveRun:
 def _launch_arguments(asked: Plan) -> dict[str, str]:
     """Of demo_launch.xml; writes the parameter files that they name."""
     camera_rate, loop_rate = live_rates()
-    o, folder = asked.options, asked.folder
-    given = {k: v for k, v in asked.scenario.controller.items() if k != "law"}
-    files = {
-        "hand_file": (folder / "beliefs.yaml", beliefs(asked.scenario)),
-        "controller_file": (
-            folder / "controller.yaml",
-            {"controller": {"ros__parameters": {"rate": loop_rate, **given}}},
-        ),
-    }
-    for file, parameters in files.values():
-        file.write_text(yaml.safe_dump(parameters), encoding="utf-8")
+    o, hand, controller = asked.options, asked.folder / "beliefs.yaml", asked.folder / "controller.yaml"
+    settings = {"rate": loop_rate, **{k: v for k, v in asked.scenario.controller.items() if k != "law"}}
+    hand.write_text(yaml.safe_dump(beliefs(asked.scenario)), encoding="utf-8")
+    controller.write_text(yaml.safe_dump({"controller": {"ros__parameters": settings}}), encoding="utf-8")
     return {
         **asked.robot,
-        **{argument: str(file) for argument, (file, _) in files.items()},
+        "hand_file": str(hand),
+        "controller_file": str(controller),
         "scenario": asked.scenario_name,
         "task": str(o.task),
         "seed": str(o.seed),
         "method": o.estimator,
         "law": o.law,
-        "replay": str(folder / "replay.html"),
+        "replay": str(asked.folder / "replay.html"),
         "sim_rate": str(loop_rate),
         "camera_rate": str(float(o.camera_rate or camera_rate)),
     }
