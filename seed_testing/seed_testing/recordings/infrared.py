@@ -69,9 +69,9 @@ class WarpedImage:
         return TactileImages(depth.astype(np.float32), ir.astype(np.float32), stamp)
 
 
-def follow(image: WarpedImage, path: Sequence[Motion], parameters: EstimatorParameters | None = None) -> list[Motion]:
+def follow(image: WarpedImage, path: Sequence[Motion]) -> list[Motion]:
     """The motions that the estimator recovers along a path that starts at rest; NaN where its estimate is not valid."""
-    estimator = Estimator(parameters or EstimatorParameters(), Hand(), {"left": image.camera})
+    estimator = Estimator(EstimatorParameters(), Hand(), {"left": image.camera})
     still = Motion()
     estimator.capture_reference([{"left": image.render(still, -1.0 + 0.02 * i, contact=False)} for i in range(5)])
     estimator.initialize_grasp([{"left": image.render(still, -0.5 + 0.02 * i)} for i in range(5)])
