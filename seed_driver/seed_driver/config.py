@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from seed_core.arm.limits import TargetLimits
-from seed_core.config import ConfigError, checked, field, from_mapping, to_mapping
+from seed_core.config import ConfigError, checked, field, from_mapping
 from seed_core.vector3 import Vector3
 from seed_ur.models import MODELS
 
@@ -20,6 +20,7 @@ SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than eve
 class DriverConfig(TargetLimits):
     """Settings, with the limits of motion and targets; `check` refuses what is out of bounds."""
 
+    # fixed while the driver is configured
     robot_ip: str = field("", doc="address of the controller; must be set")
     model: str = field("ur5e", choices=tuple(MODELS), doc="arm")
     calibration_file: str = field("", doc="kinematics YAML written by ur_calibration; empty: published lengths")
@@ -39,6 +40,7 @@ class DriverConfig(TargetLimits):
     )
     watchdog_frequency: float = field(10.0, unit="Hz", low=1, high=100, doc="below it the robot stops by itself")
 
+    # changed at any time
     servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")
     servo_lookahead: float = field(0.03, unit="s", low=0.03, high=0.2, doc="lookahead time of servoj")
     max_joint_speed: float = field(1.0, unit="rad/s", low=0.01, high=6.3, doc="of any joint, below the arm's own limit")
@@ -60,28 +62,9 @@ class DriverConfig(TargetLimits):
         return checked(self, "driver")
 
 
-FIXED = (  # while the driver is active
-    "robot_ip",
-    "model",
-    "calibration_file",
-    "frequency",
-    "base_frame",
-    "flange_frame",
-    "joint_prefix",
-    "publish_rate",
-    "publish_tf",
-    "realtime_priority",
-    "cpu",
-    "simulated",
-    "watchdog_frequency",
-)
+_NAMES = tuple(DriverConfig.__dataclass_fields__)
+FIXED = ("base_frame", *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")])  # while the driver is configured
 TOOL = ("payload_mass", "payload_cog", "tcp", "speed_slider")  # what the controller itself has to be told
-
-
-def to_json(config: DriverConfig) -> dict[str, Any]:
-    """Plain data for the servo process."""
-    data: dict[str, Any] = to_mapping(config)
-    return data
 
 
 def from_json(data: dict[str, Any]) -> DriverConfig:

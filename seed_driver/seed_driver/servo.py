@@ -25,7 +25,6 @@ from seed_driver.process.realtime import become_realtime, die_with_parent, threa
 from seed_driver.process.shared_memory import (
     CRASHED,
     LOST,
-    NO_SAMPLE,
     ORPHANED,
     SharedMemory,
     Stage,
@@ -107,7 +106,10 @@ class ServoProcess:
         if self.cycles % CHECK_EVERY == 0:
             self._hear()
             if s.wants_start(now):
-                self._start_by_itself()
+                try:
+                    self._start()
+                except (LinkError, RuntimeError) as error:
+                    s.start_later(str(error))
         held_back = s.held_back(now)
         self.motion.take_target(now - held_back, held_back)
         if s.running:
@@ -178,12 +180,6 @@ class ServoProcess:
             self.publish(Stage.BUSY)
         return self.session.start()
 
-    def _start_by_itself(self) -> None:
-        try:
-            self._start()
-        except (LinkError, RuntimeError) as error:
-            self.session.start_later(str(error))
-
     def _quit(self) -> str:
         """Decelerate, end the program, end the process."""
         with suppress(LinkError, RuntimeError):  # a robot that does not leave freedrive: our program ends all the same
@@ -210,7 +206,7 @@ class ServoProcess:
             stage=stage,
             armed=not s.reason and stage == Stage.SERVOING,
             linked=s.linked,
-            sample=s.sample if s.sample is not None else NO_SAMPLE,
+            sample=s.sample,
             command=(*m.limiter.p, *m.limiter.q),
             timestamp=s.clock,
             target_number=m.target.number if m.target is not None else 0,

@@ -17,6 +17,7 @@ from seed_driver.robot.link import LinkError
 STATE_PERIOD = 0.002  # [s] between states of the robot
 AHEAD = 2  # steps of motion beyond the newest state of the robot
 WAITING = "waiting for the robot program"
+NO_SAMPLE = Sample()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 
 
@@ -30,7 +31,7 @@ class Session:
         self.watch = link.LinkWatch()
         self.want_start = want_start
         self.linked = self.running = self.freedrive = False
-        self.sample: Sample | None = None
+        self.sample = NO_SAMPLE
         self.sample_time = 0.0
         self.clock = 0.0  # [s] of the robot, in the newest state
         self._unable = False  # the robot, in that state
@@ -52,7 +53,7 @@ class Session:
         clock = robot.timestamp
         if self.watch.update(robot.packages if self.config.simulated else clock, now):
             sample = robot.sample()
-            if clock != self.clock or self.sample is None:
+            if clock != self.clock or self.sample is NO_SAMPLE:
                 self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
             self._judge(sample)

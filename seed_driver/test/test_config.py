@@ -9,8 +9,9 @@ import yaml
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from seed_core.config import to_mapping
 from seed_core.errors import SeedError
-from seed_driver.config import DriverConfig, from_json, to_json
+from seed_driver.config import DriverConfig, from_json
 from seed_driver.motion.kinematics import KEYS, LINKS, arm_kinematics, load_calibration
 from seed_ur.kinematics import URKinematics
 
@@ -41,7 +42,7 @@ def test_a_bad_setting_is_refused(settings: dict, message: str) -> None:
 
 def test_settings_survive_the_way_to_the_servo_process() -> None:
     config = DriverConfig(robot_ip="127.0.0.9", tcp=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0), max_speed=0.1)
-    assert from_json(to_json(config)) == config
+    assert from_json(to_mapping(config)) == config
 
 
 def calibration(tmp_path: Path, error: float) -> Path:

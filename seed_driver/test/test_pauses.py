@@ -14,7 +14,7 @@ import pytest
 from seed_core.quaternion import from_rotation_vector, to_pose, turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import CLOSEST, Deadlines
-from seed_driver.process.shared_memory import NO_SAMPLE, Modes, SharedMemory, TargetSlot
+from seed_driver.process.shared_memory import Modes, Sample, SharedMemory, TargetSlot
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
 from seed_ur.pose import pose_from_matrix
@@ -55,7 +55,7 @@ class Robot:
     def _sample(self):
         *p, rx, ry, rz = self.arm.tcp_pose()
         orientation = from_rotation_vector((rx, ry, rz))
-        return NO_SAMPLE._replace(q=tuple(self.arm.q), p=tuple(p), orientation=orientation, modes=Modes(7, 1, 2, 1))
+        return Sample()._replace(q=tuple(self.arm.q), p=tuple(p), orientation=orientation, modes=Modes(7, 1, 2, 1))
 
     def _carried(self, content):
         return self.pauses["network"].over(self.now) + PATH_TIME, content

@@ -15,12 +15,12 @@ from enum import IntEnum
 from itertools import islice
 from typing import Any, NamedTuple
 
-from seed_core.quaternion import Quaternion
-from seed_core.vector3 import Vector3
+from seed_core.quaternion import IDENTITY, Quaternion
+from seed_core.vector3 import ZERO, Vector3
 
-_TARGET = struct.Struct("<Qd7d")  # number, time of receipt, position, quaternion
-_COUNTER = struct.Struct("<Q")
+_TARGET = struct.Struct("<Qd 3d 4d")  # the fields of TargetSlot in their order
 _STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s256s")  # the fields of State in their order
+_COUNTER = struct.Struct("<Q")
 _HALF = 4096
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes of the servo process
 
@@ -40,8 +40,8 @@ class TargetSlot(NamedTuple):
 
     number: int  # counts up; 0: none yet
     received: float  # [s] monotonic
-    p: tuple[float, float, float]  # [m]
-    q: tuple[float, float, float, float]
+    p: Vector3  # [m]
+    q: Quaternion
 
 
 class Modes(NamedTuple):
@@ -56,20 +56,15 @@ class Modes(NamedTuple):
 class Sample(NamedTuple):
     """One state of the robot; everything in `base`."""
 
-    q: tuple[float, ...]  # [rad]
-    qd: tuple[float, ...]  # [rad/s]
-    current: tuple[float, ...]  # [A]
-    p: Vector3  # of the flange [m]
-    orientation: Quaternion
-    twist: tuple[float, ...]  # of the flange's origin: linear, angular
-    wrench: tuple[float, ...]  # of the environment on the tool about the TCP: force, torque
-    modes: Modes
-    speed_scaling: float
-
-
-ZERO6 = (0.0,) * 6
-HERE: Quaternion = (0.0, 0.0, 0.0, 1.0)
-NO_SAMPLE = Sample(ZERO6, ZERO6, ZERO6, (0.0, 0.0, 0.0), HERE, ZERO6, ZERO6, Modes(), 1.0)
+    q: tuple[float, ...] = (0.0,) * 6  # [rad]
+    qd: tuple[float, ...] = (0.0,) * 6  # [rad/s]
+    current: tuple[float, ...] = (0.0,) * 6  # [A]
+    p: Vector3 = ZERO  # of the flange [m]
+    orientation: Quaternion = IDENTITY
+    twist: tuple[float, ...] = (0.0,) * 6  # of the flange's origin: linear [m/s], angular [rad/s]
+    wrench: tuple[float, ...] = (0.0,) * 6  # of the environment on the tool about the TCP: force [N], torque [N m]
+    modes: Modes = Modes()
+    speed_scaling: float = 1.0
 
 
 class State(NamedTuple):
@@ -80,17 +75,17 @@ class State(NamedTuple):
     stage: Stage = Stage.STARTING
     armed: bool = False  # targets are followed
     linked: bool = False
-    sample: Sample = NO_SAMPLE
-    command: tuple[float, ...] = (0.0, 0.0, 0.0, *HERE)  # pose of the flange: position [m], quaternion
+    sample: Sample = Sample()
+    command: tuple[float, ...] = (*ZERO, *IDENTITY)  # pose of the flange: position [m], quaternion
     timestamp: float = 0.0  # [s] the controller's clock
     target_number: int = 0  # of the newest target used
     sent: int = 0  # servo commands
     latency: float = 0.0  # [s] from receipt of the newest target to its first command
-    period_p50: float = 0.0
+    period_p50: float = 0.0  # [s] of the servo cycles, and so on
     period_p99: float = 0.0
     period_max: float = 0.0
     wants_start: bool = False  # the program will be started without being asked for
-    version: str = ""
+    version: str = ""  # of PolyScope
     reason: str = ""  # why it holds, or what it waits for
 
 
@@ -126,8 +121,8 @@ class SharedMemory:
         data = self._read(0, _TARGET.size)
         if data is None:
             return None
-        number, received, x, y, z, *q = _TARGET.unpack(data)
-        return TargetSlot(number, received, (x, y, z), (q[0], q[1], q[2], q[3]))
+        number, received, x, y, z, qx, qy, qz, qw = _TARGET.unpack(data)
+        return TargetSlot(number, received, (x, y, z), (qx, qy, qz, qw))
 
     def write_state(self, state: State) -> None:
         """Servo process: publish the state; before it lives, the node does."""

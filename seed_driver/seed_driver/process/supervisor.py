@@ -15,8 +15,9 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from seed_core.config import to_mapping
 from seed_core.errors import SeedError
-from seed_driver.config import DriverConfig, to_json
+from seed_driver.config import DriverConfig
 from seed_driver.process.realtime import raise_niceness
 from seed_driver.process.shared_memory import CRASHED, LOST, SharedMemory, Stage, State, TargetSlot
 
@@ -105,7 +106,7 @@ class Supervisor:
         if self.config.realtime_priority > 0:
             raise_niceness(process.pid)
         ours.setblocking(False)
-        ours.send(json.dumps({"config": to_json(self.config), "start": self._start_program}).encode())
+        ours.send(json.dumps({"config": to_mapping(self.config), "start": self._start_program}).encode())
         theirs.close()
         self._life = _Life(process, ours, StartWatch(process.pid, now))
         self.state = self.state._replace(stage=Stage.STARTING)
@@ -204,7 +205,7 @@ class Supervisor:
         """Change settings while running."""
         self.config = config
         if self.memory is not None:
-            self.send("config", config=to_json(config))
+            self.send("config", config=to_mapping(config))
 
     def close(self, patience: float = 2.0) -> None:
         """Let the arm come to rest, end the program and the process."""

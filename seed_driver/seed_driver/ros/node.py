@@ -14,8 +14,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from seed_core.arm.target_checks import Target, refusal
+from seed_core.config import to_mapping
 from seed_core.errors import SeedError
-from seed_driver.config import FIXED, DriverConfig, from_json, to_json
+from seed_driver.config import FIXED, DriverConfig, from_json
 from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import Outputs
@@ -34,7 +35,7 @@ class DriverNode(SeedNode, LifecycleNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("driver", **arguments)
         self.declare_parameter("autostart", True)
-        for name, value in to_json(DriverConfig()).items():
+        for name, value in to_mapping(DriverConfig()).items():
             # any type is let in here: the check in on_configure says what would have been right
             self.declare_parameter(name, value, ParameterDescriptor(description=_describe(name), dynamic_typing=True))
         self.refuse_unknown()
@@ -108,7 +109,7 @@ class DriverNode(SeedNode, LifecycleNode):
 
     # parameters
     def _settings(self) -> dict[str, Any]:
-        return {name: _plain(self.get_parameter(name).value) for name in to_json(DriverConfig())}
+        return {name: _plain(self.get_parameter(name).value) for name in to_mapping(DriverConfig())}
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         if self.config is None:
@@ -126,7 +127,7 @@ class DriverNode(SeedNode, LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _use_parameters(self, parameters: list[Parameter]) -> None:
-        if self.config is not None and any(p.name in to_json(DriverConfig()) for p in parameters):
+        if self.config is not None and any(p.name in to_mapping(DriverConfig()) for p in parameters):
             self.config = from_json(self._settings())
             if self.supervisor is not None:
                 self.supervisor.set_config(self.config)
