@@ -19,9 +19,12 @@ from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample
 from seed_driver.robot import link, rtde_client
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.state_receiver import StateReceiver
 from seed_ur import rtde
 
+STATES = (  # the last of the controllers that know it
+    "timestamp actual_q actual_qd actual_current actual_TCP_pose actual_TCP_speed actual_TCP_force robot_mode "
+    "safety_mode runtime_state safety_status_bits speed_scaling target_speed_fraction tcp_offset"
+).split()
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
@@ -41,7 +44,7 @@ class Robot:
         self.config = config
         self.version = rtde_client.supported_version(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.version[0] == 3 else 500.0)
-        self.states = StateReceiver(config.robot_ip, self.rate)
+        self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
         self.control: Any = None
         self._slider: rtde_client.RtdeClient | None = None
 
@@ -91,7 +94,11 @@ class Robot:
         self._wait_until_able()
         if self.control is None:
             rtde_client.require_control(self.config.robot_ip, self.version)
-            self._construct()
+            try:
+                self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE))
+            except RuntimeError as error:
+                raise LinkError(f"the robot does not start our program: {error}") from error
+            send_at_once(rtde_client.PORT)
         elif self.states.values["runtime_state"] != link.PLAYING:
             self._send_again()
         self._wait_until_playing()
@@ -106,13 +113,6 @@ class Robot:
                 raise LinkError(why)
             time.sleep(0.004)
             self.states.poll()
-
-    def _construct(self) -> None:
-        try:
-            self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE))
-        except RuntimeError as error:
-            raise LinkError(f"the robot does not start our program: {error}") from error
-        send_at_once(rtde_client.PORT)
 
     def _send_again(self) -> None:
         """Clear the command register first: a script that finds an old servo command there moves at once."""

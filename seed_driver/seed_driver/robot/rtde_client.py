@@ -2,14 +2,17 @@
 """A small RTDE client with time-outs, and the checks of a controller before ur_rtde is let near it.
 
 ur_rtde's constructors wait for ever on a port that accepts and says nothing, and fail after 5 s without naming the
-reason when the robot is in a safety stop. Everything here answers within its time-out or raises LinkError.
+reason when the robot is in a safety stop; its receiver costs three times as much as this one, and a thread. Everything
+here answers within its time-out or raises LinkError.
 """
 
 from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
 
 from seed_driver.robot.dashboard import dashboard
 from seed_driver.robot.link import LinkError
@@ -19,14 +22,23 @@ PORT = 30004
 TIMEOUT = 0.5  # [s]
 OLDEST = {3: (3, 10), 5: (5, 4), 10: (10, 10)}  # first supported release of each line
 COMMAND_REGISTER = "input_int_register_0"  # ur_rtde tells its script through it what to do
-READ_ONCE_RATE = 125.0  # [Hz] any will do
+ONCE = 125.0  # [Hz] of outputs of which one sample is read
 
 
 class RtdeClient:
-    """One RTDE connection with time-outs; a context manager."""
+    """One RTDE connection; a context manager.
+
+    Attributes:
+        values: the newest outputs by RTDE's names, units as in UR's RTDE guide; from `start` on.
+        packages: how many times new ones have come.
+        open: False from the end of the connection on, as far as `poll` has seen.
+    """
 
     def __init__(self, host: str, timeout: float = TIMEOUT) -> None:
-        self.host = host
+        """Connect; raises LinkError. timeout: [s] of each answer."""
+        self.host, self.open, self.packages = host, True, 0
+        self.values: dict[str, Any] = {}
+        self._recipe = rtde.Recipe.of((), rtde.OUTPUTS)
         self._received = bytearray()
         try:
             self._socket = socket.create_connection((host, PORT), timeout)
@@ -37,10 +49,6 @@ class RtdeClient:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the connection."""
         self._socket.close()
 
     def ask(self, kind: int, payload: bytes = b"") -> bytes:
@@ -64,36 +72,55 @@ class RtdeClient:
         raise OSError("no answer")
 
     def version(self) -> rtde.Version:
-        """Agree on protocol 2; (major, minor, bugfix, build) of PolyScope."""
+        """Agree on protocol 2; PolyScope's (major, minor, bugfix, build)."""
         if self.ask(rtde.REQUEST_VERSION, b"\x00\x02") != b"\x01":
             raise LinkError(f"{self.host} refuses RTDE protocol 2: its software is too old")
         major, minor, bugfix, build = struct.unpack(">4I", self.ask(rtde.CONTROLLER_VERSION))
         return major, minor, bugfix, build
 
-    def start(self, names: Sequence[str], rate: float) -> rtde.Recipe:
-        """Have the outputs `names` sent at `rate` [Hz]; how their values are packed."""
+    def start(self, names: Sequence[str], rate: float) -> None:
+        """Have the outputs `names` sent at `rate` [Hz], and wait for the first of them."""
         reply = self.ask(rtde.SETUP_OUTPUTS, struct.pack(">d", rate) + ",".join(names).encode())
         kinds = reply[1:].decode("ascii", "replace").split(",")
         if rtde.NOT_FOUND in kinds:
             unknown = names[kinds.index(rtde.NOT_FOUND)]
             raise LinkError(f"{self.host} does not know the RTDE output {unknown}")
-        recipe = rtde.Recipe.of(names, dict(zip(names, kinds, strict=True)))
+        self._recipe = rtde.Recipe.of(names, dict(zip(names, kinds, strict=True)))
         if kinds != [rtde.OUTPUTS[n] for n in names]:
             raise LinkError(f"{self.host} offers other states than expected: {','.join(kinds)}")
         self.ask(rtde.START)
-        return recipe
-
-    def values(self) -> bytes:
-        """The packed values of the next data package."""
         try:
-            return self._next(rtde.DATA)[1:]
+            self._take(self._next(rtde.DATA))
         except (OSError, rtde.WireError) as error:
             raise LinkError(f"{self.host} answers but sends no data ({error}); restart the controller") from error
 
-    def read_once(self, *names: str) -> list[float]:
-        """One sample of scalar outputs."""
-        recipe = self.start(names, READ_ONCE_RATE)
-        return list(recipe.layout.unpack(self.values()))
+    def _take(self, payload: bytes) -> None:
+        values = self._recipe.decode(payload[1:])
+        if values is None:
+            raise ValueError(f"{len(payload)} byte of outputs, not {1 + self._recipe.layout.size}")
+        self.values = dict(values)
+
+    def never_wait(self) -> None:
+        """From now on only `poll` and `send`. A time-out would make even a read with MSG_DONTWAIT wait for it."""
+        self._socket.setblocking(False)
+
+    def poll(self) -> None:
+        """Take the newest of what has arrived; only after `never_wait`."""
+        newest = b""
+        try:
+            more = self._socket.recv(65_536)
+            self.open &= bool(more)
+            self._received += more
+            for package in rtde.unpack_stream(self._received):
+                if package.kind == rtde.DATA and len(package.payload) == 1 + self._recipe.layout.size:
+                    newest = package.payload
+        except BlockingIOError:
+            return
+        except (OSError, rtde.WireError):
+            self.open = False
+        if newest:
+            self.packages += 1
+            self._take(newest)
 
     def take_inputs(self, *names: str) -> bool:
         """Become the one who writes these inputs until the connection closes; False when somebody else is."""
@@ -106,20 +133,16 @@ class RtdeClient:
         except OSError as error:
             raise LinkError(f"{self.host} has closed the connection ({error})") from error
 
-    def never_wait(self) -> None:
-        """From now on only `arrived` and `send`. A time-out would make even a read with MSG_DONTWAIT wait for it."""
-        self._socket.setblocking(False)
 
-    def arrived(self) -> Iterator[rtde.Package]:
-        """Packages that are here already; only after `never_wait`. Raises OSError or WireError at the end."""
-        try:
-            more = self._socket.recv(65_536)
-        except BlockingIOError:
-            return
-        if not more:
-            raise OSError("connection closed")
-        self._received += more
-        yield from rtde.unpack_stream(self._received)
+def follow_outputs(host: str, names: Sequence[str], rate: float) -> RtdeClient:
+    """A client that gets those of the outputs `names` that the controller knows, at `rate` [Hz], and never waits."""
+    with ExitStack() as on_failure:
+        client = on_failure.enter_context(RtdeClient(host))
+        version = client.version()
+        client.start([n for n in names if rtde.knows(version, n)], rate)
+        client.never_wait()
+        on_failure.pop_all()
+        return client
 
 
 def supported_version(host: str) -> rtde.Version:
@@ -132,7 +155,7 @@ def supported_version(host: str) -> rtde.Version:
             raise LinkError(
                 f"PolyScope {version[0]}.{version[1]} at {host} is not supported; it needs at least {known}"
             )
-        client.read_once("robot_mode")  # a controller may answer and send no data
+        client.start(("robot_mode",), ONCE)  # a controller may answer and send no data
         return version
 
 
@@ -152,6 +175,7 @@ def command_register(host: str) -> int | None:
     with RtdeClient(host) as client:
         client.version()
         try:
-            return int(client.read_once(COMMAND_REGISTER)[0])
+            client.start((COMMAND_REGISTER,), ONCE)
         except LinkError:
             return None
+        return int(client.values[COMMAND_REGISTER])
