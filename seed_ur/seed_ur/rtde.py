@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
 from typing import NamedTuple, TypeAlias
 
 Value: TypeAlias = float | int | Sequence[float]
@@ -130,35 +131,29 @@ class Recipe(NamedTuple):
 
     names: tuple[str, ...]
     layout: struct.Struct
-    lengths: tuple[int, ...]  # how many numbers each name takes
+    places: tuple[int | slice, ...]  # of each name's value among the numbers
 
     @classmethod
     def of(cls, names: Iterable[str], table: Mapping[str, str]) -> Recipe:
         """The recipe for known names."""
         names = tuple(names)
         formats = [FORMATS[table[n]] for n in names]
-        lengths = tuple(int(f[:-1] or 1) for f in formats)
-        return cls(names, struct.Struct(">" + "".join(formats)), lengths)
+        ends = accumulate(int(f[:-1] or 1) for f in formats)
+        places = [
+            end - 1 if len(f) == 1 else slice(end - int(f[:-1]), end) for f, end in zip(formats, ends, strict=True)
+        ]
+        return cls(names, struct.Struct(">" + "".join(formats)), tuple(places))
 
     def decode(self, data: bytes) -> dict[str, Value] | None:
         """Values by name; None when `data` is too short, the excess is ignored when it is too long."""
         if len(data) < self.layout.size:
             return None
         numbers = self.layout.unpack_from(data)
-        out: dict[str, Value] = {}
-        at = 0
-        for name, length in zip(self.names, self.lengths, strict=True):
-            out[name] = numbers[at] if length == 1 else numbers[at : at + length]
-            at += length
-        return out
+        return {name: numbers[place] for name, place in zip(self.names, self.places, strict=True)}
 
     def encode(self, recipe_id: int, values: Mapping[str, Value]) -> bytes:
         """A data package with the values of every name."""
         flat: list[float] = []
-        for name, length in zip(self.names, self.lengths, strict=True):
-            value = values[name]
-            if length == 1:
-                flat.append(value)  # type: ignore[arg-type]
-            else:
-                flat.extend(value)  # type: ignore[arg-type]
+        for name, place in zip(self.names, self.places, strict=True):
+            flat += values[name] if isinstance(place, slice) else (values[name],)  # type: ignore[arg-type]
         return pack(DATA, bytes((recipe_id,)) + self.layout.pack(*flat))

@@ -21,10 +21,11 @@ from seed_driver.robot import link, rtde_client
 from seed_driver.robot.link import LinkError
 from seed_ur import rtde
 
-STATES = (  # the last of the controllers that know it
-    "timestamp actual_q actual_qd actual_current actual_TCP_pose actual_TCP_speed actual_TCP_force robot_mode "
-    "safety_mode runtime_state safety_status_bits speed_scaling target_speed_fraction tcp_offset"
-).split()
+STATES = (
+    "timestamp", "actual_q", "actual_qd", "actual_current", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
+    "robot_mode", "safety_mode", "runtime_state", "safety_status_bits", "speed_scaling", "target_speed_fraction",
+    "tcp_offset",  # of the controllers that know it
+)  # fmt: skip
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"

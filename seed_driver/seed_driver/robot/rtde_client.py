@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -37,7 +37,7 @@ class RtdeClient:
     def __init__(self, host: str, timeout: float = TIMEOUT) -> None:
         """Connect; raises LinkError. timeout: [s] of each answer."""
         self.host, self.open, self.packages = host, True, 0
-        self.values: dict[str, Any] = {}
+        self.values: Mapping[str, Any] = {}
         self._recipe = rtde.Recipe.of((), rtde.OUTPUTS)
         self._received = bytearray()
         try:
@@ -98,7 +98,7 @@ class RtdeClient:
         values = self._recipe.decode(payload[1:])
         if values is None:
             raise ValueError(f"{len(payload)} byte of outputs, not {1 + self._recipe.layout.size}")
-        self.values = dict(values)
+        self.values = values
 
     def never_wait(self) -> None:
         """From now on only `poll` and `send`. A time-out would make even a read with MSG_DONTWAIT wait for it."""
