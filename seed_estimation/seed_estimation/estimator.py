@@ -21,7 +21,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
-from seed_estimation.contact.membrane import mean_depth
+from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
 from seed_estimation.contact.patch import QUICK, ContactPatch, PatchFinder
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
@@ -84,7 +84,8 @@ class Estimator:
         self._X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
         self._range_offset = {f: _range_offset(f, c, calibration) for f, c in self._full_cameras.items()}
         self._correction: dict[str, Image] = {}  # (h, w) [m] of depth at the working resolution
-        self._finders: dict[str, PatchFinder] = {}  # none without a reference
+        self._finders: dict[str, PatchFinder] = {}  # of the reference; none without one
+        self._quick: dict[str, PatchFinder] = {}
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
         self._stamp = -np.inf  # [s] of the last images since the grasp
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
@@ -115,13 +116,15 @@ class Estimator:
             mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
             if mistake:
                 raise EstimatorError(mistake)
-        self._finders = {
-            f: PatchFinder(f, self._full_cameras[f].decimated(n), self._X_CX[f], [i.depth for i in series[f]], p)
-            for f in self.fingers
+        membranes = {
+            f: membrane_at_rest(f, camera.decimated(n), self._X_CX[f], [i.depth for i in series[f]], p)
+            for f, camera in self._full_cameras.items()
         }
-        self._correction = {f: offset[f] + finder.correction for f, finder in self._finders.items()}
-        for finger in self.fingers:
-            self.patterns[finger] = identity.pattern(np.mean([i.ir for i in series[finger]], axis=0, dtype=np.float32))
+        self._finders = {f: PatchFinder(m) for f, m in membranes.items()}
+        self._quick = {f: PatchFinder(m, QUICK) for f, m in membranes.items()}
+        self._correction = {f: offset[f] + m.correction for f, m in membranes.items()}
+        for f, images in series.items():
+            self.patterns[f] = identity.pattern(np.mean([i.ir for i in images], axis=0, dtype=np.float32))
         self._forget_grasp()
 
     def initialize_grasp(self, frames: Sequence[Frame]) -> None:
@@ -134,25 +137,25 @@ class Estimator:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
         series = self._usable(frames, self._correction, "grasp")
         self._forget_grasp()
-        p, patches, masks = self.parameters, {}, {}
+        p = self.parameters
         depth = {f: mean_depth([i.depth for i in series[f]], p.near, p.far)[0] for f in self.fingers}
         ir = {f: np.asarray(np.mean([i.ir for i in series[f]], axis=0), np.float32) for f in self.fingers}
-        for f in self.fingers:
-            masks[f], patches[f] = self._finders[f].find(depth[f], p)
-            if not patches[f].in_contact:
+        for f, finder in self._finders.items():
+            self.masks[f], self.patches[f] = finder.find(depth[f], p)
+            if not self.patches[f].in_contact:
                 raise EstimatorError(
                     f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
                     "close the gripper"
                 )
-        self.patches, self.masks = patches, masks
         if p.method == "published":
             if len(self.fingers) < 2:
                 raise EstimatorError("the published method needs both bubbles; use method 'rigid_fit' with one")
-            self._published = PublishedMethod(patches, ir, self._X_CX, p.curl_gain, p.flow_window)
+            self._published = PublishedMethod(self.patches, ir, self._X_CX, p.curl_gain, p.flow_window)
         else:
             models = []
             for f, finder in self._finders.items():
-                model = finger_model(finder, depth[f], ir[f], finder.core(depth[f], masks[f], p), p)
+                core = finder.core(depth[f], self.masks[f], p)
+                model = finger_model(finder.membrane, depth[f], ir[f], core, p)
                 if model is None:
                     raise EstimatorError(f"{f} bubble: the patch is too small to follow; close the gripper further")
                 models.append(model)
@@ -196,9 +199,8 @@ class Estimator:
         self._images = {f: images[f].reduced(p.decimate, self._correction[f]) for f in self.fingers}
 
         # Contact patches, Sec. VII-A: contact/patch.py
-        step = QUICK if self._published is None else 1
-        for f, finder in self._finders.items():
-            self.masks[f], self.patches[f] = finder.find(self._images[f].depth, p, step)
+        for f, finder in (self._quick if self._published is None else self._finders).items():
+            self.masks[f], self.patches[f] = finder.find(self._images[f].depth, p)
         touching = [f for f in self.fingers if self.patches[f].in_contact]
 
         # The paper's method, Sec. VII-B and C: published.py

@@ -45,14 +45,9 @@ class PublishedMethod:
         curl_gain: float,
         flow_window: int,
     ) -> None:
-        """Takes 'left' and 'right' at the moment of grasp.
+        """patches, ir (H, W) [counts] and X_CX (poses of the optical frames in C) of 'left' and 'right' at the grasp.
 
-        Args:
-            patches: contact patches.
-            ir: infrared images (H, W) [counts].
-            X_CX: poses of the optical frames in C.
-            curl_gain: pitch over mean curl, the paper's normalisation constant: see `fitted_gain`.
-            flow_window: side of Farneback's window [px].
+        curl_gain: pitch over mean curl, the paper's normalisation constant; flow_window: side of Farneback's [px].
         """
         self._gain, self._window = curl_gain, flow_window
         self._before = {finger: eight_bit(image) for finger, image in ir.items()}
@@ -75,14 +70,9 @@ class PublishedMethod:
 
 
 def patch_frame(p_L: Array, p_R: Array, pitch: float) -> Array | None:
-    """Pose X_CP (4, 4) of the patch frame (Sec. VII-B).
+    """Pose X_CP (4, 4) of the patch frame (Sec. VII-B) from the centroids in C (3,) [m] and the pitch [rad].
 
-    Args:
-        p_L, p_R: centroids of the contact patches in C (3,) [m].
-        pitch: about y [rad].
-
-    Returns:
-        None when the centroids coincide or stand along z.
+    None when the centroids coincide or stand along z.
     """
     y = p_L - p_R
     length, across = float(np.linalg.norm(y)), float(np.hypot(y[0], y[1]))
@@ -96,10 +86,7 @@ def patch_frame(p_L: Array, p_R: Array, pitch: float) -> Array | None:
 
 
 def mean_curl(flow: Image, mask: Mask) -> float:
-    """Mean of the curl dv/dx - du/dy of a flow (H, W, 2) over the mask, by Sobel's operator (Sec. VII-C).
-
-    0 for an empty mask.
-    """
+    """Curl dv/dx - du/dy of a flow (H, W, 2), mean over the mask, by Sobel's operator (Sec. VII-C); 0 if empty."""
     dv_dx = cv2.Sobel(flow[..., 1], cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / 8.0)
     du_dy = cv2.Sobel(flow[..., 0], cv2.CV_32F, 0, 1, ksize=3, scale=1.0 / 8.0)
     return float(cv2.mean(dv_dx - du_dy, mask)[0])

@@ -40,12 +40,7 @@ def rigid_fit(
 ) -> RelativePoseEstimate:
     """An estimate by the rigid fit, from a track that is locked.
 
-    Args:
-        stamp: of the images [s].
-        covariance: (6, 6) of [rotation vector in C, translation in C].
-        slip: micro-slip [1].
-        touching: fingers whose depth shows a contact.
-        p: in force.
+    covariance: (6, 6) of [rotation vector in C, translation in C]; touching: fingers whose depth shows a contact.
     """
     deviation = np.sqrt(np.diag(covariance))
     if deviation[:3].max() > NO_POSE[0] or deviation[3:].max() > NO_POSE[1]:
@@ -81,9 +76,7 @@ def debug_image(
 ) -> NDArray[np.uint8]:
     """One finger's infrared image (H, W, 3) uint8 BGR, contact outlined, motion since the grasp as lines.
 
-    Args:
-        shape: (H, W) of the image; black where there are no images.
-        tracker: of the tool, if its pose is known.
+    shape: (H, W) of the image, black where there is none; tracker: of the tool, if its pose is known.
     """
     if images is None or mask is None:
         return np.zeros((*shape, 3), np.uint8)

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
-from seed_estimation.images.sampling import Box, Crop, crop
+from seed_estimation.images.sampling import Crop, crop
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.covariance import HIDDEN
@@ -70,13 +70,9 @@ class Tracker:
     def follow(
         self, images: Mapping[str, TactileImages], stamp: float, touching: Collection[str], p: EstimatorParameters
     ) -> Fit:
-        """The best fit to the images; `lost` and `gross_slip` say afterwards whether it may be believed.
+        """The best fit to images of time `stamp` [s]; `lost` and `gross_slip` say whether it may be believed.
 
-        Args:
-            images: by finger, at the working resolution.
-            stamp: of the images [s].
-            touching: fingers whose depth shows a contact, wherever it is.
-            p: in force.
+        touching: fingers whose depth shows a contact, wherever it is; p: in force.
         """
         start = self._predicted(stamp)
         crops = self._crops(images, start)
@@ -109,12 +105,8 @@ class Tracker:
         """The images around the tool at a pose; the whole images while it is lost."""
         out = {}
         for m in self.models:
-            box: Box = (0, m.camera.width, 0, m.camera.height)
-            if not self.lost:
-                pixels = m.pixels(X_CT, m.p[:, ::7])
-                (u0, v0), (u1, v1) = pixels.min(axis=1).tolist(), pixels.max(axis=1).tolist()
-                box = (_pixel(u0), _pixel(u1), _pixel(v0), _pixel(v1))
-            out[m.finger] = crop(images[m.finger], box)
+            corners = np.array(((0, m.camera.width), (0, m.camera.height)), np.float32)
+            out[m.finger] = crop(images[m.finger], corners if self.lost else m.pixels(X_CT, m.p[:, ::7]))
         return out
 
     def _fit(self, crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]) -> Fit:
@@ -173,23 +165,15 @@ class Tracker:
             self.lose()
             return
         followed = not self.lost and 0.0 < dt <= FOLLOWED
-        self._rate = self._rate_to(found.X_CT, dt) if followed else np.zeros(6)
+        turn, way = so3_log(found.X_CT[:3, :3] @ self.X_CT[:3, :3].T), found.X_CT[:3, 3] - self.X_CT[:3, 3]
+        self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
         self.X_CT, self._stamp, self.lost = found.X_CT, stamp, False
         self._learn_usual(found)
         if p.learn_slip and followed:
             self.slip.update(found.slip_demand, dt)
-
-    def _rate_to(self, X_CT: Array, dt: float) -> Array:
-        turn = so3_log(X_CT[:3, :3] @ self.X_CT[:3, :3].T)
-        return np.concatenate([turn, X_CT[:3, 3] - self.X_CT[:3, 3]]) / dt
 
     def _learn_usual(self, found: Fit) -> None:
         for f, rms in found.depth_rms.items():
             if np.isfinite(rms):
                 usual = self._usual.setdefault(f, rms)
                 self._usual[f] = usual + USUAL * (min(rms, 2.0 * usual) - usual)
-
-
-def _pixel(value: float) -> int:
-    """A coordinate as a pixel's; 0 for one that cannot be told, far out for one that is."""
-    return int(min(max(value, -1e5), 1e5)) if value == value else 0

@@ -13,6 +13,7 @@ import pytest
 from seed_core.config import load_file
 from seed_core.hand import Hand
 from seed_estimation import EstimatorParameters, TactileImages
+from seed_estimation.contact.membrane import membrane_at_rest
 from seed_estimation.contact.patch import PatchFinder
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
@@ -37,8 +38,8 @@ def test_a_recorded_press_is_found_and_held(recorded: press.Press, decimate: int
     p = load_file(ROOT / "seed_estimation" / "config" / "d405.yaml", EstimatorParameters)
     p = EstimatorParameters(**{**p.__dict__, "decimate": decimate})
     depth = [np.ascontiguousarray(i.depth[::decimate, ::decimate]) for i in recorded.images]
-    finder = PatchFinder("left", recorded.camera.decimated(decimate), Hand().X_CL, depth[:15], p)
-    found = [finder.find(d + finder.correction, p)[1] for d in depth]
+    membrane = membrane_at_rest("left", recorded.camera.decimated(decimate), Hand().X_CL, depth[:15], p)
+    found = [PatchFinder(membrane).find(d + membrane.correction, p)[1] for d in depth]
     assert not any(q.in_contact for q in found[:59])
     assert all(q.in_contact for q in found[64:])
     assert np.std([q.centroid for q in found[72:]], axis=0).max() < 0.15e-3

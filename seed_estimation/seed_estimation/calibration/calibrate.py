@@ -28,8 +28,7 @@ from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
-from seed_estimation.contact.membrane import mean_depth
-from seed_estimation.contact.patch import PatchFinder
+from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
 from seed_estimation.contact.surface import smooth_depth
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Image
@@ -88,8 +87,8 @@ def calibrate(
         measured, _ = mean_depth(no_contact[finger], p.near, p.far)
         offset = range_error(measured, shape.depth(camera))  # of every pixel: its fixed pattern would tilt the axis
         nodes[finger] = range_offset(offset)
-        finder = PatchFinder(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
-        lines[finger] = [seen_axis(finder, frame + offset, radius, p) for frame in grasped.get(finger, ())]
+        membrane = membrane_at_rest(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
+        lines[finger] = [seen_axis(membrane, frame + offset, radius, p) for frame in grasped.get(finger, ())]
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
         X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
     return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})

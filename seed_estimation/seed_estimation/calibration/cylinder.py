@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, so3_exp
+from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.patch import PatchFinder
 from seed_estimation.contact.surface import lies_on_tool, smooth_depth
 from seed_estimation.images.tactile_images import Image
@@ -39,15 +40,7 @@ class Line(NamedTuple):
 
 
 def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: Array) -> tuple[Array, Array]:
-    """Poses of both cameras, corrected by equal and opposite steps that make their axes of each grasp one line.
-
-    Args:
-        left, right: the cylinder's axis in each camera's frame, in each grasp.
-        X_CL, X_CR: (4, 4) poses of the cameras as drawn.
-
-    Returns:
-        X_CL and X_CR.
-    """
+    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each grasp one line."""
 
     def corrected(q: Array) -> tuple[Array, Array]:
         half = 0.5 * q * PRIOR
@@ -65,27 +58,22 @@ def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: A
     return corrected(least_squares(residual, np.zeros(6)).x)
 
 
-def seen_axis(finder: PatchFinder, depth: Image, radius: float, p: EstimatorParameters) -> Line:
-    """Axis of a grasped cylinder in the camera's frame, from the pixels where the membrane lies on it.
+def seen_axis(membrane: Membrane, depth: Image, radius: float, p: EstimatorParameters) -> Line:
+    """Axis of a grasped cylinder in depth (H, W) [m], from the pixels where the membrane lies on it; radius [m].
 
     Which those are, its axis tells: the two are found in turns.
-
-    Args:
-        finder: of the finger.
-        depth: (H, W) [m].
-        radius: of the cylinder [m].
-        p: in force.
 
     Raises:
         SeedError: no contact, too few points, or they are no such cylinder.
     """
-    depth = depth + finder.correction
+    finder = PatchFinder(membrane)
+    depth = depth + membrane.correction
     mask, patch = finder.find(depth, p)
     if not patch.in_contact:
-        raise SeedError(f"{finder.finger}: a capture of the grasped cylinder shows no contact")
+        raise SeedError(f"{membrane.finger}: a capture of the grasped cylinder shows no contact")
     smooth = smooth_depth(depth, np.isfinite(depth) & (mask > 0), 1.0)
     seen = (finder.core(depth, mask, p) > 0) & np.isfinite(smooth)
-    points, rest = finder.camera.back_project(smooth, seen), finder.rest[seen]
+    points, rest = membrane.camera.back_project(smooth, seen), membrane.rest[seen]
     line = cylinder_axis(points, radius)
     for _ in range(3):
         outward = line.offsets(points)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Array
 from seed_estimation.contact.surface import fitted_parabolas, rest_surface
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Array32, Image, Mask
@@ -30,19 +31,25 @@ class Membrane(NamedTuple):
     """One bubble at rest.
 
     Attributes:
+        X_CX: (4, 4) pose of the camera's optical frame in C.
         area: (H, W) 1 where a pixel shows membrane, else 0.
         depth: (H, W) [m] without the fixed pattern; NaN beside the membrane.
         correction: (H, W) [m] to be added to every depth image: the camera's fixed pattern, with its sign turned.
         rest: (H, W, 3) smooth depth [m] and slopes: see `rest_surface`.
     """
 
+    finger: str
+    camera: PinholeCamera
+    X_CX: Array
     area: Mask
     depth: Image
     correction: Image
     rest: Array32
 
 
-def membrane_at_rest(finger: str, camera: PinholeCamera, frames: Sequence[Image], p: EstimatorParameters) -> Membrane:
+def membrane_at_rest(
+    finger: str, camera: PinholeCamera, X_CX: Array, frames: Sequence[Image], p: EstimatorParameters
+) -> Membrane:
     """The membrane in depth images (H, W) [m] of a bubble that touches nothing.
 
     Raises:
@@ -58,7 +65,7 @@ def membrane_at_rest(finger: str, camera: PinholeCamera, frames: Sequence[Image]
         )
     pattern = _fixed_pattern(mean, deviation, area, len(frames))
     depth = np.where(area > 0, mean - pattern, np.nan).astype(np.float32)
-    return Membrane(area, depth, -pattern, rest_surface(camera, depth))
+    return Membrane(finger, camera, X_CX, area, depth, -pattern, rest_surface(camera, depth))
 
 
 def mean_depth(frames: Sequence[Image], near: float, far: float) -> tuple[Image, Image]:

@@ -62,13 +62,7 @@ class PinholeCamera:
     def from_info(
         cls, width: int, height: int, k: Sequence[float], d: Sequence[float], model: str = ""
     ) -> PinholeCamera:
-        """From the values of a sensor_msgs/CameraInfo.
-
-        Args:
-            width, height: of the image [px].
-            k: (9,) camera matrix, row-major [px].
-            d: distortion coefficients; empty for a rectified stream.
-            model: distortion_model.
+        """From the values of a sensor_msgs/CameraInfo: k (9,) row-major; d may be empty (rectified).
 
         Raises:
             CameraError: a value is missing, not finite, or contradicts the image size.
@@ -145,16 +139,14 @@ class PinholeCamera:
                 out = np.asarray(out * c + shift, np.float32)
             else:
                 out *= c
-        focal, centre = self._focal_and_centre
-        out *= focal
-        out += centre
+        out *= self._focal_and_centre[:, :1]
+        out += self._focal_and_centre[:, 1:]
         return np.asarray(out, np.float32)
 
     @cached_property
-    def _focal_and_centre(self) -> tuple[Array32, Array32]:
-        """Focal lengths and principal point, (2, 1) each [px]."""
-        K = self.K.astype(np.float32)
-        return K[(0, 1), (0, 1)][:, None], np.ascontiguousarray(K[:2, 2:])
+    def _focal_and_centre(self) -> Array32:
+        """(2, 2) focal lengths and principal point, a column each [px]."""
+        return np.stack((self.K.diagonal()[:2], self.K[:2, 2]), axis=1).astype(np.float32)
 
     @cached_property
     def _plumb_bob(self) -> tuple[np.float32, ...] | None:

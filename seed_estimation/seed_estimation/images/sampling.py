@@ -15,8 +15,6 @@ from seed_estimation.images.tactile_images import NOTHING, Array32, Image, Tacti
 MARGIN = 18  # [px] local normalisation needs 9; the rest is for motion beyond the prediction
 MISSING = 10.0  # [m] of pixels without depth
 
-Box = tuple[int, int, int, int]  # first and last u, first and last v [px]
-
 
 @dataclass(frozen=True, eq=False)
 class Crop:
@@ -42,17 +40,23 @@ class Crop:
         return coarse(self.ir)
 
 
-def crop(images: TactileImages, box: Box) -> Crop:
-    """The part of the images around a box in which the tool is expected."""
+def crop(images: TactileImages, pixels: Array32) -> Crop:
+    """The part of the images around pixels (2, N), u and v, at which the tool is expected."""
     h, w = images.depth.shape
-    u0, u1 = max(0, box[0] - MARGIN), min(w, box[1] + MARGIN + 1)
-    v0, v1 = max(0, box[2] - MARGIN), min(h, box[3] + MARGIN + 1)
+    u0, v0 = (max(0, _whole(value) - MARGIN) for value in pixels.min(axis=1).tolist())
+    u1, v1 = (_whole(value) + MARGIN + 1 for value in pixels.max(axis=1).tolist())
+    u1, v1 = min(w, u1), min(h, v1)
     if u1 - u0 < 8 or v1 - v0 < 8:  # the tool has left the view: any crop shows that
         u0, u1, v0, v1 = 0, w, 0, h
     # What is missing or broken throws the mean so far out that robust weights leave it no say.
     depth = np.clip(images.depth[v0:v1, u0:u1], -MISSING, MISSING)
     cv2.patchNaNs(depth, MISSING)
     return Crop(images.ir[v0:v1, u0:u1], np.asarray(cv2.blur(depth, (3, 3)), np.float32), (u0, v0))
+
+
+def _whole(value: float) -> int:
+    """A coordinate as a pixel's; 0 for one that cannot be told, far out for one that is."""
+    return int(min(max(value, -1e5), 1e5)) if value == value else 0
 
 
 def sample(image: Image, pixels: Array32) -> Array32:

@@ -36,15 +36,7 @@ class Covariance:
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
     def update(self, fit: Fit, slip: MicroSlip) -> Array:
-        """Takes a fit that is believed, and gives its covariance.
-
-        Args:
-            fit: of one frame; its information includes the prior.
-            slip: micro-slip as it is known after this frame.
-
-        Returns:
-            (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
-        """
+        """(6, 6) of [rotation vector in C, translation in C] of a fit that is believed; slip: as known after it."""
         root = np.linalg.inv(np.linalg.cholesky(fit.H))
         blocks = [finger.image for finger in fit.fingers] + [finger.depth for finger in fit.fingers]
         excess = root @ np.asarray(sum(block.scatter() for block in blocks)) @ root.T

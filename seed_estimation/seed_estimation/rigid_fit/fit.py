@@ -60,14 +60,9 @@ def fit(
     prior: Array,
     steps: tuple[int, int],
 ) -> Fit:
-    """Pose of the tool from the fingers' images.
+    """Pose of the tool from the fingers' images, started at X_CT (4, 4); slip: micro-slip [1].
 
-    Args:
-        crops: images by finger.
-        X_CT: (4, 4) to start from.
-        slip: share of the sideways motion that the membrane does not follow.
-        prior: (6, 6) information that holds unobserved axes where they start.
-        steps: most steps, coarse and fine.
+    prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine.
     """
     X = X_CT
     for level, most in enumerate(steps):
@@ -75,9 +70,11 @@ def fit(
             continue
         fingers = [FingerResiduals(m, crops[m.finger], X, slip, level) for m in models]
         X = _descended(fingers, X, prior, most)
+    R = X[:3, :3]  # without the rounding of many products: one step of Newton's towards the nearest rotation
+    X = make_pose(R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R)), X[:3, 3])
     H_depth, g_depth = sum(f.depth.H for f in fingers), sum(f.depth.g for f in fingers)
     return Fit(
-        X_CT=_kept_orthogonal(X),
+        X_CT=X,
         H=np.asarray(sum(f.image.H for f in fingers) + H_depth + prior),
         g=np.asarray(sum(f.image.g for f in fingers) + g_depth),
         H_depth=np.asarray(H_depth),
@@ -89,7 +86,7 @@ def fit(
 
 
 def _descended(fingers: Sequence[FingerResiduals], X: Array, prior: Array, steps: int) -> Array:
-    """The pose after at most so many Gauss-Newton steps."""
+    """The pose after at most so many steps of Gauss-Newton, reweighted in each."""
     for i in range(steps):
         H, g = prior.copy(), np.zeros(6)
         for finger in fingers:
@@ -102,9 +99,3 @@ def _descended(fingers: Sequence[FingerResiduals], X: Array, prior: Array, steps
         if xi @ g < DONE**2:
             break
     return X
-
-
-def _kept_orthogonal(X: Array) -> Array:
-    """X (4, 4) without the rounding of many products: one step of Newton's towards the nearest rotation."""
-    R = X[:3, :3]
-    return make_pose(R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R)), X[:3, 3])

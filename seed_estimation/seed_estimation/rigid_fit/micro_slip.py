@@ -46,10 +46,7 @@ class ShareDemand(NamedTuple):
 def share_demand(images: Sequence[Residuals], columns: Sequence[Array32], H: Array, g: Array) -> ShareDemand:
     """The share's own information once the pose is eliminated (Schur's complement).
 
-    Args:
-        images: residuals of the fingers' images.
-        columns: (N,) d r / d s of each.
-        H, g: (6, 6) information and (6,) gradient of the pose.
+    images: residuals of the fingers' images; columns: (N,) d r / d s of each; H (6, 6), g (6,): of the pose.
     """
     H_s, H_ss, g_s = np.zeros(6), 0.0, 0.0
     for image, column in zip(images, columns, strict=True):
@@ -65,13 +62,9 @@ def share_demand(images: Sequence[Residuals], columns: Sequence[Array32], H: Arr
 def micro_slip_demand(
     images: Sequence[Residuals], J_along: Sequence[Array32], X_CT: Array, H: Array, g: Array
 ) -> ShareDemand:
-    """What the images ask of the micro-slip: residuals change with it by what the motion does sideways.
+    """What the images ask of the micro-slip: residuals change with it by what the motion X_CT (4, 4) does sideways.
 
-    Args:
-        images: residuals of the fingers' images.
-        J_along: (6, N) of each, its Jacobian with sideways motion.
-        X_CT: (4, 4) the tool's motion since the grasp.
-        H, g: (6, 6) information and (6,) gradient of the pose.
+    J_along: (6, N) Jacobian of each image with sideways motion; H, g: as above.
     """
     motion = motion_vector(X_CT).astype(np.float32)
     return share_demand(images, [motion @ J for J in J_along], H, g)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.spatial import Array, inverse_pose
-from seed_estimation.contact.patch import PatchFinder
+from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.surface import lies_on_tool, surface
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.normalise import coarse, normalised
@@ -97,10 +97,8 @@ class FingerModel:
         return self.camera.project32((X[:3, :3] @ p + X[:3, 3:]).astype(np.float32))
 
 
-def finger_model(
-    finder: PatchFinder, depth: Image, ir: Image, core: Mask, p: EstimatorParameters
-) -> FingerModel | None:
-    """The model of the finger that `finder` watches.
+def finger_model(membrane: Membrane, depth: Image, ir: Image, core: Mask, p: EstimatorParameters) -> FingerModel | None:
+    """The model of the finger with this membrane.
 
     Args:
         depth, ir: (H, W) means of the images of the grasp [m], [counts].
@@ -109,26 +107,26 @@ def finger_model(
     Returns:
         None when the patch is too small to be followed.
     """
-    camera, X_CX = finder.camera, finder.X_CX
+    camera, X_CX = membrane.camera, membrane.X_CX
     # beyond the patch's edge the surface is another one: it must not leak in
     valid = np.isfinite(depth) & (depth > p.near) & (depth < p.far) & (core > 0)
     points, normals = surface(camera, depth, valid, SURFACE_BLUR)
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
-    on_tool = lies_on_tool(finder.rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
+    on_tool = lies_on_tool(membrane.rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
     if np.count_nonzero(good) < p.least_area // 3:
         return None
     blurred = coarse(ir)
     levels = (
-        _image_points(blurred, good, points, normals, finder, p.image_points // 2),
-        _image_points(normalised(ir), good, points, normals, finder, p.image_points),
+        _image_points(blurred, good, points, normals, membrane, p.image_points // 2),
+        _image_points(normalised(ir), good, points, normals, membrane, p.image_points),
     )
     v, u = np.nonzero(good)
     spread = np.unique(np.linspace(0, v.size - 1, min(p.depth_points, v.size)).astype(int))
     v, u, cells = _sorted_by_cell(v[spread], u[spread])
     P, n = _in_hand(points[v, u], normals[v, u], X_CX)
     return FingerModel(
-        finger=finder.finger,
+        finger=membrane.finger,
         camera=camera,
         X_XC=inverse_pose(X_CX),
         levels=levels,
@@ -137,7 +135,7 @@ def finger_model(
         n_p=(n * P).sum(axis=1),
         J=_motion_jacobian(P, n),
         cells=cells,
-        rest=finder.rest,
+        rest=membrane.rest,
         decay=p.decay,
         picture=np.where(good, blurred, np.float32(0.0)),
     )
@@ -154,7 +152,7 @@ def _eroded(mask: Mask, width: int) -> Bools:
 
 
 def _image_points(
-    image: Image, good: Bools, points: Array32, normals: Array32, finder: PatchFinder, wanted: int
+    image: Image, good: Bools, points: Array32, normals: Array32, membrane: Membrane, wanted: int
 ) -> ImagePoints:
     """The pixels of strongest gradient: they tell the motion best."""
     gx = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
@@ -164,10 +162,10 @@ def _image_points(
     best = np.argpartition(strength.ravel(), -count)[-count:]
     v, u, cells = _sorted_by_cell(*np.unravel_index(best, image.shape))
     P_X, n_X = points[v, u], normals[v, u]
-    P, n = _in_hand(P_X, n_X, finder.X_CX)
-    slope = _gradient_in_space(finder.camera, P_X, np.stack((gx[v, u], gy[v, u]), axis=1))
+    P, n = _in_hand(P_X, n_X, membrane.X_CX)
+    slope = _gradient_in_space(membrane.camera, P_X, np.stack((gx[v, u], gy[v, u]), axis=1))
     along = slope - slope[:, 2:] / n_X[:, 2:] * n_X  # what sideways motion changes while the point stays on the surface
-    R_XC = inverse_pose(finder.X_CX)[:3, :3].astype(np.float32)
+    R_XC = inverse_pose(membrane.X_CX)[:3, :3].astype(np.float32)
     along, slope = along @ R_XC, slope @ R_XC
     return ImagePoints(
         _rows(P), _rows(n), image[v, u], _motion_jacobian(P, along), _motion_jacobian(P, slope - along), cells

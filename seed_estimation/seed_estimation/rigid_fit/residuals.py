@@ -55,14 +55,10 @@ class Residuals:
     """
 
     def __init__(self, J: Array32, cells: Indices, share: float, floor: float, common: float = 0.0) -> None:
-        """Residuals that are not evaluated yet.
+        """J: (6, N) Jacobian; cells: (N,) number of the piece of the patch that each lies in, rising.
 
-        Args:
-            J: (6, N) Jacobian.
-            cells: (N,) number of the piece of the patch that each lies in, rising.
-            share: of the residuals that counts as independent.
-            floor: least deviation.
-            common: deviation of what a whole patch gets wrong alike.
+        share: of the residuals that counts as independent; floor: least deviation; common: of what a patch gets wrong
+        alike.
         """
         self.J, self.cells, self.share, self.floor, self.common = J, cells, share, floor, common
         self.deviation = floor

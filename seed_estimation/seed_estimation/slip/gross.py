@@ -60,15 +60,15 @@ class GrossSlip:
         return [markers.X_CT for markers in self._markers.values()]
 
     def slides(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, slip: float, locked: bool) -> bool:
-        """Whether a frame shows that the tool slides.
+        """Whether a frame at `stamp` [s] shows that the tool slides.
 
-        Args:
-            crops: images by finger.
-            fit: the best to them; locked: whether it may be believed.
-            stamp: of the frame [s].
-            slip: micro-slip [1].
+        crops: images by finger; fit: the best to them, locked or not; slip: micro-slip [1].
         """
-        depth = self._depth(fit) if locked and len(self._markers) > 1 else UNSEEN
+        depth = UNSEEN
+        if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
+            covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
+            way = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
+            depth = Depth(way, self._lever * np.sqrt(covariance.diagonal()))
         for markers in self._markers.values():
             markers.forget(stamp)
         held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
@@ -84,13 +84,6 @@ class GrossSlip:
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         return self._evidence >= EVIDENCE * len(watched) or gone_on or (not locked and self._torn(stamp))
 
-    def _depth(self, fit: Fit) -> Depth:
-        """Where depth would like to go, the other axes held: H^-1 g."""
-        covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
-        step = covariance @ fit.g_depth[SIDEWAYS]
-        way = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - step)
-        return Depth(way, self._lever * np.sqrt(covariance.diagonal()))
-
     def _torn(self, stamp: float) -> bool:
         """Whether the markers of a patch with incipient slip under its load have not been found for too long."""
         seen = [markers.seen for markers in self._markers.values() if markers.seen]
@@ -101,61 +94,38 @@ class GrossSlip:
 def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
     """By how many least falls the markers fell at once, without the tool, while the patch still slips; 0: they did not.
 
-    Args:
-        seen: observations of one finger, the last one now.
-        jitter: noise of their displacement [m].
+    seen: observations of one finger, the last one now; jitter: noise of their displacement [m].
     """
-    falls = {back: _lost_way(seen, back) for back in range(1, min(FALL_FRAMES, len(seen) - 3) + 1)}
-    back = max(falls, key=lambda b: falls[b], default=0)
-    if not back:
+    now = seen[-1]
+
+    def foretold(back: int) -> Array:
+        """The markers' way (3,) [m] now, had they kept the speed of so many frames ago."""
+        before, top = seen[-3 - back], seen[-1 - back]
+        speed = (top.way - before.way) / (top.stamp - before.stamp)
+        return np.asarray(top.way + speed * (now.stamp - top.stamp))
+
+    frames = range(1, min(FALL_FRAMES, len(seen) - 3) + 1)
+    loaded = {back: seen[-1 - back] for back in frames if seen[-1 - back].size >= LOADED}
+    falls = {back: min(top.size, math.hypot(*foretold(back))) - now.size for back, top in loaded.items()}
+    if not falls:
         return 0.0
-    least = max(FALL, FALL_SHARE * seen[-1 - back].size, FALL_SURE * jitter)  # what noise does not do
-    share = falls[back] / least
-    if share < LEAST or not _straight_back(seen, back) or not _still_slipping(seen, back):
+    back = max(falls, key=lambda b: falls[b])
+    fall, before, expected = falls[back], loaded[back], foretold(back)
+    share = fall / max(FALL, FALL_SHARE * before.size, FALL_SURE * jitter)
+    slipping = now.doubtful or now.incipient > max(SLIPPING, SLIPPING_SHARE * before.incipient)
+    if share < LEAST or not slipping:
         return 0.0
-    return 0.0 if _depth_fell_too(seen, back, falls[back]) else min(share, MOST)
-
-
-def _lost_way(seen: Sequence[Observation], back: int) -> float:
-    """By how much less [m] the markers are displaced than so many frames ago, and than their speed then foretold."""
-    top, now = seen[-1 - back], seen[-1]
-    if top.size < LOADED:
+    # A sheet that loses its load springs back against it; a sudden pull aside makes a displacement smaller, too.
+    size = math.hypot(*expected)
+    along = float(now.way @ expected) / size
+    if math.sqrt(max(now.size**2 - along**2, 0.0)) > ASIDE * (size - along):
         return 0.0
-    return min(top.size, math.hypot(*_foretold(seen, back))) - now.size
-
-
-def _foretold(seen: Sequence[Observation], back: int) -> Array:
-    """The markers' way (3,) [m] now, had they kept the speed of so many frames ago."""
-    before, top, now = seen[-3 - back], seen[-1 - back], seen[-1]
-    speed = (top.way - before.way) / (top.stamp - before.stamp)
-    return np.asarray(top.way + speed * (now.stamp - top.stamp))
-
-
-def _straight_back(seen: Sequence[Observation], back: int) -> bool:
-    """Whether the markers fell along their displacement: a sheet that loses its load springs back against it.
-
-    A sudden pull elsewhere makes a displacement smaller, too.
-    """
-    foretold, now = _foretold(seen, back), seen[-1]
-    size = math.hypot(*foretold)
-    along = float(now.way @ foretold) / size
-    aside = math.sqrt(max(now.size**2 - along**2, 0.0))
-    return aside <= ASIDE * (size - along)
-
-
-def _still_slipping(seen: Sequence[Observation], back: int) -> bool:
-    """Whether the patch is still what a load had made of it so many frames ago."""
-    before, now = seen[-1 - back], seen[-1]
-    return now.doubtful or now.incipient > max(SLIPPING, SLIPPING_SHARE * before.incipient)
-
-
-def _depth_fell_too(seen: Sequence[Observation], back: int, fall: float) -> bool:
-    """Whether depth sees the direction of the fall, by and large, and that the tool fell with the markers."""
-    a, b = seen[-1 - back], seen[-1]
-    direction = (b.way - a.way) / max(math.hypot(*(b.way - a.way)), 1e-9)
-    direction[np.maximum(a.depth.deviation, b.depth.deviation) >= SEEN] = 0.0
-    stayed = -float(direction @ ((b.depth.way - b.way) - (a.depth.way - a.way)))
-    return math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
+    # Depth that sees the direction of the fall, by and large, tells whether the tool fell with the markers.
+    direction = (now.way - before.way) / max(math.hypot(*(now.way - before.way)), 1e-9)
+    direction[np.maximum(before.depth.deviation, now.depth.deviation) >= SEEN] = 0.0
+    stayed = -float(direction @ ((now.depth.way - now.way) - (before.depth.way - before.way)))
+    fell_too = math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
+    return 0.0 if fell_too else min(share, MOST)
 
 
 def depth_went_on(observations: Iterable[Observation]) -> bool:

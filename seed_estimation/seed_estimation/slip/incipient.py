@@ -33,14 +33,7 @@ def creep_weights(model: FingerModel) -> Array32:
 
 
 def incipient_slip(finger: FingerResiduals, motion: Array, creep: Array32, hold: Array) -> float:
-    """c [1] of one finger.
-
-    Args:
-        finger: residuals of its image, evaluated.
-        motion: (6,) of the tool since the grasp.
-        creep: (N,) weights e of the model's points.
-        hold: (6, 6) information that keeps the pose.
-    """
+    """c [1] of one finger after a motion (6,); creep: weights e (N,); hold (6, 6): information that keeps the pose."""
     if finger.image.r.size == 0:
         return 0.0
     column = (motion.astype(np.float32) @ finger.points.J_along) * creep[finger.index]

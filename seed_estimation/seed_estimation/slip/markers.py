@@ -86,15 +86,10 @@ class Markers:
     def follow(
         self, crop: Crop, near: Array, known: FingerResiduals | None, slip: float, stamp: float, depth: Depth
     ) -> bool:
-        """Whether the markers are found in a frame; they are then added to `seen`.
+        """Whether the markers are found in a frame at `stamp` [s]; they are then added to `seen`.
 
-        Args:
-            crop: the finger's images.
-            near: X_CT (4, 4) about where they may be.
-            known: residuals that were evaluated there, if any.
-            slip: micro-slip [1].
-            stamp: of the frame [s].
-            depth: where depth would put the tool.
+        near: X_CT (4, 4) about where they may be; known: residuals that were evaluated there, if any; slip: micro-slip
+        [1]; depth: where it would put the tool.
         """
         explained = known.explained() if known is not None else 0.0
         if known is None or self._doubts(explained):
