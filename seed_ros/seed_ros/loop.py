@@ -71,23 +71,16 @@ class RestExecutor(SingleThreadedExecutor):
         """Run the callbacks that are ready now, a few at most; whether one was more than a timer's."""
         called = False
         for _ in range(most):
-            entity = self._run_one()
-            if entity is None:
+            try:
+                handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
+            except (TimeoutException, ShutdownException, ExternalShutdownException):
                 break
+            handler()
+            error = handler.exception()
+            if error is not None:
+                raise error
             called |= not isinstance(entity, Timer)
         return called
-
-    def _run_one(self) -> Any:
-        """What was served, or None."""
-        try:
-            handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
-        except (TimeoutException, ShutdownException, ExternalShutdownException):
-            return None
-        handler()
-        error = handler.exception()
-        if error is not None:
-            raise error
-        return entity or self
 
 
 @contextlib.contextmanager
@@ -153,19 +146,16 @@ class FixedRateLoop:
         """Time that periods are counted in [s]."""
         return self.node.get_clock().now().nanoseconds * 1e-9 if self._simulated else time.monotonic()
 
-    def poll(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
-        """As create_subscription; the callback runs at the beginning of a period."""
-        self._poll(kind, topic, lambda message, _: callback(message), qos, raw=False)
+    def poll(self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False) -> None:
+        """As create_subscription; the callback runs at the beginning of a period.
 
-    def poll_raw(self, kind: Any, topic: str, callback: Callable[[bytes, Any], None], qos: QoSProfile) -> None:
-        """As `poll`; the callback gets the serialized message and what is known of it (MessageInfo as a dict)."""
-        self._poll(kind, topic, callback, qos, raw=True)
-
-    def _poll(self, kind: Any, topic: str, callback: Callable[[Any, Any], None], qos: QoSProfile, raw: bool) -> None:
+        Raw messages stay serialized, and the callback gets what is known of each besides (MessageInfo as a dict).
+        """
+        receive = callback if raw else lambda message, _: callback(message)
         subscription = self.node.create_subscription(
-            kind, topic, callback, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
+            kind, topic, receive, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
         )
-        self._callbacks[subscription] = callback
+        self._callbacks[subscription] = receive
 
     def also_at(self, at: float) -> None:
         """A period between the regular ones of a steady loop, at time.monotonic() = at [s]."""
@@ -175,20 +165,17 @@ class FixedRateLoop:
         """Until the context ends, or `ended()`."""
         self._await_clock(ended)
         with _realtime(self._priority):
-            self._run(ended)
-
-    def _run(self, ended: Callable[[], bool]) -> None:
-        due, last = self._now(), time.monotonic()
-        while self.node.context.ok() and not ended():
-            if self._await(min(due, self._extra)):
-                now = time.monotonic()
-                self.periods.append(now - last)
-                extra = self._extra < due
-                self._extra = inf if extra else self._extra
-                self.take()
-                self._tick()
-                last, due = now, due if extra else self._next(due)
-            self._rest()
+            due, last = self._now(), time.monotonic()
+            while self.node.context.ok() and not ended():
+                if self._await(min(due, self._extra)):
+                    now = time.monotonic()
+                    self.periods.append(now - last)
+                    extra = self._extra < due
+                    self._extra = inf if extra else self._extra
+                    self.take()
+                    self._tick()
+                    last, due = now, due if extra else self._next(due)
+                self._rest()
 
     def _await_clock(self, ended: Callable[[], bool]) -> None:
         """A simulated clock that is not heard yet shows zero: no deadline could be kept by it."""

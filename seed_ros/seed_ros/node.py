@@ -20,7 +20,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -36,7 +36,12 @@ QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handl
 
 
 class SeedNode(Node):
-    """A node of the suite. One with a `loop` is run by that, any other by an executor."""
+    """A node of the suite.
+
+    Attributes:
+        loop: runs the node; made by each node, with its rate and what is done at each tick.
+        counters: what was refused, by cause.
+    """
 
     loop: FixedRateLoop
 
@@ -143,8 +148,8 @@ class TransformBroadcaster:
         self._fixed.publish(TFMessage(transforms=list(self._kept.values())))
 
 
-def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
-    """Create a node, spin it (or its `loop`) until the end, and say in one line why it could not start.
+def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
+    """Create a node, run its loop until the end, and say in one line why it could not start.
 
     Returns:
         The exit code.
@@ -155,18 +160,12 @@ def run(create: Callable[[], Node], argv: list[str] | None = None) -> int:
     except RuntimeError as error:  # a file of parameters that cannot be read, a remapping that is none
         print(f"error: {error}", file=sys.stderr)
         return 1
-    node: Node | None = None
+    node: SeedNode | None = None
     try:
         node = create()
         inspect.getframeinfo(sys._getframe())  # each logger's first line looks up all modules' files, 0.1 s: do it now
         gc.freeze()  # what was loaded so far stays: the collector need not walk it in a control loop
-        loop = getattr(node, "loop", None)
-        if isinstance(loop, FixedRateLoop):
-            loop.run()
-        else:
-            executor = SingleThreadedExecutor()
-            executor.add_node(node)
-            executor.spin()
+        node.loop.run()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RuntimeError:  # an interrupt in the middle of taking or publishing a message; RCLError is one

@@ -85,7 +85,9 @@ class ImageInputs:
         self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
         for finger in self.fingers:
             for kind, topic in IMAGES.items():
-                node.loop.poll_raw(Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR)
+                node.loop.poll(
+                    Image, f"bubble_{finger}/{topic}", partial(self._on_image, finger, kind), SENSOR, raw=True
+                )
             node.loop.poll(CameraInfo, f"bubble_{finger}/{INFO}", partial(self._on_info, finger), SENSOR)
 
     def counts(self) -> dict[str, int]:

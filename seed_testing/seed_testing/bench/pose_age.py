@@ -61,7 +61,7 @@ class _Listener:
         loop = FixedRateLoop(self._node, 10.0, lambda: None, eager=True)
         loop.poll(RelativePose, "relative_pose", self._on_pose, QUEUE)
         for finger in ("left", "right"):  # each finger's camera_info is sent right before its images
-            loop.poll_raw(CameraInfo, f"bubble_{finger}/depth/camera_info", self._on_info, SENSOR)
+            loop.poll(CameraInfo, f"bubble_{finger}/depth/camera_info", self._on_info, SENSOR, raw=True)
         loop.poll(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=10))
         self._thread = threading.Thread(target=loop.run, args=(self._over.is_set,))
 

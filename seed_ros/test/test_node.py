@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The base of the nodes: services answer in words, refusals are counted, and a node ends quietly."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from seed_core.errors import SeedError
+from seed_ros import QUEUE, FixedRateLoop, SeedNode, diagnostics
+from seed_ros.testing import Bench
+
+pytestmark = pytest.mark.ros
+
+NODE = """
+import sys
+from std_msgs.msg import String
+from seed_ros import FixedRateLoop, SeedNode
+
+class Interrupted(SeedNode):
+    def __init__(self):
+        super().__init__("interrupted")
+        self.streams = [self.create_publisher(String, f"stream_{i}", 10) for i in range(30)]
+        self.loop = FixedRateLoop(self, 100.0, lambda: print("spinning", flush=True))
+
+sys.exit(Interrupted.main())
+"""
+
+
+class Answering(SeedNode):
+    """One of everything that the base offers."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("answering", **arguments)
+        self.loop = FixedRateLoop(self, 200.0, lambda: None)
+        self.listen(String, "words", self._on_words, QUEUE, refused="words_refused")
+        self.serve(SetBool, "~/set", self._set)
+        self.later = Future()
+        self.serve(Trigger, "~/wait", self._wait, group=ReentrantCallbackGroup())
+        self.diagnose("words", lambda: (diagnostics.OK, "fine", self.counters.values()))
+
+    def _on_words(self, message: String) -> None:
+        raise SeedError(f"'{message.data}' is refused")
+
+    def _set(self, on: bool) -> str:
+        if not on:
+            raise SeedError("it stays on")
+        return "on"
+
+    async def _wait(self) -> str:
+        return str(await self.later)
+
+
+def test_a_service_answers_with_what_its_method_returns_or_with_the_words_of_its_refusal(bench: Bench) -> None:
+    bench.add(Answering)
+    answer = bench.call(SetBool, "answering/set", SetBool.Request(data=True))
+    assert (answer.success, answer.message) == (True, "on")
+    answer = bench.call(SetBool, "answering/set", SetBool.Request(data=False))
+    assert (answer.success, answer.message) == (False, "it stays on")
+
+
+def test_a_service_that_waits_lets_others_be_served(bench: Bench) -> None:
+    node = bench.add(Answering)
+    client = bench.client.create_client(Trigger, "answering/wait")
+    assert bench.until(client.service_is_ready)
+    waiting = client.call_async(Trigger.Request())
+    bench.spin(0.2)
+    assert bench.call(SetBool, "answering/set", SetBool.Request(data=True)).success
+    assert not waiting.done()
+    node.later.set_result("now")
+    assert bench.until(waiting.done)
+    assert waiting.result().message == "now"
+
+
+def test_refused_messages_are_counted_with_their_words_and_told_in_the_diagnostics(bench: Bench) -> None:
+    node = bench.add(Answering)
+    publisher = bench.client.create_publisher(String, "words", QUEUE)
+    told: list[DiagnosticArray] = []
+    bench.client.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    assert bench.until(lambda: publisher.get_subscription_count() == 1)
+    for word in ("one", "two"):
+        publisher.publish(String(data=word))
+    assert bench.until(lambda: node.counters["words_refused"] == 2)
+    assert node.counters.last == "'two' is refused"
+    told.clear()
+    assert bench.until(lambda: told)
+    (status,) = told[-1].status
+    assert (status.name, status.hardware_id, status.message) == ("/answering", "words", "fine")
+    assert [(v.key, v.value) for v in status.values] == [("words_refused", "2")]
+
+
+def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace() -> None:
+    process = subprocess.Popen([sys.executable, "-c", NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "spinning\n"
+    for _ in range(40):  # `ros2 launch` sends one of its own after the terminal's
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.005)
+    _, errors = process.communicate(timeout=10.0)
+    assert (process.returncode, errors) == (0, "")
+
+
+def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    max_speed: [1\n")
+    command = [sys.executable, "-c", NODE, "--ros-args", "--params-file", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if not line.startswith("[ERROR]"))  # rcl has its own
+    assert line.startswith("error: ")
+    assert str(file) in line
