@@ -8,13 +8,14 @@ from pathlib import Path
 
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
-from seed_core.files import shared_path
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.vector3 import Vector3
+from seed_sim.scenario import load_scenario, scenario_file, shipped_scenarios, tactile_of
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sysid.parameters import Procedure
 from seed_sysid.stiffness_map import AXES
 
+SHIPPED = ("seed_sim", "config/identify")
 Vector6 = tuple[float, float, float, float, float, float]
 
 
@@ -90,28 +91,21 @@ class IdentificationScenario:
 
 
 def load(name: str) -> IdentificationScenario:
-    """A scenario by the path of its file or by its name in config/identify.
+    """A scenario of identification by its file or its name in config/identify; or the grasp of one of seed_sim.
 
     Raises:
         ConfigError: no such scenario, or a bad one.
     """
-    if Path(name).suffix in (".yaml", ".yml") or Path(name).is_file():
-        return _load_file(Path(name))
-    file = shared_path("seed_sim", "config/identify") / f"{name}.yaml"
-    if not file.is_file():
-        known = ", ".join(sorted(f.stem for f in shared_path("seed_sim", "config/identify").glob("*.yaml")))
+    file = Path(name) if Path(name).is_file() else scenario_file(name, SHIPPED)
+    if file is None:
+        known = ", ".join(shipped_scenarios(SHIPPED))
         raise ConfigError(f"scenario '{name}' is neither a YAML file nor one of: {known}")
-    return load_file(file, IdentificationScenario)
-
-
-def _load_file(file: Path) -> IdentificationScenario:
-    """A scenario of identification, or what one of seed_sim says about hand and grasp."""
     try:
         return load_file(file, IdentificationScenario)
     except ConfigError:
         try:
             return from_simulation(file)
-        except (ConfigError, ImportError):
+        except ConfigError:
             pass  # neither: the first message is the one to show
         raise
 
@@ -122,8 +116,6 @@ def from_simulation(file: Path) -> IdentificationScenario:
     Raises:
         ConfigError: it is no such scenario.
     """
-    from seed_sim.scenario import load_scenario, tactile_of
-
     sim = load_scenario(file)
     middle = sim.grasp.nominal_width
     widths = [w for w in (middle + 0.006, middle, middle - 0.006) if w >= 0.0]

@@ -22,25 +22,17 @@ from seed_core.spatial import Array, pose_from_rpy, rpy_from_rotation
 FORMAT, VERSION = "seed-stiffness-samples", 1
 UNITS = {"length": "m", "angle": "rad", "force": "N", "torque": "N m", "pressure": "hPa", "time": "s"}
 MAX_BYTES = 200_000_000
-_SIZES: dict[str, int | None] = {  # of the vectors of a header, and of a sample
-    "sensor_xyz": 3,
-    "sensor_rpy": 3,
-    "sensor_range": 2,
-    "grasp_xyz": 3,
-    "grasp_rpy": 3,
-    "kinematic": 6,
-    "estimator": 6,
-    "wrench": 6,
-    "wrench_std": 6,
-    "pressures": None,
-}
-_NULLABLE = {"kinematic", "estimator", "wrench_std"}
-
 Pose = tuple[float, ...]  # x, y, z [m], roll, pitch, yaw [rad]
 
 
 class DatasetError(SeedError):
     """A file of samples that cannot be used."""
+
+
+# Metadata of fields that are so many finite numbers (None: any); a null in the file is the default if nullable.
+_TWO, _THREE, _SIX, _ANY = ({"size": size, "nullable": False} for size in (2, 3, 6, None))
+_SIX_OR_NULL = {"size": 6, "nullable": True}
+_ZERO3, _ZERO6 = (0.0,) * 3, (0.0,) * 6
 
 
 @dataclass(frozen=True)
@@ -60,11 +52,11 @@ class Header:
     run: str = ""
     planned: int = 0
     sensor_frame: str = "ft_sensor"
-    sensor_xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
-    sensor_rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
-    sensor_range: tuple[float, float] = (0.0, 0.0)
-    grasp_xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
-    grasp_rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+    sensor_xyz: tuple[float, ...] = field(default=_ZERO3, metadata=_THREE)
+    sensor_rpy: tuple[float, ...] = field(default=_ZERO3, metadata=_THREE)
+    sensor_range: tuple[float, float] = field(default=(0.0, 0.0), metadata=_TWO)
+    grasp_xyz: tuple[float, ...] = field(default=_ZERO3, metadata=_THREE)
+    grasp_rpy: tuple[float, ...] = field(default=_ZERO3, metadata=_THREE)
     created: str = ""
     units: dict[str, str] = field(default_factory=lambda: dict(UNITS))
     format: str = FORMAT
@@ -92,11 +84,11 @@ class Sample:
     kind: str
     grip: int
     stamp: float
-    kinematic: Pose | None
-    wrench: tuple[float, ...]
-    estimator: Pose | None = None
-    wrench_std: tuple[float, ...] = (0.0,) * 6
-    pressures: tuple[float, ...] = ()
+    kinematic: Pose | None = field(metadata=_SIX_OR_NULL)
+    wrench: tuple[float, ...] = field(metadata=_SIX)
+    estimator: Pose | None = field(default=None, metadata=_SIX_OR_NULL)
+    wrench_std: tuple[float, ...] = field(default=_ZERO6, metadata=_SIX_OR_NULL)
+    pressures: tuple[float, ...] = field(default=(), metadata=_ANY)
     width: float = 0.0
     settle: float = 0.0
     readings: int = 0
@@ -254,11 +246,13 @@ def _sample(data: Any, where: str) -> Sample:
 
 def _values(data: dict[str, Any], cls: type, where: str) -> dict[str, Any]:
     """The fields of a dataclass that stand in data, its vectors checked; keys that it does not know are left out."""
-    out = {f.name: data[f.name] for f in fields(cls) if f.name in data}
-    for name in _NULLABLE & set(out):
-        if out[name] is None:
-            del out[name]
-    return out | {n: _numbers(out[n], size, f"{where}: {n}") for n, size in _SIZES.items() if n in out}
+    out = {}
+    for f in fields(cls):
+        if f.name not in data or (data[f.name] is None and f.metadata.get("nullable")):
+            continue
+        vector = "size" in f.metadata
+        out[f.name] = _numbers(data[f.name], f.metadata["size"], f"{where}: {f.name}") if vector else data[f.name]
+    return out
 
 
 def _numbers(values: Any, size: int | None, name: str) -> tuple[float, ...]:

@@ -16,6 +16,7 @@ from seed_core.errors import FailedError
 from seed_core.spatial import Array, so3_log
 
 FARTHEST, STEP = 0.3, 0.005  # [s] of the offsets that are tried
+OFFSETS = np.arange(-FARTHEST, FARTHEST + 0.5 * STEP, STEP)  # [s]
 BLOCKS = 8  # of time, each left out once, for the standard deviation
 TRUSTED = 0.005  # [s] of standard deviation
 LEAST = 200  # estimates
@@ -67,30 +68,30 @@ class ClockWatch:
         return bool(self._camera)
 
     def offset(self) -> ClockOffset:
-        """Raises ClockError: too few readings, or too little motion."""
+        """The shift in time that makes both streams agree best.
+
+        Raises:
+            ClockError: too few readings, or too little motion.
+        """
         robot, camera = (np.array(rows).reshape(-1, 7) for rows in (self._robot, self._camera))
         if len(robot) > 1:
             inside = (camera[:, 0] > robot[0, 0] + FARTHEST) & (camera[:, 0] < robot[-1, 0] - FARTHEST)
             camera = camera[inside]
         if len(robot) < 2 or len(camera) < LEAST:
             raise ClockError(f"the clocks cannot be compared: {len(camera)} estimates, {LEAST} are needed")
-        return _fit(robot, camera)
+        sums = np.array([_sums(robot, camera, offset) for offset in OFFSETS])  # (offsets, BLOCKS, 6, 6)
+        whole = sums.sum(axis=1)
+        left_out = [_best(whole - sums[:, block]) for block in range(BLOCKS)]
+        value, std = _best(whole), float(np.std(left_out)) * float(np.sqrt(BLOCKS - 1))  # the jackknife's
+        if not std <= TRUSTED or abs(value) > FARTHEST - STEP:
+            raise ClockError(
+                f"the clocks cannot be compared: offset {value:.3f} +- {std:.3f} s, the arm moved too little"
+            )
+        return ClockOffset(value, std)
 
 
 def _row(stamp: float, X: Array) -> Array:
     return np.array([stamp, *so3_log(X[:3, :3]), *X[:3, 3]])
-
-
-def _fit(robot: Array, camera: Array) -> ClockOffset:
-    offsets = np.arange(-FARTHEST, FARTHEST + 0.5 * STEP, STEP)
-    sums = np.array([_sums(robot, camera, o) for o in offsets])  # (offsets, BLOCKS, 6, 6)
-    left_out = [_best(offsets, sums.sum(axis=1) - sums[:, b]) for b in range(BLOCKS)]
-    spread = float(np.std(left_out))
-    std = spread * float(np.sqrt(BLOCKS - 1))  # the jackknife's
-    value = _best(offsets, sums.sum(axis=1))
-    if not std <= TRUSTED or abs(value) > FARTHEST - STEP:
-        raise ClockError(f"the clocks cannot be compared: offset {value:.3f} +- {std:.3f} s, the arm moved too little")
-    return ClockOffset(value, std)
 
 
 def _sums(robot: Array, camera: Array, offset: float) -> Array:
@@ -101,12 +102,12 @@ def _sums(robot: Array, camera: Array, offset: float) -> Array:
     return np.array([part.sum(axis=1) for part in np.array_split(terms, BLOCKS, axis=1)])
 
 
-def _best(offsets: Array, sums: Array) -> float:
+def _best(sums: Array) -> float:
     """The offset of least residual, each axis weighed by its own noise."""
     n, r, c, rr, rc, cc = np.moveaxis(sums, -1, 0)
     var_r, cov, var_c = rr - r * r / n, rc - r * c / n, cc - c * c / n
     left = np.maximum(var_c - cov**2 / np.maximum(var_r, 1e-12), 0.0) + n * FLOOR**2
     cost = (left / left.min(axis=0)).sum(axis=1)
-    i = int(np.clip(np.argmin(cost), 1, len(offsets) - 2))
+    i = int(np.clip(np.argmin(cost), 1, len(OFFSETS) - 2))
     a, b, d = cost[i - 1 : i + 2]
-    return float(offsets[i] + STEP * np.clip(0.5 * (a - d) / max(a - 2.0 * b + d, 1e-12), -1.0, 1.0))
+    return float(OFFSETS[i] + STEP * np.clip(0.5 * (a - d) / max(a - 2.0 * b + d, 1e-12), -1.0, 1.0))
