@@ -52,7 +52,7 @@ def test_the_arm_follows_a_target_to_a_tenth_of_a_millimetre(bench) -> None:
 
 @pytest.mark.parametrize("jump", ["1 m", "90 degrees"])
 def test_no_jump_of_the_target_makes_the_robot_faster_than_the_limit(bench, jump: str) -> None:
-    """Past the gate of the node: the servo process alone has to hold the limit, measured at the robot."""
+    """Past the target checks of the node: the servo process alone has to hold the limit, measured at the robot."""
     (x, y, z), q = command(bench)
     goal = ((x, y + 1.0, z), q) if jump == "1 m" else ((x, y, z), turned(q, (0.0, 0.0, math.pi / 2)))
     bench.follow(lambda _: goal)
