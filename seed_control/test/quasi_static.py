@@ -15,9 +15,8 @@ from seed_control.controller import Controller, ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_core.bushing import Stiffness
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
-from seed_core.regrasp import Regrasp
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
 
 DOWN = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02))  # tip pose: tool's z into the table

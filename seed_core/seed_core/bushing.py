@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The generalised stiffness map of the grasp (Suh et al., Sec. IV-C): displacement X_TC to wrench and back.
+"""The generalised stiffness map of the grasp (Suh et al., Sec. IV-C, Theorem 1): displacement X_TC to wrench and back.
 
 With q = (r, p, y) = rpy(R_TC), the spring's load on the tool, about T's origin and written in T, is
 
-    torque = N(q)^T diag(k) q,    force = K p_TC                                           model 'plain' (the paper's)
+    torque = N(q)^T diag(k) q,    force = K p_TC                              model 'plain' (the paper's, Eq. 2 and 3)
     force = R_TB K R_TB^T p_TC,   torque = N(q)^T diag(k) q + 1/2 p_TC x force             model 'midpoint' (Drake's)
 
-where N maps angular velocity to gimbal rates, q_dot = N w, and R_TB = exp(log(R_TC) / 2) is half the rotation. The two
-agree to rounding where the translational stiffness is isotropic and the torque is taken about the midpoint.
+where N (Eq. 3) maps angular velocity to gimbal rates, q_dot = N w, and R_TB = exp(log(R_TC) / 2) is half the rotation.
+The two agree to rounding where the translational stiffness is isotropic and the torque is taken about the midpoint.
+
+Theorem 1: under Assumption 2 the map is a diffeomorphism wherever |pitch| < pi/2. Forward it is `Bushing.wrench`, its
+inverse `Bushing.pose`. Assumption 1, that the tool does not slip in the grasp, is the estimator's to watch.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ class BushingError(SeedError):
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Diagonal, positive stiffness of the grasp (Assumption 2)."""
+    """Diagonal, positive stiffness of the grasp: Assumption 2 of the paper, checked here."""
 
     rotation: tuple[float, float, float] = field(unit="N m/rad", doc="about the gimbal's roll, pitch and yaw axes")
     translation: tuple[float, float, float] = field(unit="N/m", doc="along x, y and z")
@@ -72,17 +75,24 @@ class Bushing:
         self.K = np.array(stiffness.translation)
 
     def wrench(self, X_TC: Array) -> Wrench:
-        """Wrench of the spring on the tool about T's origin, in T, at displacement X_TC (4, 4)."""
+        """Theorem 1, forward: the wrench of the grasp's spring on the tool.
+
+        Args:
+            X_TC: (4, 4) pose of the compliance frame in the tool's frame; identity is the grasp at rest.
+
+        Returns:
+            Torque [N m] and force [N] about T's origin, written in T.
+        """
         R, p = X_TC[:3, :3], X_TC[:3, 3]
         torque = self.torque(rpy_from_rotation(R))
         if self.model == "plain":
-            return Wrench(torque, self.K * p)
+            return Wrench(torque, self.K * p)  # Eq. 2
         R_TB = so3_exp(0.5 * so3_log(R))
         force = R_TB @ (self.K * (R_TB.T @ p))
         return Wrench(torque + 0.5 * cross(p, force), force)
 
     def torque(self, rpy: Array) -> Array:
-        """N(q)^T diag(k) q (3,) [N m] at q = rpy (3,) [rad]."""
+        """N(q)^T diag(k) q (3,) [N m] at q = rpy (3,) [rad]: the rotational half of Eq. 2, N of Eq. 3."""
         r, p, y = float(rpy[0]), float(rpy[1]), float(rpy[2])
         kr, kp, ky = self.stiffness.rotation
         c1, s1, c2, s2 = cos(p), sin(p), cos(y), sin(y)
@@ -98,7 +108,7 @@ class Bushing:
         return 0.5 * float(q @ (self.k * q) + p @ (self.K * p))
 
     def angles(self, torque: Array) -> Array:
-        """The rpy (3,) [rad] at which N^T diag(k) q is torque (3,) [N m] (Eq. 5 of the paper, from the bottom row up).
+        """The rpy (3,) [rad] at which N^T diag(k) q is torque (3,) [N m]: Eq. 5, from the bottom row up.
 
         Raises:
             BushingError: the torque asks for a pitch of 90 degrees or more, or a roll or yaw beyond 180.
@@ -118,7 +128,13 @@ class Bushing:
         return np.array((r, p, y))
 
     def pose(self, wrench: Wrench) -> Array:
-        """X_TC (4, 4) at which the spring's wrench on the tool about T's origin, in T, is the one given.
+        """Theorem 1, inverse: the displacement at which the spring's wrench on the tool is the one given.
+
+        Args:
+            wrench: torque [N m] and force [N] about T's origin, written in T.
+
+        Returns:
+            X_TC (4, 4).
 
         Raises:
             BushingError: no such displacement within the map's domain.

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the command lines of the suite share: arguments that say what is wrong with them, help, exit codes,
-and where results go."""
+"""The base of the suite's command lines: checked arguments, help, exit codes, and the folder of results."""
 
 from __future__ import annotations
 

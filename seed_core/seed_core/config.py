@@ -49,15 +49,8 @@ def field(
     A quantity is written with its unit, '0.05 m/s' or '0 0 -10 N', and with no other than the field's.
     A span is a pair [low, high] that may be written as one number.
     """
-    metadata = {
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "choices": choices,
-        "doc": doc,
-        "quantity": quantity,
-        "span": span,
-    }
+    bounds = {"low": low, "high": high, "choices": choices}
+    metadata = {"unit": unit, "doc": doc, "quantity": quantity, "span": span, **bounds}
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

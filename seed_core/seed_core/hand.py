@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of a hand and the tool in it: where the frames lie, what the tool weighs, how soft the grasp is."""
+"""The hand and the tool in it: frames, weight, stiffness of a grasp, and pressure by width of the gripper."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from seed_core.config import field
 from seed_core.spatial import Array, Wrench, cross, pose_from_rpy
 from seed_core.vector3 import Vector3
 
+FloatOrArray = TypeVar("FloatOrArray", float, Array)
 GRAVITY = 9.81  # [m/s^2]
 DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))
 
@@ -83,3 +85,21 @@ def weight_about_T(mass: float, center_of_mass: ArrayLike, R_WT: Array) -> Wrenc
     """
     force = R_WT[2] * (-mass * GRAVITY)  # R_TW (0, 0, -m g): the last row of R_WT
     return Wrench(cross(np.asarray(center_of_mass), force), force)
+
+
+@dataclass(frozen=True)
+class GripperPressure:
+    """The gripper model (Fig. 2): the pressure in both bubbles rises linearly as the gripper closes on them.
+
+    Attributes:
+        width: [m] some width; pressure: [hPa] the absolute pressure there.
+        slope: [hPa/m] rise of pressure per closed metre, 0 or more.
+    """
+
+    width: float
+    pressure: float
+    slope: float
+
+    def at_width(self, width: FloatOrArray) -> FloatOrArray:
+        """Pressure [hPa] at a gripper width [m]."""
+        return self.pressure + self.slope * (self.width - width)

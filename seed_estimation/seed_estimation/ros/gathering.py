@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from rclpy.task import Future
 
 from seed_core.errors import SeedError
-from seed_core.estimate import RelativePoseEstimate
-from seed_core.regrasp import Regrasp
+from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_estimation.images.tactile_images import TactileImages
 from seed_ros import SeedNode
 

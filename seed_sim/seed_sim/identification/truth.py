@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from seed_core.gripper import GripperPressure
+from seed_core.hand import GripperPressure
 from seed_core.spatial import Array
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sysid.fit.analysis import Analysis

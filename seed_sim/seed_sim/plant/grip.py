@@ -9,7 +9,7 @@ import numpy as np
 
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
-from seed_core.gripper import GripperPressure
+from seed_core.hand import GripperPressure
 from seed_core.spatial import Array, skew
 from seed_sim.plant.tools import ToolInertia
 from seed_sim.scenario import GraspSection

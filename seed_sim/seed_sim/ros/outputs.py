@@ -10,8 +10,7 @@ from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32, Float64
 
-from seed_core.estimate import RelativePoseEstimate
-from seed_core.regrasp import Regrasp
+from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.spatial import Array, so3_log
 from seed_ros import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, FrameNames, SeedNode, TransformBroadcaster
 from seed_ros.conversions import (

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from seed_core.gripper import GripperPressure
+from seed_core.hand import GripperPressure
 from seed_core.spatial import Array
 from seed_sysid.fit.identification_fit import Solution
 from seed_sysid.stiffness_map import AXES
