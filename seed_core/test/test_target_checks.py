@@ -31,6 +31,7 @@ def test_a_target_here_and_now_passes() -> None:
         ({"p": (nan, 0.0, 0.0)}, "target_frame is not finite: position (nan, 0.0, 0.0)"),
         ({"q": (0.0, 0.0, inf, 1.0)}, "target_frame is not finite"),
         ({"q": (0.0, 0.0, 0.0, 0.0)}, "target_frame quaternion has length 0.0000, must be 1"),
+        ({"q": (0.0, 0.0, 0.0, 1.1)}, "target_frame quaternion has length 1.1000, must be 1"),
         ({"frame": "base_link"}, "target_frame is in frame 'base_link', must be 'base'"),
         ({"age": 0.5}, "target_frame stamp is 0.500 s old, limit 0.1 s"),
         ({"age": -0.5}, "target_frame stamp is 0.500 s ahead of this computer's clock, limit 0.1 s"),

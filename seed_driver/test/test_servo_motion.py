@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A target's way to the command: only new targets are followed, silence and the end of the reach are latched holds."""
+
+import math
+
+import numpy as np
+import pytest
+
+from seed_core.quaternion import as_quaternion, to_pose, turned
+from seed_core.vector3 import as_vector3
+from seed_driver.config import DriverConfig
+from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.servo_motion import COMMANDED, Motion
+from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
+
+DT = 0.002  # [s]
+ELBOW_UP = (0.0, -1.7, 2.1, -1.97, -1.57, 0.0)  # [rad]
+SINGULAR = (0.0, -1.6, 1.9, -1.9, -0.12, 0.0)  # the wrist's axes are almost in line
+
+
+class Run:
+    """A motion by a steady clock, from rest at joint angles q."""
+
+    def __init__(self, memory: SharedMemory, q=ELBOW_UP, **settings) -> None:
+        config = DriverConfig(robot_ip="127.0.0.1", **settings)
+        self.memory, self.arm, self.now, self.number = memory, arm_kinematics(config), 5.0, 0
+        self.motion = Motion(memory, self.arm, config)
+        X_WE = self.arm.forward(q)
+        self.p, self.q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
+        self.motion.restart(Sample()._replace(q=q, p=self.p, orientation=self.q))
+        self.commands = [(self.p, self.q)]
+
+    def target(self, p, q=None) -> None:
+        self.number += 1
+        self.memory.write_target(TargetSlot(self.number, self.now, p, self.q if q is None else q))
+
+    def steps(self, count: int, p=None, q=None) -> None:
+        for _ in range(count):
+            self.now += DT
+            if p is not None:
+                self.target(p, q)
+            self.motion.take_target(self.now)
+            self.motion.step()
+            self.commands.append((self.motion.limiter.p, self.motion.limiter.q))
+
+    def along_y(self, way: float) -> tuple[float, float, float]:
+        return self.p[0], self.p[1] + way, self.p[2]
+
+
+@pytest.fixture
+def memory():
+    made = SharedMemory.create()
+    yield made
+    made.close()
+
+
+def test_a_target_of_the_past_is_not_followed(memory) -> None:
+    run = Run(memory)
+    run.target(run.along_y(0.02))
+    run.motion.accept_targets()
+    run.steps(100)
+    assert run.commands[-1] == run.commands[0]
+    assert not run.motion.latch.reason
+    assert not run.motion.latch.following
+    run.steps(400, run.along_y(0.02))
+    assert run.commands[-1][0] == pytest.approx(run.along_y(0.02), abs=1e-6)
+
+
+def test_nothing_is_followed_before_targets_are_accepted(memory) -> None:
+    run = Run(memory)
+    run.steps(100, run.along_y(0.02))
+    assert run.commands[-1] == run.commands[0]
+    assert run.motion.latch.reason == "starting"
+
+
+def test_silence_is_a_latched_hold(memory) -> None:
+    run = Run(memory)
+    run.motion.accept_targets()
+    run.steps(60, run.along_y(0.04))
+    run.steps(50)
+    assert not run.motion.latch.reason  # 0.1 s
+    run.steps(2)
+    assert run.motion.latch.reason == "no target_frame for 0.1 s"
+    run.steps(200, run.along_y(0.04))
+    assert run.motion.limiter.still
+    rest = run.commands[-1]
+    run.motion.accept_targets()
+    run.steps(500, run.along_y(0.04))
+    assert run.commands[-1][0] == pytest.approx(run.along_y(0.04), abs=1e-6)
+    assert math.dist(rest[0], run.along_y(0.04)) > 0.001
+
+
+def test_accepting_targets_again_does_not_disturb_a_motion(memory) -> None:
+    """Another resend_robot_program while the arm moves."""
+    runs = []
+    for again in (False, True):
+        run = Run(memory)
+        run.motion.accept_targets()
+        run.number = 1000 * len(runs)  # the memory is the same
+        run.steps(60, run.along_y(0.04))
+        if again:
+            run.motion.accept_targets()
+        run.steps(100, run.along_y(0.04))
+        runs.append(run.commands)
+    assert runs[0] == runs[1]
+
+
+def test_the_end_of_the_reach_is_a_hold_with_its_reason(memory) -> None:
+    run = Run(memory, max_joint_speed=3.0)
+    run.motion.accept_targets()
+    for i in range(4000):
+        run.steps(1, (run.p[0] - min(0.9, 2e-4 * i), run.p[1], run.p[2]))
+    assert "out of reach of the ur5e" in run.motion.latch.reason
+    assert run.motion.limiter.still
+
+
+def test_no_joint_is_commanded_faster_than_its_limit_near_a_singularity(memory) -> None:
+    run = Run(memory, SINGULAR, max_joint_speed=0.6)
+    run.motion.accept_targets()
+    for i in range(1000):
+        run.steps(1, run.p, turned(run.q, (0.0, 0.0, min(0.5, 0.4 * i * DT))))
+    joints = [list(SINGULAR)]
+    for p, q in run.commands:
+        joints.append(run.arm.follow(to_pose(p, q), joints[-1]))
+    speeds = np.abs(np.diff(joints, axis=0)) / DT
+    assert 0.5 < speeds.max() <= COMMANDED * 0.6 * 1.02  # the smoothing is of poses, not of joints

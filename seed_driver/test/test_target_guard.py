@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guard of an arm that obeys everything: it checks, limits, decelerates, and follows again only when asked."""
+
+import math
+
+import numpy as np
+import pytest
+
+from seed_core.arm.target_checks import Target
+from seed_core.quaternion import from_rotation_vector
+from seed_driver.target_guard import GuardConfig, TargetGuard
+
+HERE = (-0.40610, -0.1333, 0.33155)
+DOWN = from_rotation_vector((2.2210432, 2.2210432, 0.0008843))
+DT = 0.004  # [s]
+
+
+class Run:
+    """A guard before an arm that is where it was sent, fed with targets by a steady clock."""
+
+    def __init__(self) -> None:
+        self.guard, self.now, self.sent = TargetGuard(GuardConfig()), 1.0, []
+        self.guard.measured((HERE, DOWN), self.now)
+        assert self.guard.resume(self.now) == ""
+
+    def steps(self, count: int, y: float | None = None) -> str:
+        """Steps with a target at HERE but for y [m], or none; the last refusal."""
+        why = ""
+        for _ in range(count):
+            self.now += DT
+            if y is not None:
+                why = self.guard.target(Target("base", 0.0, (HERE[0], y, HERE[2]), DOWN), self.now)
+            pose = self.guard.step(self.now)
+            self.guard.measured(pose, self.now)
+            self.sent.append(pose[0])
+        return why
+
+    @property
+    def speed(self) -> float:
+        return math.dist(self.sent[-1], self.sent[-2]) / DT
+
+
+def test_targets_are_followed_within_the_limits() -> None:
+    run = Run()
+    for i in range(1, 200):
+        run.steps(1, HERE[1] + 0.04 * min(1.0, i * DT / 0.1))
+    assert run.sent[-1][1] == pytest.approx(HERE[1] + 0.04, abs=1e-5)
+    v = np.diff(np.array(run.sent), axis=0) / DT
+    assert np.linalg.norm(v, axis=1).max() <= 0.25 * (1 + 1e-6)
+    assert np.linalg.norm(np.diff(v, axis=0) / DT, axis=1).max() <= 1.0 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("end", ["silence", "a jump", "a stop"])
+def test_whatever_ends_the_motion_holds_until_it_is_resumed(end: str) -> None:
+    run = Run()
+    run.steps(25, HERE[1] + 0.04)
+    assert run.speed > 0.05
+    match end:
+        case "silence":
+            run.steps(30)
+            assert run.guard.reason == "no target_frame for 0.1 s"
+        case "a jump":
+            assert "jumps" in run.steps(1, HERE[1] + 1.0)
+        case "a stop":
+            run.guard.hold("stopped on request")
+    reason = run.guard.reason
+    assert run.steps(75, HERE[1] + 0.04) == reason  # targets that come later do not move it
+    assert run.speed == 0.0
+    rest = run.sent[-1]
+    assert run.guard.resume(run.now) == ""
+    run.steps(100, rest[1] + 0.02)
+    assert run.sent[-1][1] == pytest.approx(rest[1] + 0.02, abs=1e-5)
+
+
+def test_an_arm_that_is_not_heard_is_not_moved() -> None:
+    run = Run()
+    run.steps(10, HERE[1] + 0.01)
+    late = run.now + 0.2
+    run.guard.target(Target("base", 0.0, HERE, DOWN), late)
+    run.guard.step(late)
+    assert run.guard.reason == "no current_pose from the arm"
+    assert run.guard.resume(late) == "no current_pose from the arm: is it running?"
+
+
+@pytest.mark.parametrize(
+    "pose", [((math.nan, 0.0, 0.0), DOWN), (HERE, (0.0, 0.0, 0.0, 0.0)), (HERE, (math.nan, 0.0, 0.0, 1.0))]
+)
+def test_the_guard_does_not_start_from_what_is_no_pose(pose) -> None:
+    guard = TargetGuard(GuardConfig())
+    guard.measured(pose, 1.0)
+    assert "no current_pose" in guard.resume(1.0)
+    guard.measured((HERE, DOWN), 1.0)
+    assert guard.resume(1.0) == ""
