@@ -240,10 +240,8 @@ class Estimator:
             return (
                 f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
             )
-        problem = frame_problem(images, self._full_cameras, self.parameters)
-        if not problem and not self._finders:
-            return "no reference: capture_reference has not been called"
-        return problem
+        no_reference = "" if self._finders else "no reference: capture_reference has not been called"
+        return frame_problem(images, self._full_cameras, self.parameters) or no_reference
 
     def _invalid(self, stamp: float, reason: str) -> RelativePoseEstimate:
         slipped = self._tracker is not None and self._tracker.gross_slip

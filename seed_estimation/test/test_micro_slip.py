@@ -106,7 +106,8 @@ def test_a_frame_that_tells_nothing_changes_nothing_but_what_is_forgotten(asked:
 def test_a_little_information_is_information() -> None:
     slip = MicroSlip(0.5)
     slip.update(demand(0.1, 0.5), DT)
-    assert slip.estimate > 0.0
+    gain = START_DEVIATION**2 / (START_DEVIATION**2 + DOUBT / 0.5 + SYSTEMATIC**2 * ALIKE / DT)
+    assert_allclose(slip.estimate, 0.1 * gain, rtol=1e-12)
 
 
 def test_doubt_never_grows_beyond_that_of_the_start() -> None:
@@ -158,7 +159,7 @@ def test_a_share_is_solved_for_together_with_the_pose() -> None:
     rng = np.random.default_rng(3)
     (left, a), (right, b), (unseen, c) = weighted(rng, 200), weighted(rng, 150), weighted(rng, FEW - 1)
     prior = np.diag(rng.uniform(1.0, 50.0, 6))
-    asked = share_demand([left, right, unseen], [a, b, c], prior + left.H + right.H, left.g + right.g)
+    asked = share_demand([unseen, left, right], [c, a, b], prior + left.H + right.H, left.g + right.g)
 
     H, g = np.zeros((7, 7)), np.zeros(7)
     H[:6, :6] = prior

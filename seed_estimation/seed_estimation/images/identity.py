@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose images are these? Each bubble's printed dots are its fingerprint.
+"""Identity of the bubbles: each one's printed dots are its fingerprint.
 
 Motion alone cannot tell a bubble mounted upside down, or left from right. The dots of the no-contact reference,
 normalised, are saved; an image is compared with its own, with its own turned by half a turn, and with the other's.
@@ -50,22 +50,21 @@ def save(path: Path, bubbles: Mapping[str, Known]) -> None:
 
 
 def load(path: Path) -> dict[str, Known]:
-    """What `save` has written, by finger. Raises IdentityError."""
+    """Known bubbles by finger, as `save` has written them. Raises IdentityError."""
+    out = {}
     try:
         if path.stat().st_size > MAX_BYTES:
             raise IdentityError(f"identity_file {path}: more than {MAX_BYTES} bytes; name one that the estimator wrote")
         with np.load(path, allow_pickle=False) as data:
-            fingers = [f for f in ("left", "right") if f"{f}_pattern" in data]
-            return {f: _known(data, f) for f in fingers}
+            for f in ("left", "right"):
+                if f"{f}_pattern" in data:
+                    dots, K = np.asarray(data[f"{f}_pattern"], np.float32), np.asarray(data[f"{f}_K"], float)
+                    if dots.ndim != 2 or K.shape != (3, 3):
+                        raise ValueError(f"{f}: pattern of shape {dots.shape}, K of shape {K.shape}")
+                    out[f] = Known(dots, str(data[f"{f}_frame_id"]), K)
     except (OSError, KeyError, ValueError) as error:
         raise IdentityError(f"identity_file {path} was not written by the estimator: {error}") from error
-
-
-def _known(data: Mapping[str, np.ndarray], finger: str) -> Known:
-    pattern_, K = np.asarray(data[f"{finger}_pattern"], np.float32), np.asarray(data[f"{finger}_K"], float)
-    if pattern_.ndim != 2 or K.shape != (3, 3):
-        raise ValueError(f"{finger}: pattern of shape {pattern_.shape}, K of shape {K.shape}")
-    return Known(pattern_, str(data[f"{finger}_frame_id"]), K)
+    return out
 
 
 def misnamed(finger: str, frame_id: str, names: Mapping[str, str]) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -46,22 +45,15 @@ class Relocaliser:
         out = []
         for turn in (next(self._turns) for _ in range(PER_FRAME)):
             found = [
-                (t.p, place)
+                (t.p, *place)
                 for t, half in zip(self._templates, halves, strict=True)
-                if (place := t.found(half, crops[t.model.finger], turn)) is not None
+                if (place := t.place(half, crops[t.model.finger], turn)) is not None
             ]
             R = so3_exp(TURNS[turn] * self._axis)
-            X = _pose_from_points([p for p, _ in found], [place.p for _, place in found], R)
+            X = _pose_from_points([before for before, _, _ in found], [after for _, after, _ in found], R)
             if X is not None:
-                out.append((sum(place.score for _, place in found), X))
+                out.append((sum(score for _, _, score in found), X))
         return [X for _, X in sorted(out, key=lambda item: -item[0])[:STARTS]]
-
-
-class _Place(NamedTuple):
-    """A place where a patch may be: score, and its middle (3,) in C [m]."""
-
-    score: float
-    p: Array
 
 
 class _PatchTemplates:
@@ -79,8 +71,8 @@ class _PatchTemplates:
         sign = float(model.X_XC[2, :3] @ axis)  # the two cameras look at each other
         self._templates = [_turned(half, (u, v), self.reach, float(np.rad2deg(turn * sign))) for turn in TURNS]
 
-    def found(self, half: Image, crop: Crop, turn: int) -> _Place | None:
-        """The likeliest place in a halved image that is framed by `reach` pixels of nothing."""
+    def place(self, half: Image, crop: Crop, turn: int) -> tuple[Array, float] | None:
+        """The patch's likeliest middle (3,) in C [m], and its score, in a halved image framed by `reach` pixels."""
         scores = cv2.matchTemplate(half, self._templates[turn], cv2.TM_CCORR)
         _, score, _, (u, v) = cv2.minMaxLoc(scores)
         row, column = HALF * v, HALF * u
@@ -90,7 +82,7 @@ class _PatchTemplates:
             return None
         ray = self.model.camera.pixel_rays((column + crop.origin[0], row + crop.origin[1]))
         X_CX = inverse_pose(self.model.X_XC)
-        return _Place(float(score), X_CX[:3, :3] @ (ray * float(np.median(seen))) + X_CX[:3, 3])
+        return X_CX[:3, :3] @ (ray * float(np.median(seen))) + X_CX[:3, 3], float(score)
 
 
 def _pose_from_points(before: Sequence[Array], after: Sequence[Array], R: Array) -> Array | None:

@@ -114,7 +114,10 @@ class FingerResiduals:
         self._picture = crop.fine if level else crop.coarse
         points = model.levels[level]
         p, n = model.surfaces[level]
-        touching = _touching(model, p, n, model.X_XC @ X_CT)
+        R, t = _single(model.X_XC @ X_CT)
+        P = R @ p + t
+        rest = sample(model.rest, model.camera.project32(P))
+        touching = np.flatnonzero(lies_on_tool(rest, P[2], R @ n, model.decay))
         first = int(np.searchsorted(touching, points.value.size))
         d = touching[first:] - points.value.size
         self.index = touching[:first]
@@ -156,14 +159,6 @@ class FingerResiduals:
         energy, total = float(value @ (w * value)), float(value @ value)
         share = 1.0 - float(r @ (w * r)) / energy if energy > 0.0 else 0.0
         return share * min(1.0, 4.0 * energy / max(total, 1e-9))
-
-
-def _touching(model: FingerModel, p: Array32, n: Array32, X_XT: Array) -> Indices:
-    """Indices of the points (3, N) with normals (3, N) that lie on the tool when it is at X_XT."""
-    R, t = _single(X_XT)
-    P = R @ p + t
-    rest = sample(model.rest, model.camera.project32(P))
-    return np.flatnonzero(lies_on_tool(rest, P[2], R @ n, model.decay))
 
 
 def _single(X: Array) -> tuple[Array32, Array32]:
