@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How old a tool's pose is when another process receives it, with the whole graph running: ./seed bench node.
+"""Age of a tool's pose when another process receives it, with the whole graph running: ./seed bench node.
 
 Twice, by the wall's clock, each node a process:
 - `real`: the graph of a real cell: estimator, controller, driver, frames of the links. Its robot is the stand-in
@@ -36,10 +36,9 @@ from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_bringup.ros.session import Session, SessionError
 from seed_core.errors import FailedError
-from seed_core.spatial import Array
+from seed_ros import QUEUE, SENSOR, FixedRateLoop
 from seed_ros.conversions import seconds
-from seed_ros.loop import FixedRateLoop
-from seed_ros.qos import QUEUE, SENSOR
+from seed_testing.bench.figures import figures
 
 TASK, TASK_PATIENCE = "squeegee", 75.0  # [s]
 PLAYED = 30.0  # [s] of pictures
@@ -105,7 +104,7 @@ def run() -> dict[str, Any]:
 def _real() -> dict[str, Any]:
     with ExitStack() as stack:
         stack.enter_context(_process("seed_ur.ur_sim", "--host", ROBOT))
-        stack.enter_context(_process("seed_testing.bench.played_cameras"))
+        stack.enter_context(_process("seed_testing.bench.ros.played_cameras"))
         session = stack.enter_context(_cell({"robot": "ur", "robot_ip": "localhost"}))
         session.trigger("cameras/release", patience=40.0)
         _prepare(session, "cameras/grasp", "driver/resend_robot_program")
@@ -169,21 +168,16 @@ def _summary(heard: _Listener) -> dict[str, Any]:
     if not heard.ages:
         raise FailedError("no valid pose arrived")
     since_stamp, since_sending = 1e3 * np.array(heard.ages).T
-    published = {stage: float(np.median(heard.stages.get(stage, [np.nan]))) for stage in STAGES}
+    arrival, latency = (float(np.median(heard.stages.get(stage, [np.nan]))) for stage in STAGES)
     before = float(np.median(since_stamp - since_sending))
     return {
-        "from_stamp": _percentiles(since_stamp),
-        "from_sending": _percentiles(since_sending),
+        "from_stamp": figures("{}_ms", since_stamp, "median", "p99"),
+        "from_sending": figures("{}_ms", since_sending, "median", "p99"),
         "of_the_median": {
             "before_sending_ms": before,
-            "way_of_the_images_ms": published["arrival"] - before,
-            "estimate_ms": published["latency"] - published["arrival"],
-            "way_of_the_pose_ms": float(np.median(since_stamp)) - published["latency"],
+            "way_of_the_images_ms": arrival - before,
+            "estimate_ms": latency - arrival,
+            "way_of_the_pose_ms": float(np.median(since_stamp)) - latency,
         },
         "poses": len(heard.ages),
     }
-
-
-def _percentiles(ms: Array) -> dict[str, float]:
-    median, p99 = np.percentile(ms, (50, 99))
-    return {"median_ms": float(median), "p99_ms": float(p99)}
