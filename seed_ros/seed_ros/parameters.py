@@ -7,14 +7,15 @@ import dataclasses
 import difflib
 import math
 import typing
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from seed_core.config import RENAMED, ConfigError, from_mapping
+from seed_core.errors import SeedError
 from seed_ros.private_rclpy import given_parameters
 
 T = TypeVar("T")
@@ -60,13 +61,44 @@ def _nested(values: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
+class Declared(Generic[T]):
+    """The ROS parameters of one dataclass: a parameter per field, whose names are dotted below a prefix."""
+
+    def __init__(self, node: Node, defaults: T, prefix: str = "", live: Collection[str] = ()) -> None:
+        """Declare all; those of fields in `live` may be changed while the node runs, all others are read-only."""
+        self._node, self._kind = node, type(defaults)
+        self._fields: dict[str, str] = {}  # by name of the parameter
+        for name, item, spec in _leaves(defaults):
+            if item is None:
+                continue
+            parameter = f"{prefix}.{name}" if prefix else name
+            self._fields[parameter] = name
+            descriptor = _descriptor(spec, name.split(".")[0] not in live)
+            if node.declare_parameter(parameter, _ros_value(item), descriptor).value is None:
+                raise ConfigError(f"parameter '{parameter}' of {node.get_name()} has no value; default: {item!r}")
+
+    def among(self, parameters: Iterable[Parameter]) -> dict[str, Any]:
+        """Values of those that are of this dataclass."""
+        return {p.name: p.value for p in parameters if p.name in self._fields}
+
+    def read(self, changes: Iterable[Parameter] = ()) -> T:
+        """The dataclass of the present values, or of what they would be with changes.
+
+        Raises:
+            ConfigError: a value is of the wrong type or out of bounds.
+        """
+        values = {p.name: p.value for p in self._node.get_parameters(list(self._fields))} | self.among(changes)
+        nested = _nested({self._fields[name]: value for name, value in values.items()})
+        return from_mapping(nested, self._kind, f"parameters of {self._node.get_name()}")
+
+
 def declare(
     node: Node,
     defaults: T,
     prefix: str = "",
     *,
     on_change: Callable[[T], None] | None = None,
-    live: tuple[str, ...] = (),
+    live: Collection[str] = (),
 ) -> T:
     """Declare one ROS parameter per field of the dataclass instance `defaults`, and read it back.
 
@@ -76,37 +108,30 @@ def declare(
     Raises:
         ConfigError: a value given from outside is of the wrong type or out of bounds.
     """
-    dot = f"{prefix}." if prefix else ""
-    leaves = [leaf for leaf in _leaves(defaults) if leaf[1] is not None]
-    for name, item, spec in leaves:
-        descriptor = _descriptor(spec, name.split(".")[0] not in live)
-        if node.declare_parameter(f"{dot}{name}", _ros_value(item), descriptor).value is None:
-            raise ConfigError(f"parameter '{dot}{name}' of {node.get_name()} has no value; default: {item!r}")
+    declared = Declared(node, defaults, prefix, live)
 
-    def read(changes: dict[str, Any]) -> T:
-        values = {n: changes.get(f"{dot}{n}", node.get_parameter(f"{dot}{n}").value) for n, _, _ in leaves}
-        return from_mapping(_nested(values), type(defaults), f"parameters of {node.get_name()}")
+    def apply(parameters: list[Parameter]) -> None:
+        if on_change and declared.among(parameters):
+            on_change(declared.read())
 
-    names = {f"{dot}{name}" for name, _, _ in leaves}
+    value = declared.read()
+    if live:
+        node.add_on_set_parameters_callback(checking(declared.read))
+        node.add_post_set_parameters_callback(apply)
+    return value
 
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        changes = {p.name: p.value for p in parameters if p.name in names}
+
+def checking(check: Callable[[list[Parameter]], Any]) -> Callable[[list[Parameter]], SetParametersResult]:
+    """A callback of rclpy that refuses changes for which `check` raises SeedError."""
+
+    def callback(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            if changes:
-                read(changes)
-        except ConfigError as error:
+            check(parameters)
+        except SeedError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def apply(parameters: list[Parameter]) -> None:
-        if on_change and any(p.name in names for p in parameters):
-            on_change(read({}))
-
-    value = read({})
-    if live:
-        node.add_on_set_parameters_callback(check)
-        node.add_post_set_parameters_callback(apply)
-    return value
+    return callback
 
 
 def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:

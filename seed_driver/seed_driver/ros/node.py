@@ -5,24 +5,23 @@ from __future__ import annotations
 
 import sys
 import time
-from array import array
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from seed_core.arm.target_checks import Target, refusal
-from seed_core.config import to_mapping
+from seed_core.config import ConfigError
 from seed_core.errors import SeedError
-from seed_driver.config import FIXED, DriverConfig, from_json
+from seed_driver.config import FIXED, DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import Outputs
 from seed_driver.ros.requests import Requests
 from seed_ros import COMMAND, Counters, FixedRateLoop, SeedNode, run
 from seed_ros.conversions import seconds
+from seed_ros.parameters import Declared, checking
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
 SERVICES_EVERY = 0.02  # [s]
@@ -35,11 +34,9 @@ class DriverNode(SeedNode, LifecycleNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("driver", **arguments)
         self.declare_parameter("autostart", True)
-        for name, value in to_mapping(DriverConfig()).items():
-            # any type is let in here: the check in on_configure says what would have been right
-            self.declare_parameter(name, value, ParameterDescriptor(description=_describe(name), dynamic_typing=True))
+        self._declared = Declared(self, DriverConfig(), live=DriverConfig.__dataclass_fields__)
         self.refuse_unknown()
-        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_on_set_parameters_callback(checking(self._check_parameters))
         self.add_post_set_parameters_callback(self._use_parameters)
 
         self.config: DriverConfig | None = None
@@ -50,16 +47,15 @@ class DriverNode(SeedNode, LifecycleNode):
 
         self.loop = FixedRateLoop(self, LOOP_RATE, self._step, steady=True, rest=SERVICES_EVERY)
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
-
         self.requests = Requests(self)
 
     # lifecycle
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """Check the settings; FAILURE, with the reason in the log and the diagnostics, when they are wrong."""
         try:
-            self.config = from_json(self._settings()).check()
+            self.config = self._declared.read().check()
             self.arm = arm_kinematics(self.config)
-        except (SeedError, TypeError) as error:
+        except SeedError as error:
             self.config = None
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
@@ -108,27 +104,19 @@ class DriverNode(SeedNode, LifecycleNode):
         super().destroy_node()
 
     # parameters
-    def _settings(self) -> dict[str, Any]:
-        return {name: _plain(self.get_parameter(name).value) for name in to_mapping(DriverConfig())}
-
-    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, parameters: list[Parameter]) -> None:
         if self.config is None:
-            return SetParametersResult(successful=True)  # everything is checked when the driver is configured
-        settings = self._settings()
-        changes = {p.name: _plain(p.value) for p in parameters if p.name in settings}
-        fixed = sorted(set(changes) & set(FIXED))
-        if fixed:
-            reason = f"{fixed[0]} is fixed while the driver is configured: deactivate it and clean it up first"
-            return SetParametersResult(successful=False, reason=reason)
-        try:
-            from_json({**settings, **changes}).check()
-        except (SeedError, TypeError) as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+            return  # everything is checked when the driver is configured
+        for name in sorted(self._declared.among(parameters)):
+            if name in FIXED:
+                raise ConfigError(
+                    f"{name} is fixed while the driver is configured: deactivate it and clean it up first"
+                )
+        self._declared.read(parameters).check()
 
     def _use_parameters(self, parameters: list[Parameter]) -> None:
-        if self.config is not None and any(p.name in to_mapping(DriverConfig()) for p in parameters):
-            self.config = from_json(self._settings())
+        if self.config is not None and self._declared.among(parameters):
+            self.config = self._declared.read()
             if self.supervisor is not None:
                 self.supervisor.set_config(self.config)
 
@@ -168,17 +156,6 @@ class DriverNode(SeedNode, LifecycleNode):
         p, q = message.pose.position, message.pose.orientation
         age = self.now() - seconds(message.header.stamp)
         return Target(message.header.frame_id, age, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-
-
-def _plain(value: Any) -> Any:
-    """A parameter's value with arrays as lists."""
-    return list(value) if isinstance(value, array | tuple) else value
-
-
-def _describe(name: str) -> str:
-    meta = DriverConfig.__dataclass_fields__[name].metadata
-    bounds = "" if meta["low"] == float("-inf") else f", {meta['low']:g} to {meta['high']:g}"
-    return f"{meta['doc']} [{meta['unit'] or '-'}{bounds}]"
 
 
 def _create() -> DriverNode:
