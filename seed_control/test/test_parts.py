@@ -18,7 +18,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, weight_about_T
 from seed_core.quaternion import as_quaternion
-from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_log
+from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_exp, so3_log
 from seed_testing.bench.control import growth
 
 RNG = np.random.default_rng(9)
@@ -102,6 +102,18 @@ def test_pose_limiter_stays_a_pose_over_an_hour_of_turning() -> None:
     R = body.pose[:3, :3]
     assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
     assert np.linalg.norm(so3_log(R.T @ goal)) < 0.05
+
+
+def test_body_turns_about_its_limited_point() -> None:
+    """The point's speed is what is limited, so a pure turn leaves it where it is and swings the body's origin."""
+    arm = (0.0, 0.0, 0.15)
+    body = PoseLimiter(VectorLimiter(0.25, 2.0, 200.0, 80.0), VectorLimiter(0.5, 6.0, 600.0, 80.0), arm)
+    body.reset(make_pose(None, (0.4, 0.0, 0.3)))
+    goal = as_quaternion(so3_exp((0.0, 0.4, 0.0)))
+    for _ in range(500):
+        body.advance(body.p, goal, 0.004, 0.25)
+    assert_allclose((body.pose @ (*arm, 1.0))[:3], (0.4, 0.0, 0.45), atol=1e-12)
+    assert_allclose(body.pose[0, 3], 0.4 - 0.15 * np.sin(0.4), atol=1e-6)
 
 
 def test_lag_is_learnt_from_motion_and_kept_at_rest() -> None:

@@ -6,7 +6,6 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from seed_control.command.limiter import PoseLimiter, VectorLimiter
 from seed_core.quaternion import (
     IDENTITY,
     as_quaternion,
@@ -20,7 +19,7 @@ from seed_core.quaternion import (
     turn_towards,
     turned,
 )
-from seed_core.spatial import make_pose, so3_exp
+from seed_core.spatial import so3_exp
 from seed_core.vector3 import ZERO, Vector3, as_vector3
 
 RNG = np.random.default_rng(4)
@@ -87,15 +86,3 @@ def test_pose_puts_the_point_of_the_body_in_its_place() -> None:
     assert_allclose(X[:3, :3], R, atol=1e-14)
     assert_allclose(X @ (*arm, 1.0), (*p, 1.0), atol=1e-14)
     assert_allclose(X[3], (0.0, 0.0, 0.0, 1.0), atol=0.0)
-
-
-def test_body_turns_about_its_limited_point() -> None:
-    """The point's speed is what is limited, so a pure turn leaves it where it is and swings the body's origin."""
-    arm = (0.0, 0.0, 0.15)
-    body = PoseLimiter(VectorLimiter(0.25, 2.0, 200.0, 80.0), VectorLimiter(0.5, 6.0, 600.0, 80.0), arm)
-    body.reset(make_pose(None, (0.4, 0.0, 0.3)))
-    goal = as_quaternion(so3_exp((0.0, 0.4, 0.0)))
-    for _ in range(500):
-        body.advance(body.p, goal, 0.004, 0.25)
-    assert_allclose((body.pose @ (*arm, 1.0))[:3], (0.4, 0.0, 0.45), atol=1e-12)
-    assert_allclose(body.pose[0, 3], 0.4 - 0.15 * np.sin(0.4), atol=1e-6)
