@@ -22,15 +22,7 @@ from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import Motion
 from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
 from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above
-from seed_driver.process.shared_memory import (
-    CRASHED,
-    LOST,
-    ORPHANED,
-    SharedMemory,
-    Stage,
-    State,
-    TargetSlot,
-)
+from seed_driver.process.shared_memory import CRASHED, LOST, ORPHANED, SharedMemory, Stage, State, TargetSlot
 from seed_driver.robot.connection import Robot
 from seed_driver.robot.link import LinkError
 from seed_driver.session import WAITING, Session
@@ -64,31 +56,8 @@ class ServoProcess:
         robot = self._search()
         self.session.robot = robot
         self._version = "{}.{}.{}.{}".format(*robot.version)
-        self.session.hold(WAITING)
+        self.motion.hold(WAITING)
         self.motion.limiter.dt = 1.0 / robot.rate
-        self._stream(robot)
-
-    def _search(self) -> Robot:
-        while True:
-            config = self.session.config
-            self._listen_while_searching()
-            try:
-                with threads_above(config):
-                    return Robot(config)
-            except (LinkError, RuntimeError) as error:
-                self.session.hold(str(error))
-            except (struct.error, ValueError, KeyError) as error:
-                self.session.hold(f"{config.robot_ip} answers like no UR controller: {error}")
-            until = time.monotonic() + RETRY
-            while time.monotonic() < until:
-                self._listen_while_searching()
-                time.sleep(0.02)
-
-    def _listen_while_searching(self) -> None:
-        self.publish(Stage.SEARCHING)
-        self._hear()
-
-    def _stream(self, robot: Robot) -> None:
         start = time.monotonic()
         deadlines = Deadlines(self.motion.limiter.dt, start)
         self.session.watch.restart(robot.timestamp, start)
@@ -96,6 +65,25 @@ class ServoProcess:
             self.tick(robot, time.monotonic())
             deadline = deadlines.next(time.monotonic())
             time.sleep(max(0.0, deadline - time.monotonic()))
+
+    def _search(self) -> Robot:
+        """The robot, once it is there and can be used; the node hears from us meanwhile."""
+        next_look = 0.0
+        while True:
+            self.publish(Stage.SEARCHING)
+            self._hear()
+            if time.monotonic() < next_look:
+                time.sleep(0.02)
+                continue
+            config = self.session.config
+            try:
+                with threads_above(config):
+                    return Robot(config)
+            except (LinkError, RuntimeError) as error:
+                self.motion.hold(str(error))
+            except (struct.error, ValueError, KeyError) as error:
+                self.motion.hold(f"{config.robot_ip} answers like no UR controller: {error}")
+            next_look = time.monotonic() + RETRY
 
     def tick(self, robot: Robot, now: float) -> None:
         """One cycle: the robot's state, the node's requests, the newest target, the command, our state."""
@@ -184,7 +172,7 @@ class ServoProcess:
         """Decelerate, end the program, end the process."""
         with suppress(LinkError, RuntimeError):  # a robot that does not leave freedrive: our program ends all the same
             self.session.stop()
-        self.session.hold("the driver is shutting down")
+        self.motion.hold("the driver is shutting down")
         self._quitting = True
         if self.session.robot is None:
             os._exit(0)
@@ -225,7 +213,7 @@ class ServoProcess:
     def end(self, code: int, reason: str) -> None:
         """End at once: ur_rtde's own clean-up may hang."""
         self.session.linked = False
-        self.session.hold(reason)
+        self.motion.hold(reason)
         self.publish(Stage.SEARCHING)
         os._exit(code)
 

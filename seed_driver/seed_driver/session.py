@@ -43,10 +43,6 @@ class Session:
         """Why the arm holds, or what the session waits for; empty while targets are accepted."""
         return self.motion.latch.reason
 
-    def hold(self, reason: str) -> None:
-        """Decelerate to rest; only an explicit request moves the arm again."""
-        self.motion.hold(reason)
-
     # what the robot says
     def listen(self, robot: Robot, now: float) -> str:
         """Take the newest state; the reason to give up when the link is beyond hope, else ''."""
@@ -59,7 +55,7 @@ class Session:
             self._judge(sample)
         elif self.watch.lost(now):
             if self.linked:
-                self.hold("link lost: the controller's clock stands still")
+                self.motion.hold("link lost: the controller's clock stands still")
                 self.motion.halt()
             self.linked = False
         if self.watch.hopeless(now) or not robot.connected:
@@ -73,12 +69,12 @@ class Session:
             self.want_start = False
         if not self.running:
             if why or was_unable:
-                self.hold(why or WAITING)
+                self.motion.hold(why or WAITING)
             return
         if not why and s.modes.runtime_state != link.PLAYING:
             why = "robot program stopped (pendant, watchdog or a program error)"
         if why:
-            self.hold(why)
+            self.motion.hold(why)
             self.running = self.freedrive = False
 
     # the robot's clock, which that of a simulation shows to run slower than ours
@@ -136,7 +132,7 @@ class Session:
 
     def start_later(self, reason: str) -> None:
         """A start by ourselves has failed: once more in a second."""
-        self.hold(reason)
+        self.motion.hold(reason)
         self._next_try = time.monotonic() + 1.0
 
     def _begin(self, robot: Robot) -> None:
@@ -160,13 +156,13 @@ class Session:
             if self.freedrive:
                 self.set_freedrive(False)
         finally:
-            self.hold("stopped on request")
+            self.motion.hold("stopped on request")
         return "holding"
 
     def refuse(self, reason: str) -> str:
         """The node has refused a target: whatever moves, decelerates."""
         if self.motion.latch.following:
-            self.hold(reason)
+            self.motion.hold(reason)
         return ""
 
     def zero_ft(self) -> str:
@@ -182,11 +178,11 @@ class Session:
         if on and not self.freedrive:
             self._need_rest()
             demand(robot.control.servoStop() and robot.control.freedriveMode(), "go into freedrive")
-            self.hold("freedrive")
+            self.motion.hold("freedrive")
         elif not on and self.freedrive:
             demand(robot.control.endFreedriveMode(), "leave freedrive")
             self._begin(robot)
-            self.hold("freedrive ended")
+            self.motion.hold("freedrive ended")
         self.freedrive = on
         return "freedrive" if on else "holding"
 
