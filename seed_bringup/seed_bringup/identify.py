@@ -17,7 +17,8 @@ from seed_core.errors import SeedError
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import summary_with_truth
-from seed_sysid.data.dataset import Dataset, read
+from seed_sysid.data.dataset import Dataset
+from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.weight import WeightError
 from seed_sysid.parameters import FitParameters

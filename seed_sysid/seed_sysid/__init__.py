@@ -10,7 +10,7 @@ print(analysis.solution.half_width)  # of their 95 % intervals
 """
 
 from seed_sysid.data.dataset import Dataset, DatasetError, Header, Sample
-from seed_sysid.data.dataset import read as read_dataset
+from seed_sysid.data.sample_file import read as read_dataset
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.identification_fit import Solution, fit_stiffness
 from seed_sysid.fit.load_model import Problem, Unknowns

@@ -214,6 +214,24 @@ def test_outliers_are_named_and_do_no_harm() -> None:
     assert (np.abs(error) < 4.0 * solution.noise).all()  # they are predicted all the same
 
 
+def test_a_fifth_of_wild_samples_neither_pulls_the_fit_nor_hides_behind_its_own_noise() -> None:
+    problem, truth = made(noise=1.0)
+    rng = np.random.default_rng(8)
+    wild = np.sort(rng.choice(len(problem.X_TC), len(problem.X_TC) // 5, replace=False))
+    problem.wrench[wild] += 100.0 * NOISE * rng.choice((-1.0, 1.0), (len(wild), 6))
+    solution = fit_stiffness(problem)
+    np.testing.assert_array_equal(np.flatnonzero(~solution.inlier), wild)
+    assert (np.abs(solution.value.stiffness - truth.stiffness) < 4.0 * solution.std.stiffness).all()
+
+
+def test_a_sample_is_likely_by_its_squared_mahalanobis_distance() -> None:
+    problem, _ = made(noise=1.0, poses=300)
+    solution = fit_stiffness(replace(problem, parameters=FitParameters(outlier=0.05)))
+    distance = ((solution.residuals / solution.sample_noise) ** 2).sum(axis=1)
+    np.testing.assert_array_equal(solution.likely, distance < chi2.isf(0.05, 6))
+    assert 0.02 < np.mean(~solution.likely) < 0.12
+
+
 @pytest.mark.parametrize(("factor", "kept"), [(0.9, True), (1.6, False)])
 def test_a_sample_is_an_outlier_beyond_the_probability_asked_for(factor: float, kept: bool) -> None:
     """One channel off by this much of the bound, sqrt(chi2), in standard deviations of a fit without it."""

@@ -21,8 +21,7 @@ from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
-from seed_sysid.data.dataset import read  # noqa: E402
-from seed_sysid.data.recorder import Recorder  # noqa: E402
+from seed_sysid.data.sample_file import Recorder, read  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
 from seed_sysid.run.procedure import Command, average  # noqa: E402

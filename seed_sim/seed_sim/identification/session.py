@@ -14,7 +14,7 @@ from seed_core.errors import FailedError
 from seed_sim.identification.cell import PoseSource, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sysid.data.dataset import Dataset, Header
-from seed_sysid.data.recorder import Recorder
+from seed_sysid.data.sample_file import Recorder
 from seed_sysid.run.procedure import Command, Run
 
 _SHOW = 1.0  # [s] between lines of progress

@@ -6,7 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from seed_sysid.data.dataset import FORMAT, Dataset, DatasetError, parse
+from seed_sysid.data.dataset import FORMAT, Dataset, DatasetError
+from seed_sysid.data.sample_file import parse
 
 TOPIC, TYPE = "identification/samples", "std_msgs/msg/String"
 

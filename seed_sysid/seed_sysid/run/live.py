@@ -17,7 +17,7 @@ from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
 from seed_sysid.data.dataset import Header, flat_pose
-from seed_sysid.data.recorder import Recorder
+from seed_sysid.data.sample_file import Recorder
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 

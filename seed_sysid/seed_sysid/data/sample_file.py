@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The file of samples: JSON lines, append-only, one header and then one line per finished pose.
+
+Line 1 is the header ({"format": "seed-stiffness-samples", "version": 1, ...}: hand, tool, units, sensor), every other
+line a sample or an event (docs/identification.md lists the keys). Each line is flushed to the disk before the next
+pose is visited, so that a crash loses at most the running one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from seed_sysid.data.dataset import FORMAT, UNITS, VERSION, Dataset, DatasetError, Header, Sample
+
+MAX_BYTES = 200_000_000
+
+
+class Recorder:
+    """Keeps the samples of a run and appends each to a file as it comes; continues a file that the same run began."""
+
+    def __init__(self, path: Path | None, header: Header) -> None:
+        """Open path; `samples` and `header` are then what the file has. None keeps the samples in memory alone.
+
+        Raises:
+            DatasetError: the file belongs to another run, or is no file of samples.
+        """
+        self.header, self.samples = header, list[Sample]()
+        self._file: IO[str] | None = None
+        if path is None:
+            return
+        fresh = not path.exists() or path.stat().st_size == 0
+        if not fresh:
+            self._continue(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("a", encoding="utf-8")
+        if fresh:
+            self._write(header_line(header))
+
+    def _continue(self, path: Path) -> None:
+        old = read(path)
+        if old.header.run != self.header.run:
+            raise DatasetError(
+                f"{path} belongs to the run '{old.header.run}', not to '{self.header.run}': choose another --out, "
+                "or move the file away; it was left as it is"
+            )
+        self.samples, self.header = old.samples, old.header
+        text = path.read_bytes()
+        if not text.endswith(b"\n"):  # the line that a crash cut short
+            with path.open("r+b") as file:
+                file.truncate(text.rfind(b"\n") + 1)
+
+    @property
+    def dataset(self) -> Dataset:
+        """All that was recorded."""
+        return Dataset(self.header, self.samples)
+
+    def lines(self) -> list[str]:
+        """Header and samples, as they stand in the file."""
+        return [header_line(self.header), *(sample_line(s) for s in self.samples)]
+
+    def record(self, stamp: float, sample: Sample | None, event: str = "") -> None:
+        """Write a finished sample and a remark (a limit met, a pose skipped), where there is one, to the disk."""
+        if event:
+            self._write(json.dumps({"event": {"stamp": stamp, "text": event}}))
+        if sample:
+            self.samples.append(sample)
+            self._write(sample_line(sample))
+
+    def _write(self, line: str) -> None:
+        if self._file is not None:
+            self._file.write(line + "\n")
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+def header_line(header: Header) -> str:
+    """The header as one line."""
+    return json.dumps(asdict(header))
+
+
+def sample_line(sample: Sample) -> str:
+    """A sample as one line."""
+    return json.dumps({"sample": asdict(sample)})
+
+
+def read(path: Path) -> Dataset:
+    """A file of samples.
+
+    Raises:
+        DatasetError: not readable, another format or version, or a broken line other than the last.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise DatasetError(f"{path}: {path.stat().st_size} bytes are too many (at most {MAX_BYTES})")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: cannot be read as a file of samples: {error}") from error
+    return parse(text.split("\n"), str(path))
+
+
+def parse(lines: Iterable[str], source: str) -> Dataset:
+    """Header and samples from the lines of a file (or of a recorded topic), named source.
+
+    Raises:
+        DatasetError: another format or version, or a broken line other than the last.
+    """
+    rows = list(lines)
+    while rows and not rows[-1].strip():
+        rows.pop()
+    if not rows:
+        raise DatasetError(f"{source}: the file is empty; record again")
+    header, samples, warnings = _header(rows[0], f"{source}:1"), {}, []
+    for number, row in enumerate(rows[1:], start=2):
+        where = f"{source}:{number}"
+        try:
+            entry = json.loads(row)
+        except (ValueError, RecursionError) as error:
+            if number < len(rows):
+                raise DatasetError(f"{where}: not JSON ({error}); restore the line or remove it") from error
+            warnings.append(f"{where}: the last line is cut short; that pose is left out (resume to repeat it)")
+            break
+        if isinstance(entry, dict) and "sample" in entry:
+            sample = _sample(entry["sample"], where)
+            samples[sample.key] = sample  # of a pose that was repeated the last one
+    return Dataset(header, sorted(samples.values(), key=lambda s: s.stamp), warnings)
+
+
+def _header(row: str, where: str) -> Header:
+    try:
+        data = json.loads(row)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{where}: no header in the first line ({error}): cut short, or no such file") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise DatasetError(f'{where}: the first line is no header with "format": "{FORMAT}"')
+    if data.get("version") != VERSION:
+        raise DatasetError(
+            f"{where}: version {data.get('version')!r}; this program reads version {VERSION}: "
+            "convert the file, or use the program that wrote it"
+        )
+    units = data.get("units", UNITS)
+    for quantity, unit in UNITS.items():
+        if not isinstance(units, dict) or units.get(quantity, unit) != unit:
+            raise DatasetError(f"{where}: units {units!r}; {quantity} must be in {unit}: convert the file")
+    return Header(**_values(data, Header, where))
+
+
+def _sample(data: Any, where: str) -> Sample:
+    if not isinstance(data, dict):
+        raise DatasetError(f"{where}: a sample must be a mapping")
+    missing = [n for n in ("name", "kind", "grip", "stamp", "wrench") if n not in data]
+    if missing or not (data.get("kinematic") or data.get("estimator")):
+        raise DatasetError(f"{where}: the sample lacks {', '.join(missing) or 'a pose (kinematic or estimator)'}")
+    values = {"kinematic": None} | _values(data, Sample, where)
+    for name in ("stamp", "width"):
+        (values[name],) = _numbers([values.get(name, 0.0)], 1, f"{where}: {name}")
+    via = values.get("via", ())
+    if not isinstance(via, list | tuple):
+        raise DatasetError(f"{where}: via = {via!r} must be a list")
+    values["via"] = tuple(_numbers(v, 6, f"{where}: via") for v in via)
+    if not isinstance(values["grip"], int) or values["grip"] < 0:
+        raise DatasetError(f"{where}: grip = {values['grip']!r} must be a whole number from 0")
+    return Sample(**values)
+
+
+def _values(data: dict[str, Any], cls: type, where: str) -> dict[str, Any]:
+    """The fields of a dataclass that stand in data, its vectors checked; keys that it does not know are left out."""
+    out = {}
+    for f in fields(cls):
+        if f.name not in data or (data[f.name] is None and f.metadata.get("nullable")):
+            continue
+        vector = "size" in f.metadata
+        out[f.name] = _numbers(data[f.name], f.metadata["size"], f"{where}: {f.name}") if vector else data[f.name]
+    return out
+
+
+def _numbers(values: Any, size: int | None, name: str) -> tuple[float, ...]:
+    good = isinstance(values, list | tuple) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in values
+    )
+    if not good or (size is not None and len(values) != size):
+        raise DatasetError(f"{name} = {values!r} must be {size or 'some'} finite numbers")
+    return tuple(float(v) for v in values)
