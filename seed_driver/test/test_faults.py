@@ -106,10 +106,10 @@ def test_the_robot_stops_by_itself_when_the_driver_is_gone() -> None:
 @pytest.mark.parametrize("fault", ["servo process killed", "RTDE connections dropped"])
 def test_a_fault_during_the_first_start_does_not_end_the_starting(fault: str) -> None:
     """Nothing has been commanded yet: the program starts by itself in the first life that gets there, in no later."""
-    (hurt,) = (f.hurt for f in FAULTS if f.name == fault)
+    (inject,) = (f.inject for f in FAULTS if f.name == fault)
     with FaultBench() as bench:
         bench.wait(lambda s: s.stage == Stage.BUSY, 20.0, "program on its way")
-        hurt(bench)
+        inject(bench)
         bench.wait(lambda _: bench.supervisor.deaths == 1, 10.0, "end of the first life")
         bench.ready(20.0)
         os.kill(bench.supervisor.pid, signal.SIGKILL)

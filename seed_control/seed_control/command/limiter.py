@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command's motion: speed, acceleration and jerk bounded, whatever is asked for."""
+"""The command's motion: speed, acceleration and jerk bounded, whatever is asked for.
+
+The driver has a limiter of its own (seed_driver.motion.limiter), behind this one: this one shapes the motion that the
+task wants, smoothly and with its lag known; that one guards the robot against whatever arrives there.
+"""
 
 from __future__ import annotations
 

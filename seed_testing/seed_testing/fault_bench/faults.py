@@ -19,13 +19,13 @@ Action = Callable[[FaultBench], object]
 
 
 class Fault(NamedTuple):
-    """One fault; `hurt` does it, `heal` undoes it (the controller is back when it returns)."""
+    """One fault; `inject` does it, `undo` undoes it (the controller is back when it returns)."""
 
     name: str
-    hurt: Action
-    heal: Action = lambda _: None
+    inject: Action
+    undo: Action = lambda _: None
     report_within: float = 0.1  # [s]
-    asleep: float = 0.0  # [s] that the controller itself, arm included, stands still as in a photograph
+    frozen: float = 0.0  # [s] that the controller itself, arm included, stands still as in a photograph
 
 
 class Outcome(NamedTuple):
@@ -115,7 +115,7 @@ FAULTS = (
 
 
 def run_fault(bench: FaultBench, fault: Fault, moving: float = 0.5) -> Outcome:
-    """Move, let the fault happen, check that the arm rests, heal, recover, check that nothing jumps.
+    """Move, let the fault happen, check that the arm rests, undo, recover, check that nothing jumps.
 
     Args:
         moving: [s] of motion before the fault.
@@ -127,13 +127,13 @@ def run_fault(bench: FaultBench, fault: Fault, moving: float = 0.5) -> Outcome:
     bench.sway()
     bench.run(moving)
     start = time.monotonic()
-    fault.hurt(bench)
+    fault.inject(bench)
     bench.wait(lambda s: not s.armed, 5.0, f"report of '{fault.name}'")
     report = time.monotonic() - start
-    bench.run(fault.asleep + REST_WITHIN)
+    bench.run(fault.frozen + REST_WITHIN)
     try:
-        coast = bench.travel(start, rest_from=start + fault.asleep + REST_WITHIN)
-        fault.heal(bench)
+        coast = bench.travel(start, rest_from=start + fault.frozen + REST_WITHIN)
+        fault.undo(bench)
         recovery, jump = bench.recover_in_place()
     except SeedError as error:
         raise SeedError(f"{fault.name}: {error}") from error

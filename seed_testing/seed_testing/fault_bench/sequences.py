@@ -43,32 +43,32 @@ def play(bench: FaultBench, rng: random.Random, names: list[str], holds: list[st
         bench.run(rng.uniform(0.0, 0.4))
         chosen = rng.sample(FAULTS, 2 if rng.random() < 0.25 else 1)
         names += [" + ".join(f.name for f in chosen)]
-        _strike(bench, chosen, rng)
+        _inject(bench, chosen, rng)
         bench.still()
-        _heal(bench, chosen)
+        _undo(bench, chosen)
         bench.recover_in_place()
 
 
-def _strike(bench: FaultBench, chosen: list[Fault], rng: random.Random) -> None:
+def _inject(bench: FaultBench, chosen: list[Fault], rng: random.Random) -> None:
     start = time.monotonic()
     for fault in chosen:
         with contextlib.suppress(OSError):  # the first fault may have taken the controller away from the second
-            fault.hurt(bench)
+            fault.inject(bench)
         bench.run(rng.uniform(0.0, 0.3))
     bench.wait(lambda s: not s.armed, 5.0, "report")
-    rest = sum(f.asleep for f in chosen) + REST_WITHIN
+    rest = sum(f.frozen for f in chosen) + REST_WITHIN
     bench.run(rest)
     bench.travel(start, rest_from=start + 0.3 + rest)
 
 
-def _heal(bench: FaultBench, chosen: list[Fault]) -> None:
+def _undo(bench: FaultBench, chosen: list[Fault]) -> None:
     killed = [f for f in chosen if f.name == "controller killed"]
     if killed:
         bench.robot.kill()
         bench.robot.start()
     for fault in chosen:
         if fault not in killed:
-            fault.heal(bench)
+            fault.undo(bench)
 
 
 def run(count: int, seed: int, talk: bool = False, first: int = 0) -> dict[str, Any]:
