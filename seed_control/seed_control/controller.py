@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from math import inf
 
-import numpy as np
-
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
@@ -30,13 +28,12 @@ from seed_control.setpoint.setpoints import (
 from seed_control.state import ControllerState, ControlOutput, Counting, Mode
 from seed_control.wrench.estimate import WrenchEstimator
 from seed_control.wrench.inputs import MOST_BAD, Inputs
-from seed_core.arm.hold import HoldLatch
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import checked
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
-from seed_core.spatial import Array, Wrench
+from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
 
 LAWS: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
@@ -72,15 +69,12 @@ class Controller:
         )
         self._checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)
-        self._guard = Guard(p)
+        self._guard = Guard(p, self._counting)
         self._command = FlangeCommand(p, hand.X_EC)
         self._setpoint: Setpoint | None = None
-        self._enabled = False
-        self._hold_latch = HoldLatch(inf)
         self._now = -inf
         self._state = self._describe(-inf)
 
-    # --- inputs ------------------------------------------------------------------------------------------------
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
         """Flange pose X_WE (4, 4) at stamp [s]. False (counted) when it is no pose or its stamp does not rise."""
         return self._inputs.add_kinematics(stamp, X_WE)
@@ -92,7 +86,7 @@ class Controller:
         """
         good = self._inputs.add_estimate(estimate, self._unobserved(estimate))
         if self._inputs.bad_in_a_row >= MOST_BAD:
-            self._hold(self._counting.remark)
+            self._guard.hold(self._counting.remark)
         return good
 
     def enable(self, t: float) -> None:
@@ -107,25 +101,27 @@ class Controller:
         stale = self._inputs.staleness(t)
         if stale:
             raise ControlRefusedError(f"cannot enable: {stale}")
-        if self._following:
+        if self._guard.following:
             return
         self._command.start_from(self._inputs.history.newest())
-        self._release()
-        self._hold_latch.resume()
-        self._enabled, self._counting.remark, self._inputs.bad_in_a_row = True, "", 0
+        self._setpoint = None
+        self.law.release()
+        self._guard.enable(True)
+        self._inputs.bad_in_a_row = 0
 
     def disable(self, t: float, reason: str) -> None:
         """Decelerate to rest and ignore set-points until enabled again."""
-        self._release()
-        self._hold_latch.resume()
-        self._enabled, self._counting.remark = False, reason or "disabled"
+        self._setpoint = None
+        self.law.release()
+        self._guard.enable(False, reason or "disabled")
         self._state = self._describe(t)  # whoever plays something sees it at once
 
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""
-        self.wrench_estimator.set_stiffness(stiffness, t, self.parameters.stiffness_blend if self._enabled else 0.0)
+        self.wrench_estimator.set_stiffness(
+            stiffness, t, self.parameters.stiffness_blend if self._guard.enabled else 0.0
+        )
 
-    # --- set-points: checks -> law -----------------------------------------------------------------------------
     def set_setpoint(self, setpoint: Setpoint, t: float) -> None:
         """Follow a set-point from now on; the latest wins.
 
@@ -140,8 +136,8 @@ class Controller:
         self._setpoint = setpoint
 
     def _adopt(self, setpoint: Setpoint, t: float) -> None:
-        if not self._following:
-            held = self._hold_latch.reason
+        if not self._guard.following:
+            held = self._guard.held
             raise SetpointError(
                 "SP17", f"the controller is {'holding: ' + held if held else 'disabled'}; enable it first"
             )
@@ -163,7 +159,6 @@ class Controller:
         law.adopt(hybrid, self._command.p_WC)
         self._command.turn_to(law.plan.X_WC[:3, :3])
 
-    # --- the step: image -> law -> limiter -> command ----------------------------------------------------------
     def step(self, t: float) -> ControlOutput:
         """One control step at time t [s]."""
         low, high = _PERIODS
@@ -194,27 +189,20 @@ class Controller:
             self._command.turn_to(self.law.plan.X_WC[:3, :3])
         if self.law.contact.lost > self._counting.counters.contacts_lost:
             self._counting.count("contacts_lost")
-        why = self._guard.overload(m)
-        if why and self._enabled:
-            self._hold(why)
+        self._guard.check_overload(m)
 
     def _watch(self, t: float) -> None:
         """Hold when the inputs go stale, or contact is sought for too far."""
-        if not self._following:
-            return
-        why, law = self._inputs.staleness(t), self.law
-        if not why:
-            if law.contact.made or not law.regulates_force:
-                self._guard.arrived()
-            else:
-                why = self._guard.free_travel(self._command.p_WC, law.plan.normals)
-        if why:
-            self._hold(why)
+        law, guard = self.law, self._guard
+        if guard.following:
+            guard.hold(self._inputs.staleness(t))
+            seeking = law.regulates_force and not law.contact.made
+            guard.check_free_travel(self._command.p_WC, law.plan.normals, seeking)
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""
         command, law, asked, m = self._command, self.law, self._setpoint, self.law.measured
-        if not self._following or asked is None or m is None:
+        if not self._guard.following or asked is None or m is None:
             command.stop(dt)
             return ()
         command.compare(self._inputs.history.newest(), dt)
@@ -227,15 +215,10 @@ class Controller:
         p_WC = law.reference.target(law.setpoint, dt, lead, lead + t - m.stamp + 0.02)
         return law.plan.limits + command.towards(p_WC, dt, self.parameters.max_speed)
 
-    # --- holds -------------------------------------------------------------------------------------------------
-    @property
-    def _following(self) -> bool:
-        return self._enabled and not self._hold_latch.reason
-
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:
         """What the set-point controls that the estimate does not observe: it would count as undeflected."""
         law, asked = self.law, self._setpoint
-        if all(estimate.observed) or asked is None or self._hold_latch.reason:
+        if all(estimate.observed) or asked is None or self._guard.held:
             return ""
         if isinstance(asked, RelativePoseSetpoint):
             return unobserved_displacement(asked.X_TC, estimate)
@@ -243,41 +226,15 @@ class Controller:
         assert law.setpoint is not None
         return unobserved_load(law.plan.normals, law.setpoint.torque_axes, estimate, law.measured.X_WC[:3, :3])
 
-    def _hold(self, why: str) -> None:
-        self._counting.remark = why
-        if self._following:
-            self._hold_latch.hold(why)
-            self._counting.count("holds")
-
-    def _release(self) -> None:
-        """Follow nothing."""
-        self._setpoint = None
-        self._guard.arrived()
-        self.law.release()
-
-    # --- what it tells -----------------------------------------------------------------------------------------
     @property
     def state(self) -> ControllerState:
         """The state after the last step."""
         return self._state
 
-    def regulated_error(self) -> Wrench | None:
-        """Filtered estimate less wanted wrench, where force and torque are regulated, in the task frame.
-
-        None while no set-point with a wrench is followed.
-        """
-        law, s, m = self.law, self.law.setpoint, self.law.measured
-        if s is None or m is None or law.filtered_task is None:
-            return None
-        off = law.filtered_task.minus(s.wrench)
-        axes = law.plan.R_W_task.T @ m.X_WT[:3, :3]  # T's, in the task frame
-        about = axes @ np.diag(np.array(s.torque_axes, dtype=float)) @ axes.T
-        return Wrench(about @ off.torque, s.force_projector @ off.force)
-
     def _mode(self) -> Mode:
-        if not self._enabled:
+        if not self._guard.enabled:
             return "disabled"
-        if self._hold_latch.reason:
+        if self._guard.held:
             return "holding"
         if self._setpoint is None:
             return "idle"
@@ -291,7 +248,7 @@ class Controller:
         return ControllerState(
             stamp=t,
             mode=mode,
-            enabled=self._enabled,
+            enabled=self._guard.enabled,
             setpoint_kind=KINDS[type(asked)],
             desired=hybrid.wrench if hybrid is not None else None,
             estimated=law.estimated_task,
@@ -301,7 +258,7 @@ class Controller:
             X_W_tip=law.X_W_tip,
             R_W_task=plan.R_W_task,
             limits_hit=limits,
-            reason=self._hold_latch.reason or self._counting.remark,
+            reason=self._guard.held or self._counting.remark,
             in_contact=law.contact.made,
             settled=mode == "contact" and law.settled,
             image_age=t - m.stamp if m is not None else inf,

@@ -18,6 +18,7 @@ from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
+from seed_control.state import Counting
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
@@ -153,15 +154,40 @@ def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, s
         "rotation": float(np.rad2deg(np.abs(rpy_from_rotation(rest.X_TC[:3, :3])).max())) / 1.2,
     }[what]
     bound = {f"max_{'measured_force' if what == 'force' else what}": size / share}
-    guard = Guard(replace(PARAMETERS, **bound))
-    told = [guard.overload(rest.measured) for _ in range(3)]
+    guard = moving(replace(PARAMETERS, **bound))
+    told = []
+    for _ in range(3):
+        guard.check_overload(rest.measured)
+        told.append(guard.held)
     assert told[:2] == ["", ""]
     assert (what in told[2]) == trips
+    assert guard.following != trips
 
 
 def test_free_travel_trips_at_its_bound_along_the_force_directions_alone() -> None:
-    guard = Guard(PARAMETERS)
+    guard = moving(PARAMETERS)
     down, bound = np.array([[0.0, 0.0, 1.0]]), PARAMETERS.max_free_travel
-    assert guard.free_travel((0.1, 0.2, 0.5), down) == ""
-    assert guard.free_travel((9.0, 9.0, 0.5 - 0.999 * bound), down) == ""
-    assert "no contact within" in guard.free_travel((0.1, 0.2, 0.5 - 1.001 * bound), down)
+    guard.check_free_travel((0.1, 0.2, 0.5), down, True)
+    guard.check_free_travel((9.0, 9.0, 0.5 - 0.999 * bound), down, True)
+    assert guard.held == ""
+    guard.check_free_travel((0.1, 0.2, 0.5 - 1.001 * bound), down, True)
+    assert "no contact within" in guard.held
+
+
+def test_free_travel_is_counted_anew_after_contact() -> None:
+    guard = moving(PARAMETERS)
+    down, bound = np.array([[0.0, 0.0, 1.0]]), PARAMETERS.max_free_travel
+    for height, seeking in (
+        (0.5, True),
+        (0.5 - 0.9 * bound, False),
+        (0.5 - 0.9 * bound, True),
+        (0.5 - 1.8 * bound, True),
+    ):
+        guard.check_free_travel((0.1, 0.2, height), down, seeking)
+    assert guard.held == ""
+
+
+def moving(parameters: ControllerParameters) -> Guard:
+    guard = Guard(parameters, Counting(""))
+    guard.enable(True)
+    return guard

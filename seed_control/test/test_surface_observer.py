@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_control.law.surface_observer import MAX_SHARE, ObserverTuning, SurfaceObserver
+from seed_control.law.surface_observer import MAX_SHARE, SurfaceObserver
+from seed_control.parameters import ControllerParameters
 from seed_core.vector3 import as_vector3
 
-TUNING = ObserverTuning(2e-4, 2e-3, 2e-3, 0.03, 0.1)
+TUNING = ControllerParameters(surface_noise=0.2, slope_noise=2e-3, slope_prior=0.03, compliance_prior=0.1)
 UP = np.array((0.0, 0.0, 1.0))
 FRAME = 1.0 / 45.0
 
@@ -39,7 +40,7 @@ def test_slope_is_learnt_and_used_ahead_of_the_image() -> None:
     ahead = last + np.array((0.01, 0.0, 0.0))  # 0.2 s further on
     target = height(observer, UP, ahead)
     assert_allclose(target, 0.03 * ahead[0] - 0.01, atol=2e-5)
-    assert_allclose(observer.slope[0], 0.03, atol=2e-3)
+    assert_allclose(observer.x[1], 0.03, atol=2e-3)
 
 
 def test_noise_is_averaged_well_below_one_frames() -> None:
@@ -61,7 +62,7 @@ def test_compliance_is_learnt_from_pressing(share: float) -> None:
         if i == 0:
             observer.start(0.0, UP, tip, undeflected)
         observer.update(i * FRAME, UP, tip, undeflected, 1e-9)
-    assert_allclose(observer.share, share, atol=0.02)
+    assert_allclose(observer.x[4], share, atol=0.02)
     # the deflection c - y = -10 mm then needs c = -10 mm / (1 - beta)
     target = height(observer, UP, observer.anchor)
     assert_allclose(target, -0.01 / (1.0 - share), rtol=0.05)
@@ -74,7 +75,7 @@ def test_share_is_bounded_when_nothing_resists() -> None:
         if i == 0:
             observer.start(0.0, UP, p, p)
         observer.update(i * FRAME, UP, p, p, 1e-9)
-    assert 0.0 <= observer.share <= MAX_SHARE
+    assert 0.0 <= observer.x[4] <= MAX_SHARE
     assert np.isfinite(height(observer, UP, p))
 
 
@@ -103,5 +104,5 @@ def test_estimate_does_not_depend_on_how_the_world_is_turned() -> None:
             if i == 0:
                 observer.start(0.0, up, tip, undeflected)
             observer.update(i * FRAME, up, tip, undeflected, 9e-8)
-        results.append((height(observer, up, tip + 0.01 * along), observer.slope @ along, observer.share))
+        results.append((height(observer, up, tip + 0.01 * along), observer.x[1:4] @ along, observer.x[4]))
     assert_allclose(results[0], results[1], atol=1e-12)

@@ -11,7 +11,7 @@ from math import sqrt
 
 from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
 from seed_core.spatial import Array
-from seed_core.vector3 import Vector3, plus, transformed
+from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled, transformed
 
 
 class VectorLimiter:
@@ -19,50 +19,41 @@ class VectorLimiter:
 
     Far away it brakes on v^2 = 2 a d; close by it follows like a critically damped second-order filter of the given
     bandwidth, so that noise in the target is smoothed and a target in steady motion is followed without swinging.
+
+    Attributes:
+        v, a: velocity [m/s] and acceleration [m/s^2] of the point.
+        limited: whether the speed bound shaped the last step.
     """
 
     def __init__(self, speed: float, acceleration: float, jerk: float, bandwidth: float) -> None:
+        """Bounds [m/s], [m/s^2], [m/s^3] or of radians; bandwidth [rad/s]."""
         self.speed, self.acceleration, self.jerk, self.bandwidth = speed, acceleration, jerk, bandwidth
-        self.v: Vector3 = (0.0, 0.0, 0.0)
-        self.a: Vector3 = (0.0, 0.0, 0.0)
-        self.limited = False
+        self.reset()
 
     def reset(self) -> None:
         """At rest."""
-        self.v = self.a = (0.0, 0.0, 0.0)
+        self.v = self.a = ZERO
         self.limited = False
 
-    def advance(self, dx: float, dy: float, dz: float, dt: float, speed: float) -> Vector3:
-        """Step (3,) of the point in dt [s] towards a target that lies (dx, dy, dz) away; speed [m/s] bounds it now."""
-        w = self.bandwidth
-        distance = sqrt(dx * dx + dy * dy + dz * dz)
-        wanted = 0.5 * w * distance
-        cap = min(self.speed, speed, sqrt(1.4 * self.acceleration * distance))
-        scale = 0.5 * w if wanted <= cap else cap / distance
-        self.limited = wanted > min(self.speed, speed)
-        return self._towards(dx * scale, dy * scale, dz * scale, dt)
+    def advance(self, way: Vector3, dt: float, speed: float) -> Vector3:
+        """Step (3,) of the point in dt [s] towards a target that lies `way` from it; speed [m/s] bounds it now."""
+        distance, gain = norm(way), 0.5 * self.bandwidth
+        speed = min(self.speed, speed)
+        self.limited = gain * distance > speed
+        cap = min(speed, sqrt(1.4 * self.acceleration * distance))
+        return self._towards(scaled(way, gain if gain * distance <= cap else cap / distance), dt)
 
     def stop(self, dt: float) -> Vector3:
         """Step (3,) of the point in dt [s] while it comes to rest."""
-        return self._towards(0.0, 0.0, 0.0, dt)
+        return self._towards(ZERO, dt)
 
-    def _towards(self, vx: float, vy: float, vz: float, dt: float) -> Vector3:
+    def _towards(self, v: Vector3, dt: float) -> Vector3:
         """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds."""
         gain = min(2.0 * self.bandwidth, 1.0 / dt)
-        (ux, uy, uz), (bx, by, bz) = self.v, self.a
-        ax, ay, az = (vx - ux) * gain, (vy - uy) * gain, (vz - uz) * gain
-        size, bound = sqrt(ax * ax + ay * ay + az * az), self.acceleration
-        if size > bound:
-            s = bound / size
-            ax, ay, az = s * ax, s * ay, s * az
-        jx, jy, jz = ax - bx, ay - by, az - bz
-        size, bound = sqrt(jx * jx + jy * jy + jz * jz), self.jerk * dt
-        if size > bound:
-            s = bound / size
-            ax, ay, az = bx + s * jx, by + s * jy, bz + s * jz
-        self.a = ax, ay, az
-        self.v = ux, uy, uz = ux + ax * dt, uy + ay * dt, uz + az * dt
-        return ux * dt, uy * dt, uz * dt
+        wanted = capped(scaled(minus(v, self.v), gain), self.acceleration)
+        self.a = plus(self.a, capped(minus(wanted, self.a), self.jerk * dt))
+        self.v = plus_scaled(self.v, dt, self.a)
+        return scaled(self.v, dt)
 
 
 class PoseLimiter:
@@ -72,7 +63,7 @@ class PoseLimiter:
         point: (3,) [m] in the body, whose speed `linear` limits.
     """
 
-    def __init__(self, linear: VectorLimiter, angular: VectorLimiter, point: Vector3 = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, linear: VectorLimiter, angular: VectorLimiter, point: Vector3 = ZERO) -> None:
         self.linear, self.angular, self.point = linear, angular, point
         self.p: Vector3 = point  # of the point, in the parent frame
         self.q: Quaternion = IDENTITY  # of the body
@@ -85,10 +76,8 @@ class PoseLimiter:
 
     def advance(self, p: Vector3, q: Quaternion, dt: float, speed: float) -> None:
         """One step of dt [s] towards the point's place p [m] and rotation q; speed [m/s] bounds it now."""
-        (x, y, z), (a, b, c) = self.p, p
-        u, v, w = self.linear.advance(a - x, b - y, c - z, dt, speed)
-        self.p = x + u, y + v, z + w
-        self.q = turned(self.q, self.angular.advance(*turn_towards(q, self.q), dt, self.angular.speed))
+        self.p = plus(self.p, self.linear.advance(minus(p, self.p), dt, speed))
+        self.q = turned(self.q, self.angular.advance(turn_towards(q, self.q), dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from seed_control.law.published import PublishedLaw
-from seed_control.law.surface_observer import ObserverTuning, SurfaceObserver
+from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import Course
 from seed_control.law.tipping import tipping_gain
 from seed_control.parameters import ControllerParameters
@@ -32,8 +32,6 @@ class HybridLaw(PublishedLaw):
 
     def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator) -> None:
         super().__init__(parameters, wrench_estimator)
-        p = parameters
-        self._tuning = ObserverTuning(1e-3 * p.surface_noise, p.slope_noise, 2e-3, p.slope_prior, p.compliance_prior)
         self.observers: list[SurfaceObserver] = []  # one per force direction, since contact was made
         self.deflection = DeflectionFilter(parameters)
         self._tipping_gain = 1.0
@@ -49,7 +47,7 @@ class HybridLaw(PublishedLaw):
     def _observe(self, m: Measurement) -> bool:
         made, normals = super()._observe(m), self.plan.normals
         if made:
-            self.observers = [SurfaceObserver(self._tuning) for _ in normals]
+            self.observers = [SurfaceObserver(self.parameters) for _ in normals]
             for n, observer in zip(normals, self.observers, strict=True):
                 observer.start(m.stamp, n, m.tip, m.undeflected)
         if self.contact.made:

@@ -74,7 +74,6 @@ class PublishedLaw:
         self.filtered_task: Wrench | None = None
         self.settled = False
 
-    # --- set-point ---------------------------------------------------------------------------------------------
     def adopt(self, setpoint: HybridSetpoint, p_WC: Vector3) -> None:
         """Follow a set-point from now on; p_WC is the commanded gripper position [m], for a start without a jump."""
         before, self.setpoint = self.setpoint, setpoint
@@ -107,7 +106,6 @@ class PublishedLaw:
         """Whether any direction carries force."""
         return len(self.plan.normals) > 0
 
-    # --- per image ---------------------------------------------------------------------------------------------
     def image(self, m: Measurement, loop_time: float) -> None:  # noqa: ARG002 (the full law uses it)
         """Take in a new image's measurement and renew what follows from it.
 
@@ -140,7 +138,19 @@ class PublishedLaw:
         error = np.abs(plan.normals @ filtered.force - plan.wanted)
         self.settled = self.contact.made and bool((error < np.maximum(0.1 * np.abs(plan.wanted), 0.3)).all())
 
-    # --- Algorithm 2 -------------------------------------------------------------------------------------------
+    def regulated_error(self) -> Wrench | None:
+        """Filtered estimate less wanted wrench, where force and torque are regulated, in the task frame.
+
+        None while no set-point is followed.
+        """
+        s, m = self.setpoint, self.measured
+        if s is None or m is None or self.filtered_task is None:
+            return None
+        off = self.filtered_task.minus(s.wrench)
+        axes = self.plan.R_W_task.T @ m.X_WT[:3, :3]  # T's, in the task frame
+        about = axes @ np.diag(np.array(s.torque_axes, dtype=float)) @ axes.T
+        return Wrench(about @ off.torque, s.force_projector @ off.force)
+
     def _task_axes(self, s: HybridSetpoint) -> tuple[Array, Array]:
         """Axes R_W_task (3, 3) of the task frame, and the projector P (3, 3) onto the force directions, in W."""
         R_W_task = self.tool.R_WT @ self._R_Ttip if s.task_frame == "tool" else s.R_W_task
@@ -207,7 +217,6 @@ class PublishedLaw:
         limits.append("max_deflection")
         return d * (bound / size)
 
-    # --- between images ----------------------------------------------------------------------------------------
     def _follow(self, s: HybridSetpoint) -> None:
         """What the reference moves along until the next image."""
         self.reference.follow([self._course(s, i) for i in range(len(self.plan.normals))])

@@ -17,55 +17,41 @@ that moves with the tip, so that a force direction that turns with a surface doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from seed_control.parameters import ControllerParameters
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3, as_vector3, dot, plus_scaled
 
 MAX_SHARE = 0.85  # of beta: beyond it the environment gives way more than the grasp and 1 / (1 - beta) is mostly noise
 _GATE = 9.0  # squared innovation over its variance (3 sigma)
+_HEIGHT_PRIOR = 2e-3  # [m], deviation at first contact
 _JUMP_IMAGES = 2  # so many in a row on one side mean that the surface has stepped
 
 
-@dataclass(frozen=True)
-class ObserverTuning:
-    """Spectral densities of the random walks and deviations at first contact, SI."""
-
-    height_walk: float  # [m/sqrt(s)]
-    slope_walk: float  # [1/sqrt(s)]
-    height_prior: float  # [m]
-    slope_prior: float
-    share_prior: float
-
-
 class SurfaceObserver:
-    """The filter along one direction. `start` at first contact, `update` and `course` per image."""
+    """The filter along one direction. `start` at first contact, `update` and `course` per image.
 
-    def __init__(self, tuning: ObserverTuning) -> None:
-        self.tuning = tuning
+    Attributes:
+        x: (5,) height zeta [m], slope g (3): rise along n per metre of travel, and share beta.
+        P: (5, 5) its covariance.
+        anchor: (3,) [m] in W; heights are counted from it.
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        p = parameters
+        self._height_walk, self._slope_walk = 1e-3 * p.surface_noise, p.slope_noise  # [m/sqrt(s)], [1/sqrt(s)]
+        self._prior = np.square([_HEIGHT_PRIOR, *[p.slope_prior] * 3, p.compliance_prior])
         self.x = np.zeros(5)
         self.P = np.eye(5)
-        self.anchor = np.zeros(3)  # [m] in W; heights are counted from it
+        self.anchor = np.zeros(3)
         self._c0 = self._last = 0.0
         self._outside = 0
 
-    @property
-    def slope(self) -> Array:
-        """g (3,): rise along n per metre of travel."""
-        return self.x[1:4].copy()
-
-    @property
-    def share(self) -> float:
-        """beta."""
-        return float(self.x[4])
-
     def start(self, t: float, n: Array, tip: Array, undeflected: Array, share: float = 0.0) -> None:
         """First contact at time t [s]: force direction n, measured tip and undeflected tip, each (3,) [m] in W."""
-        tuning = self.tuning
         self.x[:] = (0.0, 0.0, 0.0, 0.0, share)
-        self.P = np.diag([tuning.height_prior**2, *[tuning.slope_prior**2] * 3, tuning.share_prior**2])
+        self.P = np.diag(self._prior)
         self.anchor = tip.copy()
         self._c0, self._last, self._outside = float(n @ (undeflected - tip)), t, 0
 
@@ -107,10 +93,8 @@ class SurfaceObserver:
         self.x[0] = F[0] @ self.x - rise
         self._c0 -= rise
         self.P = F @ self.P @ F.T
-        self.P[0, 0] += self.tuning.height_walk**2 * dt
-        slope = self.tuning.slope_walk**2 * dt
-        for i in (1, 2, 3):
-            self.P[i, i] += slope
+        self.P[0, 0] += self._height_walk**2 * dt
+        self.P[[1, 2, 3], [1, 2, 3]] += self._slope_walk**2 * dt
         self.anchor = tip.copy()
         self._last = t
 

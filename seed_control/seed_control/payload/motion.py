@@ -69,10 +69,6 @@ class PayloadRun:
             self._sample(t, state, status.setpoint.X_W_tip)
         return status
 
-    def cancel(self, reason: str) -> None:
-        """End early."""
-        self._player.cancel(reason)
-
     def result(self) -> Payload:
         """Mass, centre of mass, and the check of the stiffness by the tool's stated mass. Raises PayloadError."""
         return self._weighing.result(self._tool.mass if self._tool.mass > 0.0 else None)

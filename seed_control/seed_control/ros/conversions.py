@@ -68,7 +68,7 @@ def relative_pose_setpoint(message: RelativePoseMsg, frames: FrameNames) -> Rela
 def fill_state(
     message: StateMsg, state: ControllerState, setpoint: HybridSetpoint | None, error: Wrench | None
 ) -> StateMsg:
-    """Everything but the header and the counts of the node itself; error: `Controller.regulated_error`."""
+    """Everything but the header and the counts of the node itself; error: `PublishedLaw.regulated_error`."""
     message.enabled, message.mode, message.reason = state.enabled, state.mode, state.reason
     message.setpoint_kind, message.in_contact, message.settled = state.setpoint_kind, state.in_contact, state.settled
     fill_wrench(message.desired, state.desired or Wrench.zero())

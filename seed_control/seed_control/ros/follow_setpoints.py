@@ -114,7 +114,7 @@ class FollowServer:
         wants = bool(np.abs(state.desired.force).max() > 0.0)
         run.regulating = wants and (run.regulating or state.settled)
         if run.regulating:
-            error = self._core.regulated_error()
+            error = self._core.law.regulated_error()
             assert error is not None  # it has been in contact
             run.squares += (error.force @ error.force, error.torque @ error.torque)
             run.samples += 1
@@ -124,7 +124,7 @@ class FollowServer:
         phases = run.player.phases
         message.phase_count = len(phases)
         message.phase_index = phases.index(status.phase) if status.phase in phases else len(phases)
-        fill_wrench(message.error, self._core.regulated_error() or Wrench.zero())
+        fill_wrench(message.error, self._core.law.regulated_error() or Wrench.zero())
         run.goal.publish_feedback(message)
 
     def _finish(self, run: _Run, status: TaskStatus) -> FollowSetpoints.Result:

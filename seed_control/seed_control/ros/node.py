@@ -162,7 +162,7 @@ class ControllerNode(SeedNode):
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:
-        message = fill_state(StateMsg(), output.state, self.core.law.setpoint, self.core.regulated_error())
+        message = fill_state(StateMsg(), output.state, self.core.law.setpoint, self.core.law.regulated_error())
         message.header.stamp, message.header.frame_id = stamp_from_seconds(now), self.frames.base
         message.steps = self.steps
         message.ignored_poses += self.counters["poses_refused"]

@@ -7,7 +7,6 @@ Every wrench here is what the tool does to the environment, about the tip: press
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -105,7 +104,8 @@ class HybridSetpoint:
 
     def moved(self, X_W_tip: Array, velocity: Array) -> HybridSetpoint:
         """The same set-point at another place: cheap, for paths; everything but the two arguments is shared."""
-        out = copy(self)
+        out = object.__new__(HybridSetpoint)
+        vars(out).update(vars(self))
         out._put_place(X_W_tip, velocity)
         return out
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from seed_core.errors import SeedError
 
 Point = tuple[float, float]
@@ -37,27 +35,14 @@ def strokes_of_text(text: str, height: float, origin: Point = (0.0, 0.0), font: 
     for character in sorted(set(text) - {" "}):
         if not character.isascii() or not list(writer.strokes_for_text(character)):
             raise FontError(f"font '{font}' has no strokes for '{character}'")
-    options = writer.render_options
-    base, cap = float(options["base_line"]), float(options["cap_line"])
-    scale = height / (base - cap)
-    strokes = [[_place(x, y, scale, base, origin) for x, y in s] for s in _raw_strokes(writer, text)]
+    options = writer.render_options  # the font's y points downwards, from its capitals' line to its base line
+    scale = height / (options.base_line - options.cap_line)
+    options.scalex, options.scaley, options.yofs = scale, -scale, origin[1] + scale * options.base_line
+    strokes = [[(float(x), float(y)) for x, y in stroke] for stroke in writer.strokes_for_text(text)]
     if not strokes:
         raise FontError("there is nothing to write")
     left = min(x for s in strokes for x, _ in s) - origin[0]
     return [_thinned([(x - left, y) for x, y in s], _TOLERANCE * height) for s in strokes]
-
-
-def _raw_strokes(writer: Any, text: str) -> list[list[Point]]:
-    """Strokes in the font's own units, y downwards: the library's placement taken back."""
-    o = writer.render_options
-    return [
-        [((x - o["xofs"]) / o["scalex"], (y - o["yofs"]) / o["scaley"]) for x, y in stroke]
-        for stroke in writer.strokes_for_text(text)
-    ]
-
-
-def _place(x: float, y: float, scale: float, base: float, origin: Point) -> Point:
-    return origin[0] + scale * x, origin[1] + scale * (base - y)
 
 
 def _thinned(points: list[Point], least: float) -> list[Point]:

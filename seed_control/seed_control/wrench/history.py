@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses by time: a ring buffer with interpolation, so that an image finds the kinematics of its own moment."""
+"""Poses by time, with interpolation, so that an image finds the kinematics of its own moment."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-
-import numpy as np
+from collections import deque
+from math import inf
+from operator import itemgetter
 
 from seed_core.spatial import Array, interpolate_pose
 
@@ -13,50 +14,42 @@ EXTRAPOLATION = 0.02  # [s] how far past the newest pose a look-up may reach
 
 
 class PoseHistory:
-    """The newest `capacity` poses (4, 4) with rising stamps [s]. Memory is allocated once."""
+    """The newest `capacity` poses (4, 4) with rising stamps [s]."""
 
     def __init__(self, capacity: int = 512) -> None:
-        self._capacity = capacity
-        self._poses = np.zeros((capacity, 4, 4))
-        self._stamps = np.full(capacity, -np.inf)
-        self._count = 0
-        self.newest_stamp = -np.inf  # [s]; minus infinity while empty
+        self._entries: deque[tuple[float, Array]] = deque(maxlen=capacity)
 
     def __len__(self) -> int:
-        return min(self._count, self._capacity)
+        return len(self._entries)
 
     @property
     def oldest_stamp(self) -> float:
         """Stamp of the oldest pose still held [s]; infinity while empty."""
-        if not self._count:
-            return np.inf
-        return float(self._stamps[self._count % self._capacity if self._count >= self._capacity else 0])
+        return self._entries[0][0] if self._entries else inf
+
+    @property
+    def newest_stamp(self) -> float:
+        """Stamp of the newest pose [s]; minus infinity while empty."""
+        return self._entries[-1][0] if self._entries else -inf
 
     def newest(self) -> Array:
-        """The newest pose (4, 4); a view that stays until it is overwritten a whole buffer later."""
-        X: Array = self._poses[(self._count - 1) % self._capacity]
-        return X
+        """The newest pose (4, 4)."""
+        return self._entries[-1][1]
 
     def add(self, stamp: float, X: Array) -> bool:
         """Append a pose; False, and nothing changes, when its stamp does not rise."""
         if stamp <= self.newest_stamp:
             return False
-        i = self._count % self._capacity
-        self._poses[i] = X
-        self._stamps[i] = self.newest_stamp = stamp
-        self._count += 1
+        self._entries.append((stamp, X.copy()))
         return True
 
     def at(self, stamp: float) -> Array | None:
         """Pose at a time: between two neighbours, or up to 20 ms past the newest; None outside."""
-        n = len(self)
-        if n == 0 or stamp < self.oldest_stamp or stamp > self.newest_stamp + EXTRAPOLATION:
+        entries = self._entries
+        if not self.oldest_stamp <= stamp <= self.newest_stamp + EXTRAPOLATION:
             return None
-        if n == 1 or stamp == self.newest_stamp:
-            return self.newest().copy()
-        first = self._count - n
-        k = bisect_right(range(n), stamp, key=lambda j: self._stamps[(first + j) % self._capacity])
-        k = min(max(k, 1), n - 1)
-        a, b = (first + k - 1) % self._capacity, (first + k) % self._capacity
-        share = (stamp - self._stamps[a]) / (self._stamps[b] - self._stamps[a])
-        return interpolate_pose(self._poses[a], self._poses[b], float(share))
+        if len(entries) == 1 or stamp == self.newest_stamp:
+            return self.newest()
+        k = min(bisect_right(entries, stamp, key=itemgetter(0)), len(entries) - 1)
+        (t0, X0), (t1, X1) = entries[k - 1], entries[k]
+        return interpolate_pose(X0, X1, (stamp - t0) / (t1 - t0))

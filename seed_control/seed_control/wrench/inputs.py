@@ -42,34 +42,24 @@ class Inputs:
             self._counting.count("kinematics_refused")
         return good
 
-    def add_estimate(self, estimate: RelativePoseEstimate, blind: str) -> bool:
-        """A new relative pose. False (counted) when it is invalid, older than the last one, no pose, or `blind`.
+    def add_estimate(self, estimate: RelativePoseEstimate, unobserved: str) -> bool:
+        """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose.
 
-        blind: what is controlled that it does not observe; '' for nothing.
+        unobserved: what is controlled that it does not observe, which makes it invalid; '' for nothing.
         """
-        if not isfinite(estimate.stamp):
-            return self._bad("estimate's stamp is not finite")
-        if self.estimate is not None and estimate.stamp <= self.estimate.stamp:
+        last = self.estimate.stamp if self.estimate is not None else -inf
+        if isfinite(estimate.stamp) and estimate.stamp <= last:
             self._counting.count("estimates_out_of_order")
             return False
-        if not estimate.valid or estimate.gross_slip:
-            why = "the tool has slid in the grasp" if estimate.gross_slip else estimate.reason or "no reason given"
-            return self._bad(f"estimate is invalid: {why}")
-        try:
-            check_pose(estimate.X_CT, "X_CT")
-        except SeedError as error:
-            return self._bad(str(error))
-        if blind:
-            return self._bad(blind)
+        why = _why_unusable(estimate) or unobserved
+        if why:
+            self._counting.count("estimates_invalid", why)
+            self.bad_in_a_row += 1
+            self.why_bad = why
+            return False
         self.estimate = self.pending = estimate
         self.bad_in_a_row = 0
         return True
-
-    def _bad(self, why: str) -> bool:
-        self._counting.count("estimates_invalid", why)
-        self.bad_in_a_row += 1
-        self.why_bad = why
-        return False
 
     def match(self, t: float) -> tuple[RelativePoseEstimate, Array] | None:
         """The newest estimate with X_WE (4, 4) of its moment, once; it waits while kinematics are still to come."""
@@ -100,3 +90,17 @@ class Inputs:
         if t - self.image_stamp > p.max_estimate_age:
             return f"relative_pose is stale: {t - self.image_stamp:.3f} s old, at most {p.max_estimate_age:g} s{last}"
         return ""
+
+
+def _why_unusable(estimate: RelativePoseEstimate) -> str:
+    if not isfinite(estimate.stamp):
+        return "estimate's stamp is not finite"
+    if estimate.gross_slip:
+        return "estimate is invalid: the tool has slid in the grasp"
+    if not estimate.valid:
+        return f"estimate is invalid: {estimate.reason or 'no reason given'}"
+    try:
+        check_pose(estimate.X_CT, "X_CT")
+    except SeedError as error:
+        return str(error)
+    return ""
