@@ -16,8 +16,8 @@ from seed_core.command_line import Help, command, results_folder, seed_number
 from seed_core.errors import SeedError
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
-from seed_sim.identification.truth import summary_with_truth
-from seed_sysid.data.dataset import Dataset
+from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
+from seed_sim.identification.weight import identify_with_weight
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.weight import WeightError
@@ -94,24 +94,21 @@ def _live(args: argparse.Namespace) -> int:
 
 
 def _weight(args: argparse.Namespace) -> int:
-    from seed_sim.identification.weight import identify_with_weight
-
     scenario = load(args.scenario)
     if args.source:
         raise WeightError("--from holds wrenches of a sensor; --procedure weight has none: leave one of the two out")
     fit, figures = identify_with_weight(scenario, args.seed, args.model or scenario.procedure.fit.model)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    truth = [*figures["truth"]["rotation"], *figures["truth"]["translation"]]
-    print(f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:")
-    for j, axis in enumerate(AXES):
-        if axis in fit.undetermined:
-            print(f"  {axis:<6} not given: {fit.undetermined[axis]}")
-        else:
-            value = f"{fit.stiffness[j]:9.2f} +- {2 * fit.std[j]:6.2f} {UNITS[j]:<8}"
-            print(f"  {axis:<6}{value} true {truth[j]:9.2f}  error {abs(fit.stiffness[j] / truth[j] - 1):6.2%}")
+    lines = [f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:"]
+    for axis, k, std, unit, true in zip(AXES, fit.stiffness, fit.std, UNITS, _six(figures["truth"]), strict=True):
+        found = f"{k:9.2f} +- {2 * std:6.2f} {unit:<8} true {true:9.2f}  error {abs(k / true - 1):6.2%}"
+        why_not = fit.undetermined.get(axis)
+        lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else found))
+    print(json.dumps(figures) if args.json else "\n".join(lines))
     return 0
+
+
+def _six(halves: dict[str, list[float]]) -> list[float]:
+    return [*halves["rotation"], *halves["translation"]]
 
 
 def _simulated(args: argparse.Namespace, folder: Path | None, date: str) -> tuple[Analysis, dict[str, Any]]:
@@ -132,38 +129,29 @@ def _simulated(args: argparse.Namespace, folder: Path | None, date: str) -> tupl
         "outliers_made": cell.outliers,
     }
     if args.in_the_loop:
-        from seed_sim.identification.in_the_loop import compare
-
         g = analysis.nominal
         true = cell.truth.stiffness[analysis.grips[g]]
-        figures["in_the_loop"] = compare(stiffness_file(analysis, date), float(analysis.widths[g]), true, args.seed)
+        figures["in_the_loop"] = compare_in_the_loop(
+            stiffness_file(analysis, date), float(analysis.widths[g]), true, args.seed
+        )
     return analysis, figures
 
 
 def _from_file(args: argparse.Namespace) -> tuple[Analysis, dict[str, Any]]:
-    data = read_any(args.source)
+    data = read(args.source)
     analysis = analyse(data, args.poses, FitParameters(model=args.model or "midpoint"))
     minutes = (data.samples[-1].stamp - data.samples[0].stamp) / 60.0
     return analysis, summary(analysis) | {"from": str(args.source), "minutes": minutes}
 
 
-def read_any(path: Path) -> Dataset:
-    """Samples from a file, or from a bag that recorded the node's topic."""
-    if path.is_dir() or path.suffix in (".mcap", ".db3"):
-        from seed_sysid.data.bag import read_bag
-
-        return read_bag(path)
-    return read(path)
-
-
 def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
-    k, half, g = a.solution.value.stiffness, a.solution.half_width, a.nominal
-    true = figures.get("truth")
-    truth = [*true["rotation"], *true["translation"]] if true else None
+    g = a.nominal
     lines = [f"stiffness at {1e3 * a.widths[g]:.1f} mm ({figures['confidence']:.0%} intervals, {a.source} poses):"]
-    for j, axis in enumerate(AXES):
-        note = f"   true {truth[j]:9.3f}  error {abs(k[g, j] / truth[j] - 1):6.2%}" if truth else ""
-        lines.append(f"  {axis:<6}{k[g, j]:9.3f} +- {half[g, j]:7.3f} {UNITS[j]:<8}{note}")
+    for j, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True)):
+        k, half = a.solution.value.stiffness[g, j], a.solution.half_width[g, j]
+        true = _six(figures["truth"])[j] if "truth" in figures else None
+        note = f"   true {true:9.3f}  error {abs(k / true - 1):6.2%}" if true else ""
+        lines.append(f"  {axis:<6}{k:9.3f} +- {half:7.3f} {unit:<8}{note}")
     if "in_the_loop" in figures:
         loop = figures["in_the_loop"]
         errors = [f"{name} {score['rmse']:.4f} N" for name, score in loop["force_z"].items()]

@@ -16,9 +16,8 @@ from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.scenario import load_scenario, tactile_of
-from seed_sysid.data.bag import TOPIC, TYPE
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample, flat_pose
-from seed_sysid.data.sample_file import Recorder, header_line, parse, read, sample_line
+from seed_sysid.data.sample_file import TOPIC, TYPE, Recorder, header_line, parse, read, sample_line
 from seed_sysid.fit.analysis import analyse
 
 
@@ -230,8 +229,8 @@ def test_a_bag_is_fitted_again_as_folder_and_as_file(data: Dataset, tmp_path: Pa
     single = tmp_path / "single.mcap"
     single.write_bytes(inner.read_bytes())
     for path in (tmp_path / "bag", inner, single):
-        assert identify.read_any(path).samples == data.samples
+        assert read(path).samples == data.samples
     other = header_line(replace(data.header, run="another"))
     mixed = _record(tmp_path / "mixed", [*lines[:70], other, *lines[70:]])
     with pytest.raises(DatasetError, match="holds 2 identifications"):
-        identify.read_any(mixed)
+        read(mixed)

@@ -3,16 +3,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from seed_core.hand import GripperPressure
+from seed_core.bushing import Stiffness
+from seed_core.hand import GRAVITY, GripperPressure
 from seed_core.spatial import Array
+from seed_core.stiffness_file import GripStiffness, StiffnessFile
 from seed_sim.identification.scenario import IdentificationScenario
+from seed_sim.scenario import load_scenario
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.report.summary import split, summary
+
+_FORCE = 10.0  # [N] of the squeegee in closed loop
+_ALLOWED = 1.2  # times the relative error of the force axis times (force + weight)
 
 
 @dataclass(frozen=True)
@@ -65,4 +71,32 @@ def summary_with_truth(a: Analysis, truth: Truth) -> dict[str, Any]:
             "rotation_deg": float(np.rad2deg(np.linalg.norm(offset_error[:3]))),
             "translation_mm": float(1e3 * np.linalg.norm(offset_error[3:])),
         },
+    }
+
+
+def compare_in_the_loop(file: StiffnessFile, width: float, true: Array, seed: int) -> dict[str, Any]:
+    """What an identified stiffness is worth: the squeegee in closed loop, believing it, against believing the truth.
+
+    Args:
+        file: the result; width: [m] of the gripper, at which the controller looks its belief up in it.
+        true: (6,) the plant's stiffness at that width.
+
+    Returns:
+        Rms and mean of the force error [N] of both, and the bound that the identification's error allows.
+    """
+    from seed_sim import evaluate
+
+    nominal = load_scenario("nominal")
+    plant, belief = Stiffness.from_vector(true), GripStiffness(file).at_width(width)
+    scored = {}
+    for name, believed in (("true", plant), ("identified", belief)):
+        scenario = replace(nominal, grasp=replace(nominal.grasp, stiffness=plant, believed=believed))
+        scored[name] = evaluate("squeegee", force=_FORCE, seed=seed, scenario=scenario).result["force_z"]
+    relative = float(abs(belief.translation[2] - true[5]) / true[5])
+    allowed = scored["true"]["rmse"] + _ALLOWED * relative * (_FORCE + nominal.tool.mass * GRAVITY)
+    return {
+        "force_z": scored,
+        "relative_error_z": relative,
+        "allowed_rmse": float(allowed),
+        "within": bool(scored["identified"]["rmse"] <= allowed),
     }

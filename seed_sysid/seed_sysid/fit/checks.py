@@ -17,6 +17,16 @@ _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis tha
 _SATURATED = 3  # samples that share a channel's extreme value to the last digit
 _DISAGREE = np.array([6.0, 0.006])  # [deg, m]; median gap of two sources of pose
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
+_IN_SI = (  # most that a displacement [m], a turn [rad], and the spread of torques [N m] and of forces [N] can be
+    (
+        0.2,
+        "a displacement of {:.3g} m: a grasp gives way by some mm; it looks like mm (divide by 1000), "
+        "or like a pose in the world instead of C in T",
+    ),
+    (1.3, "a rotation of {:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad"),
+    (100.0, "torques vary by {:.3g} N m: that looks like N mm; divide by 1000"),
+    (2000.0, "forces vary by {:.3g} N: that looks like mN; divide by 1000"),
+)
 
 
 def check_data(data: Dataset, source: str) -> None:
@@ -66,25 +76,11 @@ def check_solution(solution: Solution) -> None:
 
 def _check_units(data: Dataset, wrenches: Array) -> None:
     poses = np.array([v for s in data.samples for v in (s.kinematic, s.estimator) if v is not None])
-    shift, turn = np.abs(poses[:, :3]).max(), np.abs(poses[:, 3:]).max()
-    torque, force = np.ptp(wrenches[:, :3], axis=0).max(), np.ptp(wrenches[:, 3:], axis=0).max()
-    for value, bound, words in (
-        (
-            shift,
-            0.2,  # [m]
-            f"a displacement of {shift:.3g} m: a grasp gives way by some mm; it looks like mm (divide by 1000), "
-            "or like a pose in the world instead of C in T",
-        ),
-        (
-            turn,
-            1.3,  # [rad]
-            f"a rotation of {turn:.3g} rad: a grasp turns by 0.5 at most; it looks like degrees: convert to rad",
-        ),
-        (torque, 100.0, f"torques vary by {torque:.3g} N m: that looks like N mm; divide by 1000"),
-        (force, 2000.0, f"forces vary by {force:.3g} N: that looks like mN; divide by 1000"),
-    ):
-        if value > bound:
-            raise DatasetError(words)
+    spread = np.ptp(wrenches, axis=0)
+    largest = np.abs(poses[:, :3]).max(), np.abs(poses[:, 3:]).max(), spread[:3].max(), spread[3:].max()
+    for value, (most, words) in zip(largest, _IN_SI, strict=True):
+        if value > most:
+            raise DatasetError(words.format(value))
 
 
 def _check_excitation(X_TC: Array, grip: int) -> None:
