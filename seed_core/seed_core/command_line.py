@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from seed_core.errors import FailedError, SeedError
 
+N = TypeVar("N", int, float)
 LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too
 
 
@@ -37,33 +38,26 @@ class Help(argparse.HelpFormatter):
         return text if told else f"{text} (default: %(default)s)".lstrip()
 
 
-def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+def whole(low: int, high: float = math.inf) -> Callable[[str], int]:
     """Type of an argument: a whole number from `low` to `high`."""
-
-    def parse(text: str) -> int:
-        bound = f"of at least {low}" if high is None else f"from {low} to {high}"
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if value < low or (high is not None and value > high):
-            raise argparse.ArgumentTypeError(f"{text} must be a whole number {bound}")
-        return value
-
-    return parse
+    return _within(int, low, high, "a whole number", "")
 
 
 def number(low: float, unit: str, high: float = math.inf) -> Callable[[str], float]:
     """Type of an argument: a finite number from `low` to `high`, in `unit`."""
+    return _within(float, low, high, "a number", f" {unit}")
 
-    def parse(text: str) -> float:
+
+def _within(kind: type[N], low: float, high: float, what: str, unit: str) -> Callable[[str], N]:
+    bound = f"of at least {low:.10g}{unit}" if math.isinf(high) else f"from {low:.10g} to {high:.10g}{unit}"
+
+    def parse(text: str) -> N:
         try:
-            value = float(text)
+            value: N | None = kind(text)
         except ValueError:
-            value = math.nan
-        if not (low <= value <= high and math.isfinite(value)):
-            bound = f"of at least {low:g} {unit}" if math.isinf(high) else f"from {low:g} to {high:g} {unit}"
-            raise argparse.ArgumentTypeError(f"{text} must be a number {bound}")
+            value = None
+        if value is None or not (low <= value <= high and math.isfinite(value)):
+            raise argparse.ArgumentTypeError(f"{text} must be {what} {bound}")
         return value
 
     return parse

@@ -6,8 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
+from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from seed_core.bushing import MODELS, Stiffness
@@ -61,32 +63,23 @@ class GripStiffness:
 
     def __init__(self, file: StiffnessFile) -> None:
         self.file = file
-        self._by_pressure = sorted(file.grips, key=lambda g: g.pressure_hpa)
-        self._by_width = sorted(file.grips, key=lambda g: g.width_m)
 
     def at_pressure(self, pressure_hpa: float) -> Stiffness:
         """Stiffness at a pressure [hPa]. Raises ConfigError when it is not finite."""
-        return _between(self._by_pressure, [g.pressure_hpa for g in self._by_pressure], pressure_hpa, "pressure", "hPa")
+        return self._at("pressure_hpa", pressure_hpa, "pressure", "hPa")
 
     def at_width(self, width_m: float) -> Stiffness:
         """Stiffness at a gripper width [m]. Raises ConfigError when it is not finite."""
-        return _between(self._by_width, [g.width_m for g in self._by_width], width_m, "width", "m")
+        return self._at("width_m", width_m, "width", "m")
 
-
-def _between(grips: list[Grip], at: list[float], value: float, name: str, unit: str) -> Stiffness:
-    if not isfinite(value):
-        raise ConfigError(f"{name} = {value} {unit} must be finite")
-    i = next((k for k in range(1, len(at)) if value < at[k]), len(at) - 1)
-    if len(at) == 1 or value <= at[0]:
-        return grips[0].stiffness
-    share = min((value - at[i - 1]) / (at[i] - at[i - 1]), 1.0) if at[i] > at[i - 1] else 1.0
-    r, t = (
-        tuple(
-            (1.0 - share) * a + share * b for a, b in zip(getattr(grips[i - 1], n), getattr(grips[i], n), strict=True)
-        )
-        for n in ("rotation", "translation")
-    )
-    return Stiffness((r[0], r[1], r[2]), (t[0], t[1], t[2]))
+    def _at(self, key: str, value: float, name: str, unit: str) -> Stiffness:
+        if not isfinite(value):
+            raise ConfigError(f"{name} = {value} {unit} must be finite")
+        grips = sorted(self.file.grips, key=attrgetter(key))
+        at = [getattr(grip, key) for grip in grips]
+        columns = np.array([(*grip.rotation, *grip.translation) for grip in grips]).T
+        kr, kp, ky, kx, k_y, kz = (float(np.interp(value, at, column)) for column in columns)
+        return Stiffness((kr, kp, ky), (kx, k_y, kz))
 
 
 def load_stiffness(path: str | Path) -> StiffnessFile:

@@ -55,11 +55,6 @@ def capped(a: Vector3, longest: float) -> Vector3:
     return a if length <= longest else scaled(a, longest / length)
 
 
-def rotated(R: Rows, v: Sequence[float]) -> Vector3:
-    """R v"""
-    return dot(R[0], v), dot(R[1], v), dot(R[2], v)
-
-
 def transformed(X: Rows, v: Sequence[float]) -> Vector3:
     """The point v in the frame of pose X, measured where X is."""
     return dot(X[0], v) + X[0][3], dot(X[1], v) + X[1][3], dot(X[2], v) + X[2][3]

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from math import acos, atan2, cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
+from seed_core.spatial import Array
 from seed_ur.models import ALPHA, URModel, model
 
-Array = NDArray[np.float64]
 _COS_ALPHA = tuple(float(round(cos(t))) for t in ALPHA)  # exactly 0 and +-1
 _SIN_ALPHA = tuple(float(round(sin(t))) for t in ALPHA)
 _SINGULAR = 1e-8  # |sin q5| below which joints 4 and 6 share one axis
@@ -100,17 +99,8 @@ class URKinematics:
 
         Where q5 is a multiple of pi only q4 + q6 or q4 - q6 is determined: q6 is then `q6_when_singular`.
         """
-        (xx, yx, zx, px), (xy, yy, zy, py), _, _ = X_WE.tolist()
-        d4, d6 = self.model.d[3], self.model.d[5]
-        wx, wy = px - d6 * zx, py - d6 * zy  # where the axes of joints 5 and 6 meet, seen from above
-        radius = hypot(wx, wy)
-        if radius < d4:
-            return []  # inside the cylinder around the base axis
         out: list[tuple[float, ...]] = []
-        for q1 in (atan2(wy, wx) + side * acos(d4 / radius) + pi / 2 for side in (1.0, -1.0)):
-            s1, c1 = sin(q1), cos(q1)
-            # the axis of joints 2 to 4, seen from E: (s5 c6, -s5 s6, c5)
-            ex, ey, ez = s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * zx - c1 * zy
+        for q1, (ex, ey, ez) in self._shoulders(X_WE):
             bend = atan2(hypot(ex, ey), ez)
             if hypot(ex, ey) < _SINGULAR:
                 out.extend(self._arm(X_WE, q1, bend, q6_when_singular))
@@ -118,6 +108,24 @@ class URKinematics:
                 out.extend(self._arm(X_WE, q1, bend, atan2(-ey, ex)))
                 out.extend(self._arm(X_WE, q1, -bend, atan2(ey, -ex)))
         return [tuple(_wrap(t) for t in q) for q in out]
+
+    def _shoulders(self, X_WE: Array) -> list[tuple[float, _V]]:
+        """Both angles q1, none inside the cylinder around the base axis, each with the axis of joints 2 to 4 in E.
+
+        That axis is (s5 c6, -s5 s6, c5).
+        """
+        (xx, yx, zx, px), (xy, yy, zy, py), _, _ = X_WE.tolist()
+        d4, d6 = self.model.d[3], self.model.d[5]
+        wx, wy = px - d6 * zx, py - d6 * zy  # where the axes of joints 5 and 6 meet, seen from above
+        radius = hypot(wx, wy)
+        if radius < d4:
+            return []
+        middle, side = atan2(wy, wx) + pi / 2, acos(d4 / radius)
+        out: list[tuple[float, _V]] = []
+        for q1 in (middle + side, middle - side):
+            s1, c1 = sin(q1), cos(q1)
+            out.append((q1, (s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * zx - c1 * zy)))
+        return out
 
     def _arm(self, X_WE: Array, q1: float, q5: float, q6: float) -> list[tuple[float, ...]]:
         """Joint vectors with the given base and hand angles: what is left is a planar arm, joints 2 to 4."""
@@ -161,26 +169,17 @@ class URKinematics:
 
     def follow(self, X_WE: Array, near: Sequence[float]) -> list[float]:
         """As `inverse`, four times faster: at every fork the side of `near` (6,), which has to be close by."""
-        (xx, yx, zx, px), (xy, yy, zy, py), _, _ = X_WE.tolist()
-        wx, wy = px - self.model.d[5] * zx, py - self.model.d[5] * zy
-        radius = hypot(wx, wy)
-        solution: list[float] | None = None
-        if radius >= self.model.d[3]:
-            middle, side = atan2(wy, wx) + pi / 2, acos(self.model.d[3] / radius)
-            q1 = min((middle + side, middle - side), key=lambda q: abs(_wrap(q - near[0])))
-            s1, c1 = sin(q1), cos(q1)
-            ex, ey, ez = s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * zx - c1 * zy
-            if hypot(ex, ey) < _WRIST:
-                return [float(t) for t in self.inverse(X_WE, near)]  # q5 may change its sign here
+        shoulders = self._shoulders(X_WE)
+        if shoulders:
+            q1, (ex, ey, ez) = min(shoulders, key=lambda s: abs(_wrap(s[0] - near[0])))
             sign = 1.0 if sin(near[4]) >= 0.0 else -1.0
-            q5 = sign * atan2(hypot(ex, ey), ez)
-            planar = self._arm(X_WE, q1, q5, atan2(-sign * ey, sign * ex))
-            if planar:
+            planar = self._arm(X_WE, q1, sign * atan2(hypot(ex, ey), ez), atan2(-sign * ey, sign * ex))
+            if planar and hypot(ex, ey) >= _WRIST:  # below, q5 may change its sign
                 nearest = min(planar, key=lambda q: abs(_wrap(q[2] - near[2])))
                 solution = self._turns(nearest, near)
-        if solution is None:
-            return [float(t) for t in self.inverse(X_WE, near)]  # raises with the reason, or knows another way
-        return solution
+                if solution is not None:
+                    return solution
+        return [float(t) for t in self.inverse(X_WE, near)]  # raises with the reason, or knows another way
 
     def _turns(self, q: Sequence[float], near: Sequence[float]) -> list[float] | None:
         """Each angle plus the whole turns that bring it nearest to `near` within the joint's range."""

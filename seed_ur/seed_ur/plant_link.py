@@ -12,13 +12,12 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from seed_core.errors import FailedError
+from seed_core.spatial import Array
 from seed_ur.pose import pose_from_matrix
-from seed_ur.standin.server import PLANT_PORT, SIDE_PORT
-
-Array = NDArray[np.float64]
+from seed_ur.standin.options import PLANT_PORT, SIDE_PORT
+from seed_ur.standin_client import request
 
 
 class ArmState(NamedTuple):
@@ -54,13 +53,10 @@ class PlantLink:
         clock: what the controller's clock shows from now on [s]; the plant then sets its pace by `exchange`.
         Waits for the stand-in to be there; raises SeedError when it does not come or refuses.
         """
-        request = {"do": "place", "pose": list(pose_from_matrix(X_WE)), "near": list(near), "clock": clock}
-        until = time.monotonic() + patience
+        pose, until = list(pose_from_matrix(X_WE)), time.monotonic() + patience
         while True:
             try:
-                with socket.create_connection((self._address[0], SIDE_PORT), timeout=2.0) as connection:
-                    connection.sendall(json.dumps(request).encode() + b"\n")
-                    reply = json.loads(connection.makefile("rb").readline())
+                reply = request(self._address[0], "place", pose=pose, near=list(near), clock=clock)
                 break
             except OSError as error:
                 if time.monotonic() > until:

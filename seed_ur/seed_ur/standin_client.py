@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from seed_core.errors import FailedError
-from seed_ur.standin.server import SIDE_PORT
+from seed_ur.standin.options import SIDE_PORT
 
 _numbers = itertools.count()
 
@@ -29,6 +29,17 @@ def private_host() -> str:
 def _end_with_parent() -> None:
     """Have the kernel end this process when its parent is gone, however that ended."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+
+
+def request(host: str, do: str, **arguments: Any) -> dict[str, Any]:
+    """One request to the side port of a stand-in; its reply as it comes. Raises OSError when nobody is there."""
+    with socket.create_connection((host, SIDE_PORT), timeout=10.0) as connection:
+        connection.sendall(json.dumps({"do": do, **arguments}).encode() + b"\n")
+        if do == "kill":
+            return {"ok": True}
+        with connection.makefile("rb") as file:
+            reply: dict[str, Any] = json.loads(file.readline() or b'{"ok": false, "error": "closed"}')
+    return reply
 
 
 class StandIn:
@@ -61,13 +72,7 @@ class StandIn:
 
     def ask(self, do: str, **arguments: Any) -> dict[str, Any]:
         """One request to the side port; raises SeedError when it is refused."""
-        with socket.create_connection((self.host, SIDE_PORT), timeout=10.0) as connection:
-            connection.sendall(json.dumps({"do": do, **arguments}).encode() + b"\n")
-            if do == "kill":
-                return {}
-            with connection.makefile("rb") as file:
-                line = file.readline()
-        reply: dict[str, Any] = json.loads(line or b'{"ok": false, "error": "closed"}')
+        reply = request(self.host, do, **arguments)
         if not reply.pop("ok"):
             raise FailedError(f"stand-in refused {do}: {reply['error']}")
         return reply

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a stand-in is and how it can be made to misbehave; the numbers that UR gives to modes and states."""
+"""Options, faults and ports of a stand-in, and the numbers that UR gives to modes and states."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from seed_ur import rtde as wire
 
 PERIOD = 0.002  # [s]
+RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
+SCRIPT_PORTS = (30001, 30002, 30003)
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot_mode
 NORMAL, PROTECTIVE, ROBOT_EMERGENCY = 1, 3, 7  # safety_mode

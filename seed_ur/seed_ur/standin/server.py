@@ -21,12 +21,18 @@ from seed_core.errors import SeedError
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
 from seed_ur.standin.dashboard import DashboardChannel
-from seed_ur.standin.options import PERIOD, Options
+from seed_ur.standin.options import (
+    DASHBOARD_PORT,
+    PERIOD,
+    PLANT_PORT,
+    RTDE_PORT,
+    SCRIPT_PORTS,
+    SIDE_PORT,
+    Options,
+)
 from seed_ur.standin.rtde_session import RtdeChannel
 from seed_ur.standin.script import ScriptChannel
 
-RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
-SCRIPT_PORTS = (30001, 30002, 30003)
 PRIORITY = 70  # SCHED_FIFO, where it is allowed
 CATCH_UP = 0.1  # [s] cycles later than this are skipped
 PLANT_TIMEOUT = 0.5  # [s] without a word from the plant the wrench is zero
