@@ -27,7 +27,7 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from seed_bringup.bags import BagError  # noqa: E402
 from seed_bringup.bags.files import BagWriter  # noqa: E402
-from seed_bringup.bags.recording import Recording  # noqa: E402
+from seed_bringup.bags.recording import recording  # noqa: E402
 from seed_bringup.bags.types import InstalledTypes, definition_file  # noqa: E402
 
 pytestmark = pytest.mark.realtime
@@ -60,10 +60,10 @@ def publish_everything(node: Node, path: Path, topics: list[str]) -> Path:
     mode = node.create_publisher(String, "/cell/mode", LATCHED)
     tf = node.create_publisher(TFMessage, "/tf", 100)
     mode.publish(String(data="remote control"))  # before the recorder is there
-    with Recording(path, topics) as recording:
+    with recording(path, topics) as said:
         assert wait_until(
             lambda: min(wrench.get_subscription_count(), force.get_subscription_count()) > 0, node, 15.0
-        ), recording.output()
+        ), said()
         assert wait_until(lambda: min(mode.get_subscription_count(), tf.get_subscription_count()) > 0, node, 5.0)
         time.sleep(0.5)
         for i in range(COUNT):
@@ -161,5 +161,5 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
 
 
 def test_a_recorder_that_had_hardly_begun_does_not_hide_why_the_run_ended(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), Recording(tmp_path / "bag.mcap", ["/chatter"]):
+    with pytest.raises(KeyboardInterrupt), recording(tmp_path / "bag.mcap", ["/chatter"]):
         raise KeyboardInterrupt

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What launch files may say, and what is said when they say something else."""
+"""Launch files: all that they may say, and the refusals of everything else."""
 
 from __future__ import annotations
 

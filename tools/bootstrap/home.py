@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where environments and builds are kept, outside every checkout, and the locks on them."""
+"""The folder of environments and builds, outside every checkout, and the locks on them."""
 
 import fcntl
 import hashlib

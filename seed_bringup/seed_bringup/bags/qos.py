@@ -9,8 +9,11 @@ from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-RECORD_DEPTH = 200
 PLAY_DEPTH = 100
+# The strictest profile that every present publisher of a topic satisfies.
+TO_RECORD = QoSProfile(
+    depth=200, reliability=ReliabilityPolicy.BEST_AVAILABLE, durability=DurabilityPolicy.BEST_AVAILABLE
+)
 
 
 def for_bag(profile: QoSProfile) -> Qos:
@@ -32,25 +35,14 @@ def _time(duration: Duration) -> QosTime:
     return QosTime(*divmod(duration.nanoseconds, 10**9))
 
 
-def to_record(offered: Sequence[QoSProfile]) -> QoSProfile:
-    """The strictest profile that every one of these publishers satisfies."""
-    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in offered)
-    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in offered)
-    return _profile(reliable, latched, RECORD_DEPTH)
-
-
 def to_play(recorded: Sequence[Qos], messages: int) -> QoSProfile:
     """A profile that serves every subscriber the recorded publishers served; latched topics keep what they said."""
     reliable = not recorded or any(q.reliability != QosReliability.BEST_EFFORT for q in recorded)
     latched = any(q.durability == QosDurability.TRANSIENT_LOCAL for q in recorded)
     depth = max((q.depth for q in recorded), default=0)
     kept = depth or min(max(messages, 1), PLAY_DEPTH)
-    return _profile(reliable, latched, kept if latched else max(depth, PLAY_DEPTH))
-
-
-def _profile(reliable: bool, latched: bool, depth: int) -> QoSProfile:
     return QoSProfile(
-        depth=depth,
+        depth=kept if latched else max(depth, PLAY_DEPTH),
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

@@ -60,7 +60,7 @@ class Recorder(Node):
             self.refused.add(topic)
             self.get_logger().warning(f"not recording {topic}: {error}")
             return
-        self.loop.poll(kind, topic, self._keep(connection), qos.to_record(offered), raw=True)
+        self.loop.poll(kind, topic, self._keep(connection), qos.TO_RECORD, raw=True)
         self.recorded.add(topic)
         self.get_logger().info(f"recording {topic} ({type_name})")
 

@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from seed_bringup.bags import BagError
@@ -15,40 +16,42 @@ from seed_bringup.bags import BagError
 CLOSE_PATIENCE = 30.0  # [s] to write the last chunk and the index
 
 
-class Recording:
-    """Records topics (all when none is named) to a bag while the block runs; those that appear later as well.
+@contextmanager
+def recording(path: str | Path, topics: Sequence[str] = (), sim_time: bool = False) -> Iterator[Callable[[], str]]:
+    """Records topics to a bag while the block runs; those that appear later as well.
 
-    with Recording(folder / "bag.mcap", ["/relative_pose", "/tf"]):
+    with recording(folder / "bag.mcap", ["/relative_pose", "/tf"]):
         ...
+
+    Args:
+        path: A folder to make, or a single file that ends in .mcap.
+        topics: All when none is named.
+        sim_time: Whether to stamp by /clock.
+
+    Yields:
+        A function that returns what the recorder has said so far.
 
     Raises:
         BagError: At the end of the block, with the recorder's words, when there is no bag.
     """
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.bag", "record", "-o", str(path)]
+    command += [*(topics or ["--all"]), *(["--use-sim-time"] if sim_time else [])]
+    with tempfile.TemporaryFile() as log:
 
-    def __init__(self, path: str | Path, topics: Sequence[str] = (), sim_time: bool = False) -> None:
-        self.path = Path(path)
-        self._arguments = ["-o", str(self.path), *(topics or ["--all"]), *(["--use-sim-time"] if sim_time else [])]
+        def said() -> str:
+            log.seek(0)
+            return log.read().decode(errors="replace")
 
-    def output(self) -> str:
-        """What the recorder has said so far."""
-        self._log.seek(0)
-        return self._log.read().decode(errors="replace")
-
-    def __enter__(self) -> Recording:
-        command = [sys.executable, "-P", "-m", "seed_bringup.commands.bag", "record", *self._arguments]
-        self._log = tempfile.TemporaryFile()
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
         )
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._process.send_signal(signal.SIGINT)
         try:
-            code = self._process.wait(timeout=CLOSE_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            code = self._process.wait()
-        # Whatever ended the block by an error tells more than a recorder that had hardly begun.
-        if kind is None and (code != 0 or not self.path.exists()):
-            raise BagError(f"recording {self.path} failed with exit code {code}:\n{self.output()}")
+            yield said
+        finally:  # an error in the block tells more than a recorder that had hardly begun
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(timeout=CLOSE_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        if process.wait() != 0 or not Path(path).exists():
+            raise BagError(f"recording {path} failed with exit code {process.returncode}:\n{said()}")

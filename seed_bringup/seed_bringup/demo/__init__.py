@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ./seed demo shows of a run: the recorded series, the figures, the report."""
+"""The parts of ./seed demo: the plan, the live run, its series and score, the figures, the report."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from seed_bringup.bags.recording import Recording
+from seed_bringup.bags.recording import recording
 from seed_bringup.demo.plan import Plan, goal
 from seed_bringup.demo.report import Picture
 from seed_bringup.demo.score import TOPICS, Phase
@@ -85,7 +85,7 @@ def play_live(asked: Plan) -> LiveRun:
     with contextlib.ExitStack() as stack:
         say("starting simulation, cameras, estimator, controller and recorder")
         stack.enter_context(launch)
-        stack.enter_context(Recording(asked.folder / "bag.mcap", RECORDED + (IMAGES if asked.options.images else [])))
+        stack.enter_context(recording(asked.folder / "bag.mcap", RECORDED + (IMAGES if asked.options.images else [])))
         session = Session(watch)
         stack.callback(session.close)
         _prepare(session, asked.options.estimator != "truth")

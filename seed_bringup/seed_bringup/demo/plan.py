@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a demo was asked to do, checked before anything starts."""
+"""The plan of a demo: its options and all that they name, checked before anything starts."""
 
 from __future__ import annotations
 

@@ -53,7 +53,9 @@ class Launch:
         self.nodes: list[NodeProcess] = []
         self._output = output
         self._output_lock = threading.Lock()
-        self._running = contextlib.ExitStack()  # the folder of parameter files and the reaper
+        self._running = contextlib.ExitStack()  # closes the folder of parameter files and the reaper
+        self._folder = Path()
+        self._reaper: subprocess.Popen[str] | None = None
         self._respawns: list[tuple[float, Node]] = []
         self._code: int | None = None
 
@@ -164,6 +166,7 @@ class Launch:
             running.signal(number)
 
     def _tell_reaper(self, line: str) -> None:
+        assert self._reaper is not None
         assert self._reaper.stdin is not None
         with contextlib.suppress(BrokenPipeError, ValueError):  # it was killed, or stop() is called again
             print(line, file=self._reaper.stdin, flush=True)
