@@ -24,7 +24,7 @@ class GuardConfig(TargetLimits):
 
 
 class TargetGuard:
-    """One arm's guard. Times are any steady clock [s]."""
+    """One arm's guard; it moves nothing before the first `resume`. Times `now` are any steady clock's [s]."""
 
     def __init__(self, config: GuardConfig) -> None:
         self.config = config
@@ -44,7 +44,11 @@ class TargetGuard:
             self._measured, self._measured_at = pose, now
 
     def resume(self, now: float) -> str:
-        """Follow again from where the arm stands; the reason why not, or nothing."""
+        """Follow again from where the arm stands.
+
+        Returns:
+            Why not; '' when it does.
+        """
         if self._measured is None or now - self._measured_at > self.config.command_timeout:
             return "no current_pose from the arm: is it running?"
         if self._limiter is None or self.reason:
@@ -58,7 +62,11 @@ class TargetGuard:
         self.latch.hold(reason)
 
     def target(self, target: Target, now: float) -> str:
-        """A wanted pose; why it is not followed, or nothing."""
+        """Take a wanted pose.
+
+        Returns:
+            Why it is not followed; '' when it is.
+        """
         if self._limiter is None or self.reason:
             return self.reason
         if why := refusal(target, (self._limiter.p, self._limiter.q), self.config):
@@ -69,7 +77,12 @@ class TargetGuard:
         return ""
 
     def step(self, now: float) -> Pose | None:
-        """The pose to send to the arm now; None before the first `resume`."""
+        """One step of 1 / rate.
+
+        Returns:
+            The pose to send to the arm now: position [m] and quaternion in the base frame; None before the first
+            `resume`.
+        """
         limiter = self._limiter
         if limiter is None:
             return None

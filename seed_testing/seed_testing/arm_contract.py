@@ -66,17 +66,12 @@ def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "b
     """Join the graph and check the arm whose node is called `arm`, in all clauses when none is named."""
     with Peer(driver=arm, base=base) as peer:
         peer.wait(lambda: bool(peer.poses), 20.0, "a first current_pose")
-        _wait_until_ready(peer, limits)
+        ready, deadline = False, time.monotonic() + STARTING
+        while not ready and time.monotonic() < deadline:  # whether it ever is, the clauses say
+            with suppress(SeedError):
+                enable(peer, limits)
+                ready = True
         return check(peer, limits, clauses)
-
-
-def _wait_until_ready(peer: Peer, limits: Limits) -> None:
-    """An arm that has just been started may not have found its inputs yet; whether it ever does, the clauses say."""
-    deadline = time.monotonic() + STARTING
-    while time.monotonic() < deadline:
-        with suppress(SeedError):
-            enable(peer, limits)
-            return
 
 
 @command("seed_testing.arm_contract")

@@ -27,7 +27,11 @@ PLAUSIBLE = 0.03  # [m] that a calibration may move the flange
 
 
 def arm_kinematics(config: DriverConfig) -> URKinematics:
-    """Kinematics for `config`; raises SeedError when the calibration file is missing or wrong."""
+    """The arm's kinematics.
+
+    Raises:
+        SeedError: the calibration file is missing or wrong, or of another arm.
+    """
     nominal = URKinematics.for_model(config.model)
     return load_calibration(config.calibration_file, nominal) if config.calibration_file else nominal
 
@@ -70,7 +74,11 @@ class CalibratedKinematics(URKinematics):
 
 
 def load_calibration(path: str, nominal: URKinematics) -> CalibratedKinematics:
-    """Read a calibration file; raises SeedError naming file, entry and what was expected."""
+    """Kinematics of the arm whose calibration file is at `path`; `nominal` are those of its model.
+
+    Raises:
+        SeedError: file, entry and what was expected.
+    """
     try:
         data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
     except FileNotFoundError as error:

@@ -26,7 +26,12 @@ BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest 
 
 
 class CommandLimiter:
-    """`p` [m], `q` is the command; `reference` what it follows, None while it comes to rest."""
+    """The two stages. Per step: `propose`, whatever slows it down, then `advance`.
+
+    Attributes:
+        p, q: the command, position [m] and quaternion.
+        reference: what it follows; None while it comes to rest.
+    """
 
     def __init__(self, p: Vector3, q: Quaternion, dt: float, limits: MotionLimits) -> None:
         """dt: [s] of a step."""

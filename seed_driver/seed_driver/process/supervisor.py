@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 from seed_core.config import to_mapping
 from seed_core.errors import SeedError
+from seed_core.quaternion import Quaternion
+from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.realtime import raise_niceness
 from seed_driver.process.shared_memory import CRASHED, LOST, SharedMemory, Stage, State, TargetSlot
@@ -117,7 +119,11 @@ class Supervisor:
         return self._life.process.pid if self._life is not None else None
 
     def step(self, now: float) -> State:
-        """Look after the process; the newest state."""
+        """Look after the process, at `now` [s, monotonic].
+
+        Returns:
+            The newest state; its `reason` tells why the arm holds.
+        """
         if self.memory is None:
             return self.state
         if self._life is None:
@@ -165,7 +171,11 @@ class Supervisor:
 
     # requests
     def send(self, do: str, **arguments: Any) -> int:
-        """Send a request; its answer appears in `replies` under the returned number."""
+        """Send a request, such as start, stop or zero_ft; nothing is waited for.
+
+        Returns:
+            The number under which its answer will appear in `replies`.
+        """
         self._start_program &= do != "stop"  # even when it does not arrive
         self._requests += 1
         number = self._requests
@@ -193,8 +203,20 @@ class Supervisor:
             while len(self.replies) > MOST_REPLIES:
                 self.replies.pop(next(iter(self.replies)))
 
-    def write_target(self, p: tuple[float, float, float], q: tuple[float, float, float, float], now: float) -> int:
-        """Hand over a target that has passed the target checks; its number."""
+    def write_target(self, p: Vector3, q: Quaternion, now: float) -> int:
+        """Hand over a target that has passed the target checks.
+
+        Args:
+            p: position [m] of the flange in `base`.
+            q: its rotation as a unit quaternion.
+            now: time of receipt [s, monotonic].
+
+        Returns:
+            The target's number, as in State.target_number.
+
+        Raises:
+            SeedError: the driver is not active.
+        """
         if self.memory is None:
             raise SeedError("the driver is not active")
         self._targets += 1
