@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command moves as the robot's clock does, whatever ours shows."""
 
-import os
-
 import pytest
 
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import Motion
-from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import SharedMemory
 from seed_driver.session import AHEAD, Session
 
@@ -44,13 +41,3 @@ def test_a_robot_whose_clock_stands_still_gets_no_more_than_two_steps(memory) ->
 
 def test_a_robot_whose_clock_has_run_ahead_gets_one_step_per_cycle(memory) -> None:
     assert steps(memory, 10.0) == 500
-
-
-def test_the_priority_of_new_threads_is_not_kept_by_the_one_that_makes_them() -> None:
-    def scheduling():
-        return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
-
-    before = scheduling()
-    with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=5, cpu=0)):
-        pass
-    assert scheduling() == before

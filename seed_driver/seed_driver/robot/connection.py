@@ -146,7 +146,6 @@ class Robot:
             if fraction == self.states.values["target_speed_fraction"]:
                 return
             slider = rtde_client.RtdeClient(self.config.robot_ip)
-            slider.version()
             slider.take_inputs(*SLIDER.names)
             self._slider = slider
         self._slider.send(SLIDER.encode(1, {"speed_slider_mask": 1, "speed_slider_fraction": fraction}))

@@ -27,6 +27,7 @@ _SAFETY_STOPS = {  # by their bit in safety_status_bits, the most telling first
     9: "safety fault",
     10: "stopped by safety",
 }
+_ANY_STOP = sum(1 << bit for bit in _SAFETY_STOPS)
 _MODES = {
     -1: "no controller",
     0: "disconnected",
@@ -80,6 +81,8 @@ class LinkWatch:
 
 def safety_stop(safety_bits: int) -> str:
     """Name of the safety stop in force, empty when the arm may move."""
+    if not safety_bits & _ANY_STOP:  # this runs in every cycle
+        return ""
     return next((name for bit, name in _SAFETY_STOPS.items() if safety_bits >> bit & 1), "")
 
 

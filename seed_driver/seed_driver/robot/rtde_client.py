@@ -29,13 +29,14 @@ class RtdeClient:
     """One RTDE connection; a context manager.
 
     Attributes:
+        version: PolyScope's (major, minor, bugfix, build).
         values: the newest outputs by RTDE's names, units as in UR's RTDE guide; from `start` on.
         packages: how many times new ones have come.
         open: False from the end of the connection on, as far as `poll` has seen.
     """
 
     def __init__(self, host: str, timeout: float = TIMEOUT) -> None:
-        """Connect; raises LinkError. timeout: [s] of each answer."""
+        """Connect and agree on protocol 2; raises LinkError. timeout: [s] of each answer."""
         self.host, self.open, self.packages = host, True, 0
         self.values: Mapping[str, Any] = {}
         self._recipe = rtde.Recipe.of((), rtde.OUTPUTS)
@@ -44,6 +45,14 @@ class RtdeClient:
             self._socket = socket.create_connection((host, PORT), timeout)
         except (OSError, UnicodeError) as error:  # the latter from names that cannot be one of a host
             raise LinkError(f"no controller at {host}:{PORT} ({error}); check robot_ip, cable and power") from error
+        try:
+            if self.ask(rtde.REQUEST_VERSION, b"\x00\x02") != b"\x01":
+                raise LinkError(f"{host} refuses RTDE protocol 2: its software is too old")
+            major, minor, bugfix, build = struct.unpack(">4I", self.ask(rtde.CONTROLLER_VERSION))
+        except BaseException:
+            self._socket.close()
+            raise
+        self.version: rtde.Version = major, minor, bugfix, build
 
     def __enter__(self) -> RtdeClient:
         return self
@@ -70,13 +79,6 @@ class RtdeClient:
             if package.kind == kind:
                 return package.payload
         raise OSError("no answer")
-
-    def version(self) -> rtde.Version:
-        """Agree on protocol 2; PolyScope's (major, minor, bugfix, build)."""
-        if self.ask(rtde.REQUEST_VERSION, b"\x00\x02") != b"\x01":
-            raise LinkError(f"{self.host} refuses RTDE protocol 2: its software is too old")
-        major, minor, bugfix, build = struct.unpack(">4I", self.ask(rtde.CONTROLLER_VERSION))
-        return major, minor, bugfix, build
 
     def start(self, names: Sequence[str], rate: float) -> None:
         """Have the outputs `names` sent at `rate` [Hz], and wait for the first of them."""
@@ -138,8 +140,7 @@ def follow_outputs(host: str, names: Sequence[str], rate: float) -> RtdeClient:
     """A client that gets those of the outputs `names` that the controller knows, at `rate` [Hz], and never waits."""
     with ExitStack() as on_failure:
         client = on_failure.enter_context(RtdeClient(host))
-        version = client.version()
-        client.start([n for n in names if rtde.knows(version, n)], rate)
+        client.start([n for n in names if rtde.knows(client.version, n)], rate)
         client.never_wait()
         on_failure.pop_all()
         return client
@@ -148,7 +149,7 @@ def follow_outputs(host: str, names: Sequence[str], rate: float) -> RtdeClient:
 def supported_version(host: str) -> rtde.Version:
     """The PolyScope version of the controller at `host`; raises LinkError when it cannot be used at all."""
     with RtdeClient(host) as client:
-        version = client.version()
+        version = client.version
         oldest = OLDEST.get(version[0])
         if oldest is None or version[:2] < oldest:
             known = ", ".join(f"{a}.{b}" for a, b in OLDEST.values())
@@ -162,7 +163,6 @@ def supported_version(host: str) -> rtde.Version:
 def require_control(host: str, version: rtde.Version) -> None:
     """Raise LinkError unless programs may be sent: registers free, robot in remote control."""
     with RtdeClient(host) as client:
-        client.version()
         if not client.take_inputs(COMMAND_REGISTER):
             raise LinkError(f"another RTDE client holds the input registers of {host}: stop that program")
     remote_is_known = version[0] == 5 and version[1] >= 6
@@ -173,7 +173,6 @@ def require_control(host: str, version: rtde.Version) -> None:
 def command_register(host: str) -> int | None:
     """The content of the command register; None when the controller does not show it."""
     with RtdeClient(host) as client:
-        client.version()
         try:
             client.start((COMMAND_REGISTER,), ONCE)
         except LinkError:

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Deadlines are exact while nothing is late and catch nothing up; periods are counted without being kept."""
+
+import pytest
+
+from seed_driver.process.cycle_timing import CLOSEST, Deadlines, PeriodHistogram
+
+PERIOD = 0.002  # [s]
+
+
+def test_the_deadlines_are_exact_while_nothing_is_late() -> None:
+    deadlines, due = Deadlines(PERIOD, 0.0), 0.0
+    for i in range(1000):
+        assert due == pytest.approx(i * PERIOD, abs=1e-9)
+        due = deadlines.next(due + (i % 3) * 1e-4)
+
+
+def test_a_late_cycle_moves_all_that_follow() -> None:
+    deadlines = Deadlines(PERIOD, 0.0)
+    due = [deadlines.next(0.0), deadlines.next(0.010), deadlines.next(0.010 + CLOSEST * PERIOD)]
+    assert due == pytest.approx([PERIOD, 0.010 + CLOSEST * PERIOD, 0.010 + 2 * CLOSEST * PERIOD])
+    assert deadlines.next(due[-1]) == pytest.approx(due[-1] + PERIOD)  # at the rate again
+
+
+def test_periods_are_counted_in_bins_and_summed_up_every_500() -> None:
+    periods, now = PeriodHistogram(), 100.0
+    periods.tick(now)
+    for i in range(500):
+        now += 0.008 if i == 250 else PERIOD + 1e-5
+        periods.tick(now)
+    counted = periods.counts()
+    assert counted["counts"][int((PERIOD + 1e-5) / counted["bin_s"])] == 499
+    assert counted["max_s"] == pytest.approx(0.008)
+    assert (periods.p50, periods.p99, periods.largest) == pytest.approx((PERIOD + 1e-5, PERIOD + 1e-5, 0.008))
+    periods.tick(now + 1.0)  # a pause is no period
+    assert sum(periods.counts()["counts"]) == 500
