@@ -26,8 +26,8 @@ from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy, rotation_error
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import estimate_to_message, pose_to_matrix, seconds
+from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_sim import tactile

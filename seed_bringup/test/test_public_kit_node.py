@@ -21,8 +21,8 @@ from std_srvs.srv import Trigger
 
 from seed_core.hand import Hand
 from seed_ros.conversions import stamp_from_seconds
+from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_sim import tactile

@@ -25,8 +25,8 @@ from seed_estimation import TactileImages
 from seed_estimation.images import identity
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
+from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 

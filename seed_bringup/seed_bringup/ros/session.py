@@ -25,9 +25,6 @@ from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
 from seed_ros.qos import LATCHED
 
-Watch = Callable[[], None]  # raises when the run must end
-Tell = Callable[[str], None]
-
 
 class SessionError(FailedError):
     """The cell did not do what was asked; the message says which part and why."""
@@ -47,7 +44,7 @@ class Played:
 class Session:
     """One client of the cell; `watch` is called often and may raise to end everything."""
 
-    def __init__(self, watch: Watch, follow: bool = True) -> None:
+    def __init__(self, watch: Callable[[], None], follow: bool = True) -> None:
         """follow: listen to the controller's state, which costs a fifth of a core."""
         self._watch = watch
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

@@ -82,7 +82,7 @@ class ImageInputs:
         self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
         self._unanswered = 0  # images since anything was said about one
         self._answered = time.monotonic()
-        self._said: dict[str, tuple[object, ...]] = {}  # of camera_info, which comes with every image
+        self._calibrations: dict[str, tuple[object, ...]] = {}  # camera_info comes with every image
         for finger in self.fingers:
             for kind, topic in IMAGES.items():
                 node.loop.poll(
@@ -100,11 +100,11 @@ class ImageInputs:
         }
 
     def _on_info(self, finger: str, message: CameraInfo) -> None:
-        size, numbers = (message.width, message.height), (bytes(message.k), bytes(message.p), bytes(message.d))
-        says = (*size, *numbers, message.distortion_model)
-        if self._said.get(finger) == says:
+        numbers = bytes(message.k), bytes(message.p), bytes(message.d)
+        calibration = (message.width, message.height, *numbers, message.distortion_model)
+        if self._calibrations.get(finger) == calibration:
             return
-        self._said[finger] = says
+        self._calibrations[finger] = calibration
         try:
             camera = PinholeCamera.from_info(*intrinsics(message, self.settings.rectified))
             _refuse(identity.other_lens(finger, camera.K, self._bubbles.known))
@@ -123,19 +123,16 @@ class ImageInputs:
         """Says why images come and none of them has its partners; to be called now and then."""
         if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
             self._unanswered = 0
-            reason = self._why_unpaired()
-            self._counters.add("images_without_partner", reason)
-            self._problem(max(self._latest.values()), reason)
+            self._no_images("images_without_partner", max(self._latest.values()), self._why_unpaired())
 
     def _why_unpaired(self) -> str:
+        most = self.settings.pair_tolerance
         for finger in self.fingers:
-            stamps = [self._latest.get((finger, kind)) for kind in IMAGES]
-            for kind, stamp in zip(tuple(IMAGES), stamps, strict=True):
-                if stamp is None:
-                    return f"no images on bubble_{finger}/{IMAGES[kind]}: is the camera running?"
-            apart = abs((stamps[0] or 0.0) - (stamps[1] or 0.0))
-            if apart > self.settings.pair_tolerance:
-                most = self.settings.pair_tolerance
+            for kind, topic in IMAGES.items():
+                if (finger, kind) not in self._latest:
+                    return f"no images on bubble_{finger}/{topic}: is the camera running?"
+            apart = abs(self._latest[finger, "depth"] - self._latest[finger, "ir"])
+            if apart > most:
                 return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
         return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
 
@@ -165,33 +162,32 @@ class ImageInputs:
         try:
             images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
         except SeedError as error:
-            self._counters.add("images_refused", str(error))
-            self._problem(stamp, str(error))
+            self._no_images("images_refused", stamp, str(error))
             return
         missing = [f for f in self.fingers if f not in self.cameras]
         if missing:
             where = f"bubble_{missing[0]}/depth/camera_info"
             reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
-            self._counters.add("images_without_camera_info", reason)
-            self._problem(stamp, reason)
+            self._no_images("images_without_camera_info", stamp, reason)
             return
         self._ready(stamp, images)
 
+    def _no_images(self, cause: str, stamp: float, reason: str) -> None:
+        self._counters.add(cause, reason)
+        self._problem(stamp, reason)
+
     def _pair(self, finger: str, pair: dict[str, SerializedImage], stamp: float) -> TactileImages:
+        camera = self.cameras.get(finger)
         for kind, message in pair.items():
-            self._check_size(finger, kind, message)
+            if camera is not None and (message.width, message.height) != (camera.width, camera.height):
+                raise MessageError(
+                    f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
+                    f"{camera.width} x {camera.height}"
+                )
         self.frame_ids[finger] = pair["depth"].frame_id
         _refuse(identity.misnamed(finger, self.frame_ids[finger], self._bubbles.names))
         depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
         return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
-
-    def _check_size(self, finger: str, kind: str, message: SerializedImage) -> None:
-        camera = self.cameras.get(finger)
-        if camera is not None and (message.width, message.height) != (camera.width, camera.height):
-            raise MessageError(
-                f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
-                f"{camera.width} x {camera.height}"
-            )
 
 
 def _refuse(reason: str) -> None:

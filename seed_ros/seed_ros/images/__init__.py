@@ -2,10 +2,9 @@
 """Image streams: messages to arrays and back, calibration, pairing by stamp."""
 
 from seed_ros.images.arrays import depth_from_message, gray_from_message, image_message
-from seed_ros.images.camera_info import Intrinsics, camera_info, intrinsics
+from seed_ros.images.cameras import IMAGES, INFO, CameraPublisher, Intrinsics, camera_info, intrinsics
 from seed_ros.images.pairing import Pairing
 from seed_ros.images.serialized import ImageWriter, SerializedImage, read_image
-from seed_ros.images.streams import IMAGES, INFO, CameraPublisher
 
 __all__ = [
     "IMAGES",

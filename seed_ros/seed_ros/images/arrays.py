@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
-from seed_ros.conversions import MessageError, stamp_from_seconds
+from seed_ros.conversions import MessageError, stamped
 from seed_ros.images.serialized import SerializedImage
 
 DEPTH_ENCODINGS = {"32FC1": (np.float32, 1), "16UC1": (np.uint16, 1), "mono16": (np.uint16, 1)}
@@ -75,9 +75,7 @@ def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32
 def image_message(data: NDArray[np.generic], encoding: str, t: float, frame_id: str) -> Image:
     """Image of an array whose dtype fits the encoding."""
     contiguous = np.ascontiguousarray(data)
-    message = Image()
-    message.header.stamp = stamp_from_seconds(t)
-    message.header.frame_id = frame_id
+    message = stamped(Image, t, frame_id)
     message.height, message.width = int(data.shape[0]), int(data.shape[1])
     message.encoding = encoding
     message.is_bigendian = 0

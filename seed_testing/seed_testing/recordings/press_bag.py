@@ -17,8 +17,8 @@ from rclpy.serialization import serialize_message
 
 from seed_bringup.bags.files import BagWriter
 from seed_core.command_line import command
+from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.images.camera_info import Intrinsics, camera_info
 from seed_testing.recordings.press import Press, load
 
 START = 1.0  # [s] time of the first frame where the recording starts at zero

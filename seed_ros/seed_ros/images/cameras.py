@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A finger's camera: topics of its streams, calibration from and to what cores know, a publisher for one of our own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+
+from seed_ros.conversions import stamp_from_seconds, stamped
+from seed_ros.images.serialized import ImageWriter
+from seed_ros.node import SeedNode
+from seed_ros.qos import SENSOR
+
+IMAGES = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}  # topics below bubble_left/ and bubble_right/
+INFO = "depth/camera_info"
+
+
+class Intrinsics(NamedTuple):
+    """Arguments of a camera model's constructor."""
+
+    width: int
+    height: int
+    k: Sequence[float]
+    d: Sequence[float]
+    model: str
+
+
+def intrinsics(message: CameraInfo, rectified: bool) -> Intrinsics:
+    """Of the stream that goes with the message.
+
+    A rectified stream has no distortion, whatever D says of the raw one, and P's left block for K (REP-104).
+    """
+    if not rectified:
+        return Intrinsics(message.width, message.height, list(message.k), list(message.d), message.distortion_model)
+    p = list(message.p)
+    k = [*p[0:3], *p[4:7], *p[8:11]] if p[0] > 0.0 else list(message.k)
+    return Intrinsics(message.width, message.height, k, [], "plumb_bob")
+
+
+def camera_info(values: Intrinsics, t: float, frame_id: str) -> CameraInfo:
+    """CameraInfo of a camera without rectification of its own: P is K, R the identity."""
+    k = [float(v) for v in values.k]
+    message = stamped(CameraInfo, t, frame_id)
+    message.width, message.height, message.distortion_model = values.width, values.height, values.model or "plumb_bob"
+    message.k = k
+    message.d = [float(v) for v in values.d]
+    message.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    message.p = [*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0]
+    return message
+
+
+class CameraPublisher:
+    """Publishes depth and infrared images of a finger, and the calibration of both."""
+
+    def __init__(self, node: SeedNode, finger: str, frame_id: str, intrinsics: Intrinsics) -> None:
+        """finger: 'left' or 'right'; frame_id: of the optical frame."""
+        depth, ir = (node.publisher(Image, f"bubble_{finger}/{topic}", SENSOR) for topic in IMAGES.values())
+        self._depth, self._ir = ImageWriter(depth, "32FC1", frame_id), ImageWriter(ir, "mono16", frame_id)
+        self._info = node.publisher(CameraInfo, f"bubble_{finger}/{INFO}", SENSOR)
+        self._calibration = camera_info(intrinsics, 0.0, frame_id)
+
+    def publish(self, depth: NDArray[np.float32], ir: NDArray[np.floating], t: float) -> None:
+        """Publish depth (H, W) [m] and infrared (H, W) [counts], whole numbers, taken at t [s]."""
+        self._calibration.header.stamp = stamp_from_seconds(t)
+        self._info.publish(self._calibration)
+        self._depth.publish(depth, t)
+        self._ir.publish(ir.astype(np.uint16), t)
