@@ -39,9 +39,10 @@ class Bench:
     delay: float = 0.05
     image_rate: float = 45.0
     start: np.ndarray = field(default_factory=lambda: DOWN.copy())
+    tool: Tool = field(default_factory=Tool)
 
     def __post_init__(self) -> None:
-        self.hand, self.tool = Hand(), Tool()
+        self.hand = Hand()
         parameters = replace(self.parameters, law=self.law)
         self.controller = Controller(parameters, self.hand, self.tool, self.believed or self.stiffness)
         self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)

@@ -12,6 +12,7 @@ from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import Wrench, make_pose, pose_from_rpy
+from seed_testing.bench.control import growth
 
 TIGHT = 0.02  # [N]: what the servo's lag and the filter leave after three seconds
 
@@ -506,3 +507,8 @@ def test_no_growth_of_memory_over_steps() -> None:
     grown = tracemalloc.get_traced_memory()[0] - first
     tracemalloc.stop()
     assert grown < 100_000  # bytes over a thousand steps: noise of the interpreter, no growth per step
+
+
+def test_memory_does_not_grow_with_steps() -> None:
+    """An hour is 900 000 steps: a list or reference kept per step would show as tens of bytes each or more."""
+    assert growth(1200) < 1500.0  # bytes per 1000 steps; an array kept per step would make 100 000

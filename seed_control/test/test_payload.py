@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Payload identification from hanging samples."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_control.payload.identify import PayloadError, PayloadFit
+from seed_core.bushing import Bushing
+from seed_core.hand import DEFAULT_STIFFNESS, weight_about_T
+from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy
+
+RNG = np.random.default_rng(9)
+
+
+def hanging(R_WT: np.ndarray, mass: float, com: np.ndarray, bushing: Bushing) -> tuple[np.ndarray, np.ndarray]:
+    """X_WT and X_CT of a tool at rest."""
+    X_TC = bushing.pose(Wrench.zero().minus(weight_about_T(mass, com, R_WT)))  # the spring alone carries the weight
+    return make_pose(R_WT), inverse_pose(X_TC)
+
+
+ORIENTATIONS = [(np.pi, 0.0, 0.0), (np.pi - 0.5, 0.0, 0.0), (np.pi, 0.5, 0.0), (np.pi + 0.5, -0.4, 0.3)]
+
+
+def test_weighing_finds_mass_and_centre_of_mass_through_the_noise() -> None:
+    bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.005, -0.01, 0.06))
+    weighing = PayloadFit(bushing)
+    for rpy in ORIENTATIONS:
+        X_WT, X_CT = hanging(rotation_from_rpy(rpy), 0.2, com, bushing)
+        for _ in range(45):
+            noise = pose_from_rpy(np.deg2rad(0.5) * RNG.normal(size=3), 3e-4 * RNG.normal(size=3))
+            weighing.add(X_WT, X_CT @ noise)
+    result = weighing.result(known_mass=0.2)
+    assert abs(result.mass - 0.2) < 4 * result.mass_std < 0.02
+    assert np.all(np.abs(result.center_of_mass - com) < 4 * result.center_of_mass_std + 1e-4)
+    assert np.all(result.center_of_mass_std < 0.01)
+    assert result.stiffness_ratio is not None
+    assert_allclose(result.stiffness_ratio, 1.0, atol=0.03)
+
+
+def test_known_mass_shows_a_wrong_stiffness() -> None:
+    bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.0, 0.0, 0.06))
+    weighing = PayloadFit(Bushing(DEFAULT_STIFFNESS.scaled(1.3)))
+    for rpy in ORIENTATIONS:
+        for _ in range(5):
+            weighing.add(*hanging(rotation_from_rpy(rpy), 0.2, com, bushing))
+    ratio = weighing.result(known_mass=0.2).stiffness_ratio
+    assert ratio is not None
+    assert_allclose(ratio, 1.0 / 1.3, atol=1e-3)
+
+
+def test_one_orientation_leaves_the_centre_of_mass_open_along_gravity() -> None:
+    bushing, com = Bushing(DEFAULT_STIFFNESS), np.array((0.005, -0.01, 0.06))
+    weighing = PayloadFit(bushing)
+    for _ in range(20):
+        weighing.add(*hanging(rotation_from_rpy((np.pi, 0.0, 0.0)), 0.2, com, bushing))
+    result = weighing.result()
+    assert_allclose(result.center_of_mass[:2], com[:2], atol=1e-4)
+    assert np.isinf(result.center_of_mass_std[2])
+
+
+def test_weighing_nothing_or_too_little_is_refused() -> None:
+    weighing = PayloadFit(Bushing(DEFAULT_STIFFNESS))
+    with pytest.raises(PayloadError, match=r"0 samples are too few"):
+        weighing.result()
+    for _ in range(50):
+        weighing.add(np.eye(4), make_pose(p=1e-4 * RNG.normal(size=3)))
+    with pytest.raises(PayloadError, match=r"not distinguishable from nothing"):
+        weighing.result()
