@@ -10,7 +10,7 @@ from seed_control.controller import ControllerParameters, ControlRefusedError
 from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
 from seed_core.spatial import Wrench, make_pose, pose_from_rpy
 from seed_testing.bench.control import growth
 
@@ -292,6 +292,45 @@ def test_tool_frame_and_surface_frame_mean_the_same_force() -> None:
         bench.controller.set_setpoint(setpoint, bench.t)
         bench.run(3.0)
         assert_allclose(bench.force, 6.0, atol=TIGHT)
+
+
+def surface(angle: float, force: float) -> HybridSetpoint:
+    """Press along the z of a surface that is turned by an angle [rad] about y."""
+    wrench = Wrench(np.zeros(3), np.array((0.0, 0.0, -force)))
+    R = pose_from_rpy((0.0, angle, 0.0), (0.0, 0.0, 0.0))[:3, :3]
+    return HybridSetpoint(DOWN, wrench, PRESS_Z, task_frame="surface", R_W_task=R)
+
+
+def test_a_surface_that_turns_a_little_keeps_contact_and_one_that_turns_far_is_sought_anew() -> None:
+    """The direction pressed along goes on through 45 degrees, where another row of its projector is the largest."""
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(surface(0.0, 5.0), bench.t)
+    bench.run(2.0)
+    normal = bench.controller.law.plan.normals[0]
+    for angle in np.linspace(0.0, -1.0, 21)[1:]:
+        bench.controller.set_setpoint(surface(angle, 5.0), bench.t)
+        assert bench.step().mode == "contact"
+        assert normal @ bench.controller.law.plan.normals[0] > 0.9
+        normal = bench.controller.law.plan.normals[0]
+    bench.controller.set_setpoint(surface(0.2, 5.0), bench.t)
+    assert bench.step().mode == "approach"
+
+
+def test_regulated_error_counts_the_torque_axes_of_T_not_of_the_tip() -> None:
+    """The tip's axes are turned by 90 degrees about z: T's x is minus the tip's y."""
+    tool = Tool(T_tip=Frame((0.0, 0.0, 0.12), (0.0, 0.0, 90.0)))
+    bench = Bench(tool=tool, start=pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02)) @ tool.X_Ttip).enabled()
+    axes = (True, False, False)
+    wrench = Wrench(np.zeros(3), np.array((0.0, 0.0, 5.0)))
+    setpoint = HybridSetpoint(bench.start, wrench, PRESS_Z, axes, task_frame="tool", contact_resists=axes)
+    bench.controller.set_setpoint(setpoint, bench.t)
+    bench.run(0.5)
+    law = bench.controller.law
+    law.filtered_task = Wrench(np.array((0.3, 0.4, 0.5)), np.array((1.0, 2.0, 7.0)))  # in the tip's axes
+    error = law.regulated_error()
+    assert error is not None
+    assert_allclose(error.torque, (0.0, 0.4, 0.0), atol=1e-9)
+    assert_allclose(error.force, (0.0, 0.0, 2.0), atol=1e-9)
 
 
 def refused(bench: Bench, code: str, setpoint: object) -> None:
