@@ -216,6 +216,17 @@ def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
     assert commands >= {"demo", "test", "launch", "call", "play"}
 
 
+def test_architecture_names_the_file_that_has_each_part_of_the_paper() -> None:
+    """A file says in its own words what the table says of it."""
+    page = (ROOT / "docs/architecture.md").read_text()
+    rows = re.findall(r"^\| ([A-Z][^|]*) \| \[[^]]*\]\(\.\./([^)]*)\) \|$", page, re.MULTILINE)
+    assert len(rows) == 11
+    for name, file in rows:
+        text = " ".join((ROOT / file).read_text().lower().split())
+        for words in re.split(", | and ", name.lower()):
+            assert words in text, f"{file} does not speak of {words}"
+
+
 def _anchor(heading: str) -> str:
     """As GitHub makes it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
