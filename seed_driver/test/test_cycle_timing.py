@@ -17,9 +17,10 @@ def test_the_deadlines_are_exact_while_nothing_is_late() -> None:
 
 def test_a_late_cycle_moves_all_that_follow() -> None:
     deadlines = Deadlines(PERIOD, 0.0)
-    due = [deadlines.next(0.0), deadlines.next(0.010), deadlines.next(0.010 + CLOSEST * PERIOD)]
-    assert due == pytest.approx([PERIOD, 0.010 + CLOSEST * PERIOD, 0.010 + 2 * CLOSEST * PERIOD])
-    assert deadlines.next(due[-1]) == pytest.approx(due[-1] + PERIOD)  # at the rate again
+    assert deadlines.next(0.0) == pytest.approx(PERIOD)
+    late = deadlines.next(0.010)
+    assert late == pytest.approx(0.010 + CLOSEST * PERIOD)  # no closer to the last command
+    assert deadlines.next(late) == pytest.approx(late + PERIOD)  # at the rate again, and nothing is caught up
 
 
 def test_periods_are_counted_in_bins_and_summed_up_every_500() -> None:
