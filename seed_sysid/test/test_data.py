@@ -16,8 +16,9 @@ from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.scenario import load_scenario, tactile_of
+from seed_sysid.data.bag import TOPIC, TYPE
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample, flat_pose
-from seed_sysid.data.sample_file import TOPIC, TYPE, Recorder, header_line, parse, read, sample_line
+from seed_sysid.data.sample_file import Recorder, header_line, parse, read, sample_line
 from seed_sysid.fit.analysis import analyse
 
 

@@ -17,10 +17,10 @@ from typing import IO, Any
 
 import numpy as np
 
+from seed_sysid.data.bag import bag_lines
 from seed_sysid.data.dataset import FORMAT, UNITS, VERSION, Dataset, DatasetError, Header, Sample
 
 MAX_BYTES = 200_000_000
-TOPIC, TYPE = "identification/samples", "std_msgs/msg/String"  # on which the node publishes the same lines
 
 
 class Recorder:
@@ -104,7 +104,7 @@ def read(path: Path) -> Dataset:
             that topic, or with several identifications.
     """
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
-        return _read_bag(path)
+        return parse(bag_lines(path), str(path))
     try:
         if path.stat().st_size > MAX_BYTES:
             raise DatasetError(f"{path}: {path.stat().st_size} bytes are too many (at most {MAX_BYTES})")
@@ -112,32 +112,6 @@ def read(path: Path) -> Dataset:
     except (OSError, UnicodeDecodeError) as error:
         raise DatasetError(f"{path}: cannot be read as a file of samples: {error}") from error
     return parse(text.split("\n"), str(path))
-
-
-def _read_bag(path: Path) -> Dataset:
-    from rosbags.rosbag2 import Reader, ReaderError
-    from rosbags.typesys import Stores, get_typestore
-
-    types = get_typestore(Stores.ROS2_JAZZY)
-    folder = path.parent if not path.is_dir() and (path.parent / "metadata.yaml").is_file() else path
-    try:
-        with Reader(folder) as reader:
-            connections = [c for c in reader.connections if c.topic.endswith(TOPIC) and c.msgtype == TYPE]
-            topics = ", ".join(sorted({c.topic for c in reader.connections})[:8])
-            messages: list[Any] = []
-            if connections:
-                messages = [types.deserialize_cdr(raw, TYPE) for _, _, raw in reader.messages(connections)]
-    except (ReaderError, OSError, ValueError) as error:
-        raise DatasetError(f"{path} cannot be read as a bag: {error}") from error
-    if not connections:
-        raise DatasetError(
-            f"{path} has no topic of {TYPE} ending in {TOPIC}; it has: {topics}: record that topic as well"
-        )
-    lines = list(dict.fromkeys(str(m.data) for m in messages))  # a run that goes on publishes what it has once more
-    headers = [line for line in lines if f'"format": "{FORMAT}"' in line]
-    if len(headers) > 1:
-        raise DatasetError(f"{path} holds {len(headers)} identifications: record each in a bag of its own")
-    return parse(headers + [line for line in lines if line not in headers], str(path))
 
 
 def parse(lines: Iterable[str], source: str) -> Dataset:

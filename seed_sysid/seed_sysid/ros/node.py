@@ -31,8 +31,8 @@ from seed_ros.conversions import (
     seconds,
     wrench_to_core,
 )
+from seed_sysid.data.bag import TOPIC
 from seed_sysid.data.dataset import Header
-from seed_sysid.data.sample_file import TOPIC
 from seed_sysid.parameters import Procedure
 from seed_sysid.ros.goal import ActiveGoal, GoalCancelledError, date
 from seed_sysid.run.live import Live, LiveError, Streams

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lines of a file of samples from a bag: the node publishes each on `identification/samples` (std_msgs/String)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from seed_sysid.data.dataset import FORMAT, DatasetError
+
+TOPIC, TYPE = "identification/samples", "std_msgs/msg/String"
+
+
+def bag_lines(path: Path) -> list[str]:
+    """Header and samples recorded in a bag (folder, .mcap or .db3), the header first.
+
+    Raises:
+        DatasetError: no bag, none with that topic, or one with several identifications.
+    """
+    from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    folder = path.parent if not path.is_dir() and (path.parent / "metadata.yaml").is_file() else path
+    types, messages = get_typestore(Stores.ROS2_JAZZY), list[Any]()
+    try:
+        with Reader(folder) as reader:
+            connections = [c for c in reader.connections if c.topic.endswith(TOPIC) and c.msgtype == TYPE]
+            if not connections:
+                topics = ", ".join(sorted({c.topic for c in reader.connections})[:8])
+                raise DatasetError(
+                    f"{path} has no topic of {TYPE} ending in {TOPIC}; it has: {topics}: record that topic as well"
+                )
+            messages += [types.deserialize_cdr(raw, TYPE) for _, _, raw in reader.messages(connections)]
+    except (ReaderError, OSError, ValueError) as error:
+        raise DatasetError(f"{path} cannot be read as a bag: {error}") from error
+    lines = list(dict.fromkeys(str(m.data) for m in messages))  # a run that goes on publishes what it has once more
+    headers = [line for line in lines if f'"format": "{FORMAT}"' in line]
+    if len(headers) > 1:
+        raise DatasetError(f"{path} holds {len(headers)} identifications: record each in a bag of its own")
+    return headers + [line for line in lines if line not in headers]
