@@ -59,8 +59,7 @@ class Estimator:
         """An estimator without reference and grasp.
 
         Args:
-            parameters: see there.
-            hand: places of the cameras as drawn; a calibration replaces them.
+            parameters, hand: see there; the hand's cameras are as drawn, a calibration replaces their places.
             cameras: calibrations of the full images by finger: 'left', 'right' or both.
             calibration: of range and camera poses; without it, the file that the parameters name, if any.
             patterns: dot patterns that are known from before, by finger.
@@ -152,13 +151,7 @@ class Estimator:
                 raise EstimatorError("the published method needs both bubbles; use method 'rigid_fit' with one")
             self._published = PublishedMethod(self.patches, ir, self._X_CX, p.curl_gain, p.flow_window)
         else:
-            models = []
-            for f, finder in self._finders.items():
-                core = finder.core(depth[f], self.masks[f], p)
-                model = finger_model(finder.membrane, depth[f], ir[f], core, p)
-                if model is None:
-                    raise EstimatorError(f"{f} bubble: the patch is too small to follow; close the gripper further")
-                models.append(model)
+            models = [finger_model(s, depth[f], ir[f], self.masks[f], p) for f, s in self._finders.items()]
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip)
         self._stamp = max(i[-1].stamp for i in series.values())
 
@@ -205,13 +198,8 @@ class Estimator:
 
         # The paper's method, Sec. VII-B and C: published.py
         if self._published is not None:
-            if len(touching) < len(self.fingers):
-                silent = " and ".join(f for f in self.fingers if f not in touching)
-                return self._invalid(stamp, f"{silent} bubble touches nothing")
-            X_CT = self._published.pose(self.patches, self._images, self.masks)
-            if X_CT is None:
-                return self._invalid(stamp, "the two patches define no frame: they stand above each other along z")
-            return report.published(stamp, X_CT)
+            X_CT, reason = self._published.pose(self.patches, self._images, self.masks)
+            return self._invalid(stamp, reason) if X_CT is None else report.published(stamp, X_CT)
 
         # Fit of one rigid motion to all images, micro-slip and gross slip: tracker.py
         tracker = self._tracker
@@ -249,12 +237,11 @@ class Estimator:
 
     def debug_image(self) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 BGR: infrared of each finger with contact outlined and motion drawn."""
-        shown = self._tracker if self._tracker is not None and not self._tracker.lost else None
-        panels = []
-        for f, camera in self._full_cameras.items():
-            shape = camera.decimated(self.parameters.decimate).shape
-            panels.append(report.debug_image(f, shape, self._images.get(f), self.masks.get(f), shown))
-        return np.hstack(panels)
+        n, images = self.parameters.decimate, self._images
+        shapes = {f: camera.decimated(n).shape for f, camera in self._full_cameras.items()}
+        return np.hstack(
+            [report.debug_image(f, s, images.get(f), self.masks, self._tracker) for f, s in shapes.items()]
+        )
 
 
 def _range_offset(finger: str, camera: PinholeCamera, calibration: calibration_file.Calibration) -> Image:

@@ -57,16 +57,19 @@ class PublishedMethod:
 
     def pose(
         self, patches: Mapping[str, ContactPatch], images: Mapping[str, TactileImages], masks: Mapping[str, Mask]
-    ) -> Array | None:
-        """X_CT (4, 4) from both fingers' patches, images and contact masks; None where patches define no frame."""
+    ) -> tuple[Array | None, str]:
+        """X_CT (4, 4) from both fingers' patches, images and contact masks; or None, and the reason."""
+        silent = [f for f, patch in patches.items() if not patch.in_contact]
+        if silent:
+            return None, f"{' and '.join(silent)} bubble touches nothing"
         pitches = [
             self._sign[f] * self._gain * mean_curl(dense_flow(before, eight_bit(images[f].ir), self._window), masks[f])
             for f, before in self._before.items()
         ]
         X_CP = patch_frame(patches["left"].centroid_C, patches["right"].centroid_C, float(np.mean(pitches)))
         if X_CP is None or self._X_PC_grasp is None:
-            return None
-        return np.asarray(X_CP @ self._X_PC_grasp)
+            return None, "the two patches define no frame: they stand above each other along z"
+        return np.asarray(X_CP @ self._X_PC_grasp), ""
 
 
 def patch_frame(p_L: Array, p_R: Array, pitch: float) -> Array | None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import cv2
 import numpy as np
@@ -72,21 +72,25 @@ def lost_reason(fit: Fit, touching: Collection[str], lock: float) -> str:
 
 
 def debug_image(
-    finger: str, shape: tuple[int, int], images: TactileImages | None, mask: Mask | None, tracker: Tracker | None
+    finger: str,
+    shape: tuple[int, int],
+    images: TactileImages | None,
+    masks: Mapping[str, Mask],
+    tracker: Tracker | None,
 ) -> NDArray[np.uint8]:
     """One finger's infrared image (H, W, 3) uint8 BGR, contact outlined, motion since the grasp as lines.
 
-    shape: (H, W) of the image, black where there is none; tracker: of the tool, if its pose is known.
+    shape: (H, W) of the image, black where there is none.
     """
-    if images is None or mask is None:
+    if images is None:
         return np.zeros((*shape, 3), np.uint8)
     panel: NDArray[np.uint8] = cv2.cvtColor(eight_bit(images.ir), cv2.COLOR_GRAY2BGR)
-    outline, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    outline, _ = cv2.findContours(masks[finger], cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     cv2.drawContours(panel, outline, -1, (80, 220, 80), 1)
-    for model in tracker.models if tracker is not None else ():
-        if model.finger == finger and tracker is not None:
-            p = model.levels[1].p[:, ::40]
-            lines = np.stack((model.pixels(np.eye(4), p), model.pixels(tracker.X_CT, p)), axis=1).T  # (N, 2, 2)
-            lines = lines[np.isfinite(lines).all(axis=(1, 2))]
-            cv2.polylines(panel, list(np.rint(lines).astype(np.int32)), False, (60, 160, 255), 1)
+    if tracker is not None and not tracker.lost:
+        model = next(m for m in tracker.models if m.finger == finger)
+        p = model.levels[1].p[:, ::40]
+        lines = np.stack((model.pixels(np.eye(4), p), model.pixels(tracker.X_CT, p)), axis=1).T  # (N, 2, 2)
+        lines = lines[np.isfinite(lines).all(axis=(1, 2))]
+        cv2.polylines(panel, list(np.rint(lines).astype(np.int32)), False, (60, 160, 255), 1)
     return panel

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation.contact.membrane import Membrane
+from seed_estimation.contact.patch import PatchFinder
 from seed_estimation.contact.surface import lies_on_tool, surface
 from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.normalise import coarse, normalised
 from seed_estimation.images.tactile_images import Array32, Bools, Image, Mask
 from seed_estimation.parameters import EstimatorParameters
@@ -97,25 +99,21 @@ class FingerModel:
         return self.camera.project32((X[:3, :3] @ p + X[:3, 3:]).astype(np.float32))
 
 
-def finger_model(membrane: Membrane, depth: Image, ir: Image, core: Mask, p: EstimatorParameters) -> FingerModel | None:
-    """The model of the finger with this membrane.
+def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: EstimatorParameters) -> FingerModel:
+    """The model from the images of the grasp: means of depth [m] and infrared [counts], and contact, (H, W) each.
 
-    Args:
-        depth, ir: (H, W) means of the images of the grasp [m], [counts].
-        core: (H, W) part of the patch that lies on the tool: see `PatchFinder.core`.
-
-    Returns:
-        None when the patch is too small to be followed.
+    Raises:
+        EstimatorError: the patch is too small to be followed.
     """
-    camera, X_CX = membrane.camera, membrane.X_CX
+    membrane, core = finder.membrane, finder.core(depth, mask, p)
     # beyond the patch's edge the surface is another one: it must not leak in
     valid = np.isfinite(depth) & (depth > p.near) & (depth < p.far) & (core > 0)
-    points, normals = surface(camera, depth, valid, SURFACE_BLUR)
+    points, normals = surface(membrane.camera, depth, valid, SURFACE_BLUR)
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
     on_tool = lies_on_tool(membrane.rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
     if np.count_nonzero(good) < p.least_area // 3:
-        return None
+        raise EstimatorError(f"{membrane.finger} bubble: the patch is too small to follow; close the gripper further")
     blurred = coarse(ir)
     levels = (
         _image_points(blurred, good, points, normals, membrane, p.image_points // 2),
@@ -124,11 +122,11 @@ def finger_model(membrane: Membrane, depth: Image, ir: Image, core: Mask, p: Est
     v, u = np.nonzero(good)
     spread = np.unique(np.linspace(0, v.size - 1, min(p.depth_points, v.size)).astype(int))
     v, u, cells = _sorted_by_cell(v[spread], u[spread])
-    P, n = _in_hand(points[v, u], normals[v, u], X_CX)
+    P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
     return FingerModel(
         finger=membrane.finger,
-        camera=camera,
-        X_XC=inverse_pose(X_CX),
+        camera=membrane.camera,
+        X_XC=inverse_pose(membrane.X_CX),
         levels=levels,
         p=_rows(P),
         n=_rows(n),
