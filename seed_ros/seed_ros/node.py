@@ -66,10 +66,8 @@ class SeedNode(Node):
         """Poll a topic in the node's loop; a SeedError of the callback counts under `refused`."""
 
         def receive(message: Any) -> None:
-            try:
+            with self.counters.refusing(refused):
                 callback(message)
-            except SeedError as error:
-                self.counters.add(refused, str(error))
 
         self.loop.poll(kind, topic, receive, qos)
 

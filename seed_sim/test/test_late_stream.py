@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from seed_sim.ros.late_stream import LONGEST, LateStream
+from seed_sim.plant.late_stream import LONGEST, LateStream
 
 
 def test_a_stream_that_never_came_is_not_waited_for() -> None:

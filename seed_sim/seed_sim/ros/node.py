@@ -29,9 +29,9 @@ from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.grip import PlantError
 from seed_sim.plant.plant import Plant
+from seed_sim.plant.plant_time import PlantTime
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.ros.outputs import Outputs
-from seed_sim.ros.plant_time import PlantTime
 from seed_sim.scenario import load_scenario
 from seed_ur.plant_link import PlantLink
 

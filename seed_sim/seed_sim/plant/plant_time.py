@@ -9,9 +9,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from seed_sim.plant.late_stream import LONGEST, LateStream
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import ToolHolder
-from seed_sim.ros.late_stream import LONGEST, LateStream
 from seed_ur.plant_link import ArmState, PlantLink
 
 BEHIND = 0.02  # [s] of wall time that the plant catches up on; what is beyond is lost and lowers the real-time factor
