@@ -12,10 +12,9 @@ from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation.calibration import calibrate as cal
 from seed_estimation.calibration import file
 from seed_estimation.contact.membrane import mean_depth
-from seed_sim.tactile.captures import captures
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
-from seed_testing.validation.calibrate import known_shape
+from seed_testing.validation.calibrate import captures, known_shape
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,10 @@ from typing import Any
 
 from seed_core.command_line import Help, command, number, seed_number, whole
 from seed_sim.scenario import load_scenario, shipped_scenarios
+from seed_testing.progress import Progress
 from seed_testing.validation import run, slip
-from seed_testing.validation.scores import NAMED, Series, scores
+from seed_testing.validation.figure import draw
+from seed_testing.validation.scores import NAMED, scores
 
 METHODS = ("published", "rigid_fit")
 
@@ -32,12 +34,10 @@ def main(argv: list[str]) -> int:
 
 def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:
     """The paper's Fig. 4 for both methods: truth and estimate of six axes, a long cylinder. Returns the files."""
-    from seed_testing.validation.figure import draw
-
     folder = Path(out_dir)
     folder.mkdir(parents=True, exist_ok=True)
     scenario = load_scenario("long_cylinder", *run.FOLDERS)
-    both = {method: run.run(scenario, method, seed, _progress(method)) for method in METHODS}
+    both = {method: run.run(scenario, method, seed, Progress(method)) for method in METHODS}
     summary = {method: scores(series) for method, series in both.items()}
     (folder / "fig4.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return [draw(both, folder / "fig4.png", "long cylinder along z"), folder / "fig4.json"]
@@ -87,40 +87,20 @@ def _estimator(options: argparse.Namespace) -> int:
         series, name = run_bag(options.bag, options.method, scenario), str(options.bag)
         result = scores(series)
     else:
-        series = run.run(scenario, options.method, options.seed, None if options.json else _progress(options.method))
+        series = run.run(scenario, options.method, options.seed, Progress(options.method))
         result = scores(series, scenario.trajectory.score_from)
     result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
     if options.report is not None:
-        result["report"] = str(_report(series, options, name))
+        result["report"] = str(draw({options.method: series}, options.report, name))
     print(json.dumps(result, indent=2) if options.json else _table(result))
     return 0
 
 
-def _report(series: Series, options: argparse.Namespace, name: str) -> Path:
-    from seed_testing.validation.figure import draw
-
-    return draw({options.method: series}, options.report, name)
-
-
 def _slip(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, *run.FOLDERS)
-    progress = None if options.json else _progress("slips")
-    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, progress)
+    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, Progress("slips"))
     print(json.dumps(result, indent=2))
     return 0
-
-
-def _progress(label: str) -> run.Progress:
-    """A line on stderr that counts to 100 %."""
-    last = [-1]
-
-    def show(share: float) -> None:
-        percent = min(100, int(100 * share))
-        if percent // 5 != last[0] // 5:
-            last[0] = percent
-            print(f"\r{label}: {percent:3d} %", end="\n" if percent == 100 else "", file=sys.stderr, flush=True)
-
-    return show
 
 
 def _table(result: dict[str, Any]) -> str:
@@ -140,8 +120,6 @@ def _table(result: dict[str, Any]) -> str:
         lines.append(f"figure: {result['report']}")
     return "\n".join(lines)
 
-
-__all__ = ["figure4", "main"]
 
 if __name__ == "__main__":
     sys.exit(main())

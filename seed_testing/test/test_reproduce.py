@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.tasks import load_task
+from seed_core.files import shared_path
 from seed_sim.closed_loop.recording import Recording
 from seed_sim.scenario import load_scenario
 from seed_testing.reproduce.command import main
-from seed_testing.reproduce.fig7 import CASES, _draw
-from seed_testing.reproduce.output import shipped, table, write
-from seed_testing.reproduce.pen_model import TIP_MODULUS, TIP_RADIUS, darkness, stroke_width
-from seed_testing.reproduce.strokes import strokes_of
+from seed_testing.reproduce.fig7 import ACROSS_SCENARIO, ACROSS_TASK, CASES, _draw
+from seed_testing.reproduce.pen import TIP_MODULUS, TIP_RADIUS, darkness, stroke_width, strokes_of
+from seed_testing.reproduce.report import table, write
 
 
 def recorded(forces: tuple[float, ...] = (1.0, 3.0)) -> Recording:
@@ -73,7 +73,10 @@ def test_figure_and_numbers_are_written(tmp_path: Path):
 
 
 def test_pen_across_the_hand_presses_along_y_of_the_hand():
-    task, scenario = load_task(str(shipped("pen_across.yaml"))), load_scenario(shipped("pen_across_scenario.yaml"))
+    task, scenario = (
+        load(str(shared_path("seed_testing", file)))
+        for load, file in ((load_task, ACROSS_TASK), (load_scenario, ACROSS_SCENARIO))
+    )
     R_tip_W = np.diag([1.0, -1.0, -1.0])  # tip_rpy of 180 0 0 degrees
     R_WT = R_tip_W @ scenario.tool.X_Ttip[:3, :3].T
     assert_allclose(R_WT[:, 1], (0.0, 0.0, -1.0), atol=1e-12)  # y_T, and so y_C, points into the paper

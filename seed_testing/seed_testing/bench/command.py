@@ -10,7 +10,7 @@ from typing import Any
 
 from seed_core.command_line import Help, command
 from seed_core.errors import SeedError
-from seed_testing.bench.figures import text
+from seed_testing.figures import text
 
 BENCHES = {
     "estimator": "seed_testing.bench.estimator",

@@ -14,7 +14,7 @@ from seed_control import Controller, ControllerParameters, HybridSetpoint
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, Hand, Tool
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, pose_from_rpy
-from seed_testing.bench.figures import figures
+from seed_testing.figures import figures
 
 DT = 0.004  # [s]
 _IMAGES = 6  # steps between images: 42 a second

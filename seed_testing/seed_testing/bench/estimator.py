@@ -15,7 +15,7 @@ import numpy as np
 
 from seed_core.hand import Hand
 from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
-from seed_testing.bench.figures import figures
+from seed_testing.figures import figures
 from seed_testing.recordings.infrared import Motion, WarpedImage
 
 Pair = Mapping[str, TactileImages]

@@ -16,24 +16,21 @@ def main(argv: list[str]) -> int:
     args = _parser().parse_args(argv)
     folder = args.out or results_folder() / args.figure
     folder.mkdir(parents=True, exist_ok=True)
-    text, files = _make(args, folder)
-    print(text)
-    print("\nwritten: " + ", ".join(str(f) for f in files))
-    return 0
-
-
-def _make(args: argparse.Namespace, folder: Path) -> tuple[str, list[Path]]:
     if args.figure == "fig4":
         from seed_testing.validate import figure4
 
-        return "Fig. 4: relative pose, truth and estimates", figure4(folder, args.seed)
-    if args.figure == "fig6":
+        text, files = "Fig. 4: relative pose, truth and estimates", figure4(folder, args.seed)
+    elif args.figure == "fig6":
         from seed_testing.reproduce import fig6
 
-        return fig6.reproduce(folder, args.seed, args.force)
-    from seed_testing.reproduce import fig7
+        text, files = fig6.reproduce(folder, args.seed, args.force)
+    else:
+        from seed_testing.reproduce import fig7
 
-    return fig7.reproduce(folder, args.seed, args.text)
+        text, files = fig7.reproduce(folder, args.seed, args.text)
+    print(text)
+    print("\nwritten: " + ", ".join(str(f) for f in files))
+    return 0
 
 
 def _parser() -> argparse.ArgumentParser:

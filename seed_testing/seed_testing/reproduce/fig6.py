@@ -4,29 +4,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from seed_sim import Evaluation, evaluate
-from seed_testing.reproduce.output import Progress, table, write
+from seed_testing.progress import Progress
+from seed_testing.reproduce.report import table, write
 
-# label, law, estimator, colour
+
+class Case(NamedTuple):
+    """One run of the squeegee; those with a colour are drawn."""
+
+    label: str
+    law: str
+    estimator: str
+    colour: str = ""
+
+
 CASES = (
-    ("SEED, tactile images", "seed", "rigid_fit", "tab:blue"),
-    ("SEED, exact pose", "seed", "truth", "tab:cyan"),
-    ("Algorithm 2 as published, exact pose", "published", "truth", "tab:purple"),
-    ("open loop", "open_loop", "truth", "tab:gray"),
-    ("welded", "welded", "truth", "tab:red"),
-    ("welded with roll control", "welded_roll", "truth", "tab:orange"),
+    Case("SEED, tactile images", "seed", "rigid_fit", "tab:blue"),
+    Case("SEED, exact pose", "seed", "truth"),
+    Case("Algorithm 2 as published, exact pose", "published", "truth"),
+    Case("open loop", "open_loop", "truth", "tab:gray"),
+    Case("welded", "welded", "truth", "tab:red"),
+    Case("welded with roll control", "welded_roll", "truth"),
 )
-DRAWN = ("SEED, tactile images", "open loop", "welded")
+COLUMNS = {
+    "force rmse N": "{force_z[rmse]:.3f}",
+    "mean N": "{force_z[mean]:.2f}",
+    "worst N": "{force_z[max_abs_error]:.2f}",
+    "torque rmse N m": "{torque_x[rmse]:.4f}",
+    "lean rms deg": "{lean_deg[rms]:.2f}",
+    "max": "{lean_deg[max]:.2f}",
+}
 
 
 def reproduce(folder: Path, seed: int, force: float) -> tuple[str, list[Path]]:
     """Run every case on the same table. Returns the table and the files."""
     runs = {}
-    for label, law, estimator, _ in CASES:
-        progress = Progress(label)
-        runs[label] = evaluate("squeegee", law=law, estimator=estimator, seed=seed, force=force, progress=progress)
+    for case in CASES:
+        progress = Progress(case.label)
+        how = {"law": case.law, "estimator": case.estimator}
+        runs[case.label] = evaluate("squeegee", seed=seed, force=force, progress=progress, **how)
         progress.done()
     text = _table(runs, seed, force)
     files = write(folder, "fig6", text, {label: r.result for label, r in runs.items()})
@@ -35,52 +53,31 @@ def reproduce(folder: Path, seed: int, force: float) -> tuple[str, list[Path]]:
 
 def _table(runs: dict[str, Evaluation], seed: int, force: float) -> str:
     rows = []
-    for label, evaluation in runs.items():
-        r = evaluation.result
-        f, x, lean = r["force_z"], r["torque_x"], r["lean_deg"]
-        rows.append(
-            [
-                label,
-                f"{f['rmse']:.3f}",
-                f"{f['mean']:.2f}",
-                f"{f['max_abs_error']:.2f}",
-                f"{x['rmse']:.4f}",
-                f"{lean['rms']:.2f}",
-                f"{lean['max']:.2f}",
-                "yes" if r["finished"] else r["message"][:40],
-            ]
-        )
-    header = ["squeegee", "force rmse N", "mean N", "worst N", "torque rmse N m", "lean rms deg", "max", "finished"]
-    return f"Fig. 6 in simulation: {force:g} N, seed {seed}, from 2 s after contact\n\n" + table(header, rows)
+    for label, run in runs.items():
+        r = run.result
+        numbers = [column.format(**r) for column in COLUMNS.values()]
+        rows.append([label, *numbers, "yes" if r["finished"] else r["message"][:40]])
+    title = f"Fig. 6 in simulation: {force:g} N, seed {seed}, from 2 s after contact\n\n"
+    return title + table(["squeegee", *COLUMNS, "finished"], rows)
 
 
 def _draw(runs: dict[str, Evaluation], path: Path, force: float) -> Path:
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(2, 1, figsize=(9, 6), sharex=True, layout="constrained")
-    for label, _, _, colour in CASES:
-        if label not in DRAWN:
-            continue
-        recording = runs[label].recording
-        since = recording["t"] - (recording.contact_time or 0.0)
-        _line(axes[0], since, -recording["force"][:, 2], label, colour)
-        _line(axes[1], since, recording["torque_T"][:, 0], label, colour)
-    axes[0].axhline(force, color="k", lw=0.8, ls="--", label="commanded")
-    axes[1].axhline(0.0, color="k", lw=0.8, ls="--")
-    axes[0].set_ylabel("force onto the table [N]")
-    axes[0].set_ylim(-1.0, 2.2 * force)
-    axes[1].set_ylabel("torque about the blade's x [N m]")
-    axes[1].set_xlabel("time since contact [s]")
-    axes[1].set_xlim(-0.5, None)
-    axes[0].legend(ncols=2, fontsize="small")
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for case in CASES:
+        if case.colour:
+            recording = runs[case.label].recording
+            since = recording["t"] - (recording.contact_time or 0.0)
+            upper.plot(since, -recording["force"][:, 2], color=case.colour, lw=1.0, label=case.label)
+            lower.plot(since, recording["torque_T"][:, 0], color=case.colour, lw=1.0)
+    upper.axhline(force, color="k", lw=0.8, ls="--", label="commanded")
+    lower.axhline(0.0, color="k", lw=0.8, ls="--")
+    upper.set(ylabel="force onto the table [N]", ylim=(-1.0, 2.2 * force))
+    lower.set(ylabel="torque about the blade's x [N m]", xlabel="time since contact [s]", xlim=(-0.5, None))
+    upper.legend(ncols=2, fontsize="small")
+    for axis in (upper, lower):
+        axis.grid(alpha=0.3)
     figure.savefig(path, dpi=140)
-    plt.close(figure)
     return path
-
-
-def _line(axis: Any, t: Any, y: Any, label: str, colour: str) -> None:
-    axis.plot(t, y, color=colour, lw=1.0, label=label)
-    axis.grid(alpha=0.3)

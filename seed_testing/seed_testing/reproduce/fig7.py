@@ -8,78 +8,82 @@ lies along the hand's y, which that estimator sees (Sec. VIII-B).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from seed_control.tasks import load_task
+from seed_control import load_task
+from seed_core.files import shared_path
 from seed_sim import Evaluation, evaluate
-from seed_testing.reproduce.output import Progress, shipped, table, write
-from seed_testing.reproduce.strokes import Stroke, draw, strokes_of
+from seed_testing.progress import Progress
+from seed_testing.reproduce.pen import Stroke, draw_strokes, strokes_of
+from seed_testing.reproduce.report import table, write
+
+
+class Case(NamedTuple):
+    """One run of the pen, held along the hand or across it."""
+
+    label: str
+    law: str
+    estimator: str
+    across: bool = False
+
 
 PUBLISHED = "across the hand, published estimator"
-# label, task, law, estimator
 CASES = (
-    ("closed loop, tactile images", "pen", "seed", "rigid_fit"),
-    ("open loop", "pen", "open_loop", "truth"),
-    (PUBLISHED, "pen_across", "seed", "published"),
-    ("across the hand, rigid fit", "pen_across", "seed", "rigid_fit"),
+    Case("closed loop, tactile images", "seed", "rigid_fit"),
+    Case("open loop", "open_loop", "truth"),
+    Case(PUBLISHED, "seed", "published", across=True),
+    Case("across the hand, rigid fit", "seed", "rigid_fit", across=True),
 )
+COLUMNS = {
+    "asked N": "{commanded:.1f}",
+    "mean N": "{force_mean:.2f}",
+    "rmse N": "{force_rmse:.3f}",
+    "width mm": "{width_mm_mean:.2f}",
+    "asked mm": "{width_mm_commanded:.2f}",
+    "path rmse mm": "{path_rmse_mm:.2f}",
+}
+ACROSS_TASK, ACROSS_SCENARIO = "config/reproduce/pen_across.yaml", "config/reproduce/pen_across_scenario.yaml"
 
 
 def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
-    """Run every case. Returns the tables and the files."""
-    runs: dict[str, Evaluation] = {}
+    """Run every case, and write a text. Returns the tables and the files."""
     writing = load_task("write", text=text)  # first: what cannot be written is said before minutes have passed
-    for label, task, law, estimator in CASES:
-        progress = Progress(label)
-        across = task == "pen_across"
-        runs[label] = evaluate(
-            str(shipped("pen_across.yaml")) if across else task,
-            law=law,
-            estimator=estimator,
-            seed=seed,
-            scenario=shipped("pen_across_scenario.yaml") if across else None,
-            progress=progress,
-        )
-        progress.done()
-    progress = Progress(f"writing '{text}'")
-    written = evaluate(writing, estimator="rigid_fit", seed=seed, progress=progress)
+    runs = {case.label: _run(case, seed) for case in CASES}
+    written, progress = f"writing '{text}', tactile images", Progress(f"writing '{text}'")
+    runs[written] = evaluate(writing, estimator="rigid_fit", seed=seed, progress=progress)
     progress.done()
-    label = f"writing '{text}', tactile images"
-    lines = {name: strokes_of(e.recording) for name, e in (runs | {label: written}).items()}
-    words = _table(lines, runs | {label: written}, seed)
+    strokes = {label: strokes_of(run.recording) for label, run in runs.items()}
+    words = _table(strokes, runs, seed)
     values = {
-        name: {
-            "score": (runs | {label: written})[name].result,
-            "strokes": [s.statistics() | {"name": s.name} for s in strokes],
+        label: {
+            "score": run.result,
+            "strokes": [s.statistics() | {"name": s.name} for s in strokes[label]],
         }
-        for name, strokes in lines.items()
+        for label, run in runs.items()
     }
     files = write(folder, "fig7", words, values)
-    return words, [*files, _draw(lines, label, folder / "fig7.png")]
+    return words, [*files, _draw(strokes, written, folder / "fig7.png")]
 
 
-def _table(lines: dict[str, list[Stroke]], runs: dict[str, Evaluation], seed: int) -> str:
+def _run(case: Case, seed: int) -> Evaluation:
+    task = str(shared_path("seed_testing", ACROSS_TASK)) if case.across else "pen"
+    scenario = shared_path("seed_testing", ACROSS_SCENARIO) if case.across else None
+    progress = Progress(case.label)
+    run = evaluate(task, law=case.law, estimator=case.estimator, seed=seed, scenario=scenario, progress=progress)
+    progress.done()
+    return run
+
+
+def _table(strokes: dict[str, list[Stroke]], runs: dict[str, Evaluation], seed: int) -> str:
     rows = []
-    for label, strokes in lines.items():
-        for stroke in strokes:
-            s = stroke.statistics()
-            rows.append(
-                [
-                    label,
-                    stroke.name.removesuffix(" draw"),
-                    f"{s['commanded']:.1f}",
-                    f"{s['force_mean']:.2f}",
-                    f"{s['force_rmse']:.3f}",
-                    f"{s['width_mm_mean']:.2f}",
-                    f"{s['width_mm_commanded']:.2f}",
-                    f"{s['path_rmse_mm']:.2f}",
-                ]
-            )
-        if not runs[label].result["finished"]:
-            rows.append([label, "stopped: " + runs[label].result["message"], *[""] * 6])
-    header = ["pen", "stroke", "asked N", "mean N", "rmse N", "width mm", "asked mm", "path rmse mm"]
+    for label, run in runs.items():
+        for stroke in strokes[label]:
+            numbers = [column.format(**stroke.statistics()) for column in COLUMNS.values()]
+            rows.append([label, stroke.name.removesuffix(" draw"), *numbers])
+        if not run.result["finished"]:
+            rows.append([label, "stopped: " + run.result["message"], *[""] * len(COLUMNS)])
     title = f"Fig. 7 in simulation, seed {seed}; width from the pen model (not measured)\n\n"
-    return title + table(header, rows) + _note(lines[PUBLISHED])
+    return title + table(["pen", "stroke", *COLUMNS], rows) + _note(strokes[PUBLISHED])
 
 
 def _note(strokes: list[Stroke]) -> str:
@@ -93,39 +97,31 @@ def _note(strokes: list[Stroke]) -> str:
     )
 
 
-def _draw(lines: dict[str, list[Stroke]], written: str, path: Path) -> Path:
-    import matplotlib
+def _draw(strokes: dict[str, list[Stroke]], written: str, path: Path) -> Path:
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure = plt.figure(figsize=(12, 8), layout="constrained")
+    figure = Figure(figsize=(12, 8), layout="constrained")
     grid = figure.add_gridspec(2, 4)
-    for i, (label, _, _, _) in enumerate(CASES):
-        draw(figure.add_subplot(grid[0, i]), lines[label], label)
-    draw(figure.add_subplot(grid[1, :2]), lines[written], written, reference=True)
-    _widths(figure.add_subplot(grid[1, 2:]), lines)
+    for i, case in enumerate(CASES):
+        draw_strokes(figure.add_subplot(grid[0, i]), strokes[case.label], case.label)
+    draw_strokes(figure.add_subplot(grid[1, :2]), strokes[written], written, reference=True)
+    _draw_widths(figure.add_subplot(grid[1, 2:]), strokes)
     figure.savefig(path, dpi=140)
-    plt.close(figure)
     return path
 
 
-def _widths(axis: Any, lines: dict[str, list[Stroke]]) -> None:
+def _draw_widths(axis: Any, strokes: dict[str, list[Stroke]]) -> None:
     """Width of the line against the commanded force, and what the model would give for exactly that force."""
-    for (label, _, _, _), marker in zip(CASES, "osd^", strict=True):
-        stats = [s.statistics() for s in lines[label]]
-        axis.errorbar(
-            [s["commanded"] for s in stats],
-            [s["width_mm_mean"] for s in stats],
-            yerr=[s["width_mm_std"] for s in stats],
-            fmt=marker,
-            capsize=3,
-            label=label,
-        )
-    asked = [s.statistics() for s in lines[CASES[0][0]]]
-    axis.plot([s["commanded"] for s in asked], [s["width_mm_commanded"] for s in asked], "k--", lw=0.8, label="asked")
-    axis.set_xlabel("commanded force [N]")
-    axis.set_ylabel("width of the line, pen model [mm]")
+
+    def column(label: str, name: str) -> list[float]:
+        return [s.statistics()[name] for s in strokes[label]]
+
+    for case, marker in zip(CASES, "osd^", strict=True):
+        force, width, spread = (column(case.label, k) for k in ("commanded", "width_mm_mean", "width_mm_std"))
+        axis.errorbar(force, width, yerr=spread, fmt=marker, capsize=3, label=case.label)
+    force, width = (column(CASES[0].label, k) for k in ("commanded", "width_mm_commanded"))
+    axis.plot(force, width, "k--", lw=0.8, label="asked")
+    axis.set(xlabel="commanded force [N]", ylabel="width of the line, pen model [mm]")
     axis.set_ylim(bottom=0.0)
     axis.legend(fontsize="small", loc="lower right")
     axis.grid(alpha=0.3)

@@ -3,16 +3,47 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from seed_core.hand import Hand
+from seed_core.spatial import Array, pose_from_rpy
+from seed_estimation import TactileImages
 from seed_estimation.calibration.calibrate import FAR, NEAR, MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_estimation.contact.membrane import mean_depth
 from seed_sim.tactile import TactileRenderer
-from seed_sim.tactile.captures import captures
 
+Frames = list[dict[str, TactileImages]]
 _START = -60.0  # [s]; before everything else of a run
+_POSES_DEG = ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 20, 0), (0, -20, 0))  # roll, pitch, yaw of the cylinder
+_PERIOD = 1.0 / 45.0  # [s] between frames
+
+
+class Captures(NamedTuple):
+    """Images that the calibration starts from.
+
+    Attributes:
+        no_contact: frames with nothing in the grasp.
+        grasped: per pose, frames of the grasped cylinder.
+        X_CT: per pose, the cylinder (4, 4); its axis is z_T.
+        radius: of the cylinder [m].
+    """
+
+    no_contact: Frames
+    grasped: list[Frames]
+    X_CT: list[Array]
+    radius: float
+
+
+def captures(renderer: TactileRenderer, start: float = 0.0, frames: int = 150, per_pose: int = 20) -> Captures:
+    """Captures with the renderer's own tool, which must be round, from time start [s] on."""
+    stamps = iter(start + _PERIOD * np.arange(frames + len(_POSES_DEG) * per_pose + 1))
+    still = [renderer.no_contact(float(next(stamps))) for _ in range(frames)]
+    X_CT = [pose_from_rpy(np.deg2rad(rpy), (0.0, 0.0, 0.0)) for rpy in _POSES_DEG]
+    held = [[renderer.render(X, float(next(stamps))) for _ in range(per_pose)] for X in X_CT]
+    return Captures(still, held, X_CT, renderer.parameters.tool.radius)
 
 
 def known_shape(renderer: TactileRenderer) -> MembraneShape:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a series of estimates is worth against the truth, per axis."""
+"""Scores of a series of estimates against the truth, per axis."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +13,8 @@ from scipy.stats import chi2
 
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, rotation_error, rpy_from_rotation
+from seed_estimation import Estimator, TactileImages
+from seed_testing.figures import figures
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 NAMED = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
@@ -20,16 +24,23 @@ _TAIL = 0.025  # of chi-square, on either side
 
 @dataclass
 class Series:
-    """Truth and estimate of one run, frame by frame."""
+    """Truth and estimate of one run, frame by frame, and the CPU time that each estimate took [ms]."""
 
     X_true: list[Array] = field(default_factory=list)
     estimates: list[RelativePoseEstimate] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
 
     def add(self, X_true: Array, estimate: RelativePoseEstimate, cpu_ms: float) -> None:
+        """One more frame."""
         self.X_true.append(X_true)
         self.estimates.append(estimate)
         self.cpu_ms.append(cpu_ms)
+
+    def estimate(self, estimator: Estimator, images: Mapping[str, TactileImages], stamp: float, X_true: Array) -> None:
+        """Have a pair of images estimated and timed."""
+        before = time.process_time()
+        estimate = estimator.update(images, stamp)
+        self.add(X_true, estimate, 1e3 * (time.process_time() - before))
 
 
 def components(X: Array) -> Array:
@@ -43,52 +54,65 @@ def errors(estimate: RelativePoseEstimate, X_true: Array) -> Array:
     return np.concatenate([1e3 * (estimate.X_CT[:3, 3] - X_true[:3, 3]), np.rad2deg(turn)])
 
 
+def scores(series: Series, score_from: float = 0.0) -> dict[str, Any]:
+    """Everything that `./seed validate estimator --json` prints about a series, from time score_from [s] on.
+
+    What cannot be told, of axes that rest or of a series that is hardly ever valid, is None.
+    """
+    kept = [k for k in zip(series.estimates, series.X_true, strict=True) if k[0].stamp >= score_from]
+    valid = [(estimate, X_true) for estimate, X_true in kept if estimate.valid]
+    out: dict[str, Any] = {"frames": len(kept), "valid_fraction": len(valid) / max(len(kept), 1)}
+    cost = figures("{}", series.cpu_ms, "median", "p99") if series.cpu_ms else dict.fromkeys(("median", "p99"))
+    if len(valid) < 3:
+        mm_deg, axes = dict.fromkeys(NAMED), dict.fromkeys(AXES)
+        return out | {
+            "rmse": mm_deg,
+            "bias": mm_deg,
+            "gain": axes,
+            "correlation": axes,
+            "nees": None,
+            "ms_per_pair": cost,
+        }
+    e = np.array([errors(estimate, X_true) for estimate, X_true in valid])
+    truth = np.array([components(X_true) for _, X_true in valid])
+    found = np.array([components(estimate.X_CT) for estimate, _ in valid])
+    lost = (np.linalg.norm(e[:, :3], axis=1) > LOST_MM) | (np.linalg.norm(e[:, 3:], axis=1) > LOST_DEG)
+    gain, correlation = _regression(truth, found)
+    return out | {
+        "rmse": _named(np.sqrt((e**2).mean(axis=0))),
+        "bias": _named(e.mean(axis=0)),
+        "max_abs_error": _named(np.abs(e).max(axis=0)),
+        "gain": gain,
+        "correlation": correlation,
+        **_consistency(np.array([_normalised_square(k[0], error) for k, error in zip(valid, e, strict=True)])),
+        "lost_but_valid_fraction": float(lost.mean()),
+        "ms_per_pair": cost,
+    }
+
+
+def _named(values: Array) -> dict[str, float]:
+    return dict(zip(NAMED, values.tolist(), strict=True))
+
+
+def _regression(truth: Array, found: Array) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    """Slope of estimate over truth and their correlation, by axis; None of an axis that rests."""
+    a, b = truth - truth.mean(axis=0), found - found.mean(axis=0)
+    saa, sbb, sab = (a * a).mean(axis=0), (b * b).mean(axis=0), (a * b).mean(axis=0)
+    moves = saa >= 1e-6
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gain, correlation = sab / saa, sab / np.sqrt(saa * sbb)
+    gains = {n: float(gain[i]) if moves[i] else None for i, n in enumerate(AXES)}
+    told = moves & np.isfinite(correlation)
+    return gains, {n: float(correlation[i]) if told[i] else None for i, n in enumerate(AXES)}
+
+
 def _normalised_square(estimate: RelativePoseEstimate, error: Array) -> float:
+    """e^T C^-1 e of an error (6,) [mm, deg] and the estimate's covariance C; infinite where C is singular."""
     e = np.concatenate([np.deg2rad(error[3:]), 1e-3 * error[:3]])
     try:
         return float(e @ np.linalg.solve(estimate.covariance, e))
     except np.linalg.LinAlgError:
         return float("inf")
-
-
-def scores(series: Series, score_from: float = 0.0) -> dict[str, Any]:
-    """Everything that `./seed validate estimator --json` prints about a series; NaN becomes None."""
-    kept = [i for i, e in enumerate(series.estimates) if e.stamp >= score_from]
-    valid = [i for i in kept if series.estimates[i].valid]
-    out: dict[str, Any] = {"frames": len(kept), "valid_fraction": len(valid) / max(len(kept), 1)}
-    if len(valid) < 3:
-        nothing, bare = dict.fromkeys(NAMED), dict.fromkeys(AXES)
-        out |= {"rmse": nothing, "bias": nothing, "gain": bare, "correlation": bare, "nees": None}
-        return out | _time(series)
-    e = np.array([errors(series.estimates[i], series.X_true[i]) for i in valid])
-    truth = np.array([components(series.X_true[i]) for i in valid])
-    found = np.array([components(series.estimates[i].X_CT) for i in valid])
-    squares = np.array([_normalised_square(series.estimates[i], e[k]) for k, i in enumerate(valid)])
-    out |= {"rmse": _named(np.sqrt((e**2).mean(axis=0))), "bias": _named(e.mean(axis=0))}
-    out |= {"max_abs_error": _named(np.abs(e).max(axis=0)), **_lines(truth, found), **_consistency(squares)}
-    lost = (np.linalg.norm(e[:, :3], axis=1) > LOST_MM) | (np.linalg.norm(e[:, 3:], axis=1) > LOST_DEG)
-    out["lost_but_valid_fraction"] = float(lost.mean())
-    return out | _time(series)
-
-
-def _named(values: Array) -> dict[str, float]:
-    return {name: float(v) for name, v in zip(NAMED, values, strict=True)}
-
-
-def _lines(truth: Array, found: Array) -> dict[str, Any]:
-    """Slope of estimate over truth, and their correlation."""
-    a, b = truth - truth.mean(axis=0), found - found.mean(axis=0)
-    saa, sbb, sab = (a * a).mean(axis=0), (b * b).mean(axis=0), (a * b).mean(axis=0)
-    still = saa < 1e-6
-    with np.errstate(invalid="ignore", divide="ignore"):
-        gain, correlation = sab / saa, sab / np.sqrt(saa * sbb)
-    defined = [not s for s in still]
-    return {
-        "gain": {n: float(g) if d else None for n, g, d in zip(AXES, gain, defined, strict=True)},
-        "correlation": {
-            n: float(c) if d and np.isfinite(c) else None for n, c, d in zip(AXES, correlation, defined, strict=True)
-        },
-    }
 
 
 def _consistency(squares: Array) -> dict[str, Any]:
@@ -100,8 +124,13 @@ def _consistency(squares: Array) -> dict[str, Any]:
     low, high = (float(chi2.ppf(q, 6 * independent)) / independent for q in (_TAIL, 1.0 - _TAIL))
     inside = float(np.mean((squares > chi2.ppf(_TAIL, 6)) & (squares < chi2.ppf(1.0 - _TAIL, 6))))
     mean = float(squares.mean())
-    return {"nees": mean, "nees_bounds": [low, high], "nees_within_bounds": low <= mean <= high,
-            "nees_frames_within_95_percent": inside, "independent_frames": independent}  # fmt: skip
+    return {
+        "nees": mean,
+        "nees_bounds": [low, high],
+        "nees_within_bounds": low <= mean <= high,
+        "nees_frames_within_95_percent": inside,
+        "independent_frames": independent,
+    }
 
 
 def _independent(values: Array) -> int:
@@ -118,10 +147,3 @@ def _independent(values: Array) -> int:
             break
         total += 2.0 * c
     return max(1, int(len(v) / total))
-
-
-def _time(series: Series) -> dict[str, Any]:
-    if not series.cpu_ms:
-        return {"ms_per_pair": {"median": None, "p99": None}}
-    median, p99 = np.percentile(series.cpu_ms, (50, 99))
-    return {"ms_per_pair": {"median": float(median), "p99": float(p99)}}

@@ -66,23 +66,24 @@ class Moment(NamedTuple):
     onset: float
 
 
-def moments(p: TactileParameters, reach: float, section: TrajectorySection, pull: Pull | None, seed: int,
-            ) -> Iterator[Moment]:  # fmt: skip
-    """Ordinary manipulation, with a pull on top of it."""
+def moments(
+    p: TactileParameters, reach: float, section: TrajectorySection, pull: Pull | None, seed: int
+) -> Iterator[Moment]:
+    """Ordinary manipulation under the friction of p, with a pull on top of it if there is one."""
     friction, onset = Friction(p.hold, p.kinetic, reach), np.inf
     fine = replace(section, rate=section.rate * _SUBSTEPS)
-    for i, (t, X) in enumerate(poses(fine, seed)):
+    for i, (t, X) in enumerate(poses(fine, seed), start=1):
         X_CT = X if pull is None else X @ pull.pulled(t)
         held = friction.step(X_CT, t)
         onset = min(onset, t) if held.sliding else onset
-        if i % _SUBSTEPS == _SUBSTEPS - 1:
+        if i % _SUBSTEPS == 0:
             yield Moment(t, X_CT, held, onset)
 
 
 def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
     """Seconds from onset to alarm (None: none), and whether there was an alarm before the onset."""
-    cv2.setNumThreads(1)
     pull = random_pull(np.random.default_rng((seed, 5)))
+    cv2.setNumThreads(1)
     p = replace(tactile_of(scenario), hold=pull.hold, kinetic=pull.kinetic)
     renderer = TactileRenderer(p, scenario.hand, seed)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
@@ -132,23 +133,20 @@ def alarms(
         results.append(result)
         if progress is not None:
             progress(len(results) / len(work))
-    return _summary(scenario, seed, minutes, results[:slips], results[slips:])
-
-
-def _summary(
-    scenario: Scenario, seed: int, minutes: float, found: list[tuple[float | None, bool]], calm: list[tuple[int, ...]]
-) -> dict[str, Any]:
-    delays = sorted(d for d, _ in found if d is not None)
-    wrong, valid, frames = (sum(piece[k] for piece in calm) for k in range(3))
+    found, calm = results[:slips], np.array(results[slips:])
+    delays = [delay for delay, _ in found if delay is not None]
+    wrong, valid, frames = calm.sum(axis=0).tolist()
     return {
         "scenario": scenario.name,
         "seed": seed,
-        "slips": len(found),
-        "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(len(found), 1),
-        "alarm_delay_ms": {"median": 1e3 * float(np.median(delays)) if delays else None,
-                           "max": 1e3 * delays[-1] if delays else None},
+        "slips": slips,
+        "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(slips, 1),
+        "alarm_delay_ms": {
+            "median": 1e3 * float(np.median(delays)) if delays else None,
+            "max": 1e3 * max(delays) if delays else None,
+        },
         "early_alarms": sum(early for _, early in found),
         "minutes": minutes,
         "false_alarms": wrong,
         "valid_fraction": valid / max(frames, 1),
-    }  # fmt: skip
+    }

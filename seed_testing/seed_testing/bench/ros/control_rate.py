@@ -26,7 +26,7 @@ from seed_core.hand import Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy
 from seed_ros import COMMAND, QUEUE, FixedRateLoop, SeedNode
 from seed_ros.conversions import estimate_to_message, fill_pose, pose_stamped, stamp_from_seconds
-from seed_testing.bench.figures import figures
+from seed_testing.figures import figures
 
 NAMESPACE = "seed_bench"
 BUSY = "while True: sum(range(10000))"

@@ -38,7 +38,7 @@ from seed_bringup.ros.session import Session, SessionError
 from seed_core.errors import FailedError
 from seed_ros import QUEUE, SENSOR, FixedRateLoop
 from seed_ros.conversions import seconds
-from seed_testing.bench.figures import figures
+from seed_testing.figures import figures
 
 TASK, TASK_PATIENCE = "squeegee", 75.0  # [s]
 PLAYED = 30.0  # [s] of pictures

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 from sensor_msgs.msg import Image
 
 from seed_ros.images.arrays import DEPTH_ENCODINGS, GRAY_ENCODINGS, depth_from_message, gray_from_message
-from seed_testing.validation.bag import BagDataError, _image
+from seed_testing.validation.bag import BagDataError, image_of
 
 pytestmark = pytest.mark.ros
 GREY = [name for name, (_, channels) in GRAY_ENCODINGS.items() if channels == 1]
@@ -31,16 +31,16 @@ def picture(encoding: str, big_endian: bool) -> Image:
 @pytest.mark.parametrize("encoding", DEPTH_ENCODINGS)
 def test_depth_of_a_bag_is_that_of_the_live_estimator(encoding: str, big_endian: bool) -> None:
     message = picture(encoding, big_endian)
-    np.testing.assert_array_equal(_image(message, "/bubble_left/depth/image_rect_raw"), depth_from_message(message))
+    np.testing.assert_array_equal(image_of(message, "/bubble_left/depth/image_rect_raw"), depth_from_message(message))
 
 
 @pytest.mark.parametrize("big_endian", [False, True])
 @pytest.mark.parametrize("encoding", GREY)
 def test_brightness_of_a_bag_is_that_of_the_live_estimator(encoding: str, big_endian: bool) -> None:
     message = picture(encoding, big_endian)
-    np.testing.assert_array_equal(_image(message, "/bubble_left/ir/image_rect_raw"), gray_from_message(message))
+    np.testing.assert_array_equal(image_of(message, "/bubble_left/ir/image_rect_raw"), gray_from_message(message))
 
 
 def test_a_picture_that_is_no_depth_is_refused_by_name() -> None:
     with pytest.raises(BagDataError, match="encoding 'mono8' is not read; known: 32FC1, 16UC1, mono16"):
-        _image(picture("mono8", False), "/bubble_left/depth/image_rect_raw")
+        image_of(picture("mono8", False), "/bubble_left/depth/image_rect_raw")

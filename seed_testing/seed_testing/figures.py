@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a benchmark: a mapping of names, which end in their unit, to numbers, words or further figures."""
+"""Figures of a benchmark: names, which end in their unit, with numbers, words or further figures."""
 
 from __future__ import annotations
 
