@@ -105,8 +105,7 @@ class Estimator:
         """Takes the images of bubbles that touch nothing as reference; several frames are averaged.
 
         Raises:
-            EstimatorError: no usable images of a finger, or images of another finger or upside down.
-            NoReferenceError: too little membrane in view.
+            EstimatorError: no usable images of a finger, images of another or upside down, too little membrane in view.
         """
         p, n = self.parameters, self.parameters.decimate
         offset = {f: self._range_offset[f][::n, ::n] for f in self.fingers}

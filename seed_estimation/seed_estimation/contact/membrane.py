@@ -13,18 +13,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_estimation.contact.surface import fitted_parabolas, rest_surface
 from seed_estimation.images.camera import PinholeCamera
+from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Array32, Image, Mask
 from seed_estimation.parameters import EstimatorParameters
 
 PATTERN_BLUR = 20.0  # [px] a membrane at rest is a parabola over so short a way
-
-
-class NoReferenceError(SeedError):
-    """A no-contact reference that is none."""
 
 
 class Membrane(NamedTuple):
@@ -53,13 +49,13 @@ def membrane_at_rest(
     """The membrane in depth images (H, W) [m] of a bubble that touches nothing.
 
     Raises:
-        NoReferenceError: too little membrane in view.
+        EstimatorError: too little membrane in view.
     """
     mean, deviation = mean_depth(frames, p.near, p.far)
     area = _steady_area(mean, deviation, p)
     share = float(area.mean())
     if share < 0.5 * p.least_valid:
-        raise NoReferenceError(
+        raise EstimatorError(
             f"{finger} bubble: only {share:.0%} of the reference image is steady membrane between {p.near:g} and "
             f"{p.far:g} m; at least {0.5 * p.least_valid:.0%} is needed: check camera, range and `steady`"
         )

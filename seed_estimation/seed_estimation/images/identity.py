@@ -27,10 +27,6 @@ SAME_LENS = 0.05  # [px] intrinsics that differ by less are one camera's
 MAX_BYTES = 50_000_000
 
 
-class IdentityError(SeedError):
-    """A file that does not hold what is known of the bubbles."""
-
-
 class Known(NamedTuple):
     """What is known of a bubble: dots (H, W) as `pattern` gives them, name of its optical frame, intrinsics (3, 3)."""
 
@@ -40,21 +36,21 @@ class Known(NamedTuple):
 
 
 def save(path: Path, bubbles: Mapping[str, Known]) -> None:
-    """Write an npz file with what is known of each finger. Raises IdentityError when it cannot be written."""
+    """Write an npz file with what is known of each finger. Raises SeedError when it cannot be written."""
     arrays = {f"{f}_{name}": np.asarray(v) for f, known in bubbles.items() for name, v in known._asdict().items()}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     except OSError as error:
-        raise IdentityError(f"identity_file {path} cannot be written: {error}") from error
+        raise SeedError(f"identity_file {path} cannot be written: {error}") from error
 
 
 def load(path: Path) -> dict[str, Known]:
-    """Known bubbles by finger, as `save` has written them. Raises IdentityError."""
+    """Known bubbles by finger, as `save` has written them. Raises SeedError."""
     out = {}
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise IdentityError(f"identity_file {path}: more than {MAX_BYTES} bytes; name one that the estimator wrote")
+            raise SeedError(f"identity_file {path}: more than {MAX_BYTES} bytes; name one that the estimator wrote")
         with np.load(path, allow_pickle=False) as data:
             for f in ("left", "right"):
                 if f"{f}_pattern" in data:
@@ -63,7 +59,7 @@ def load(path: Path) -> dict[str, Known]:
                         raise ValueError(f"{f}: pattern of shape {dots.shape}, K of shape {K.shape}")
                     out[f] = Known(dots, str(data[f"{f}_frame_id"]), K)
     except (OSError, KeyError, ValueError) as error:
-        raise IdentityError(f"identity_file {path} was not written by the estimator: {error}") from error
+        raise SeedError(f"identity_file {path} was not written by the estimator: {error}") from error
     return out
 
 
@@ -135,7 +131,7 @@ class Bubbles:
     UNVERIFIED = "unverified"
 
     def __init__(self, file: str, names: Mapping[str, str]) -> None:
-        """file: where it is remembered, '' for nowhere. Raises IdentityError when it cannot be read."""
+        """file: where it is remembered, '' for nowhere. Raises SeedError when it cannot be read."""
         self._path = Path(file) if file else None
         self.known = load(self._path) if self._path and self._path.exists() else {}
         self.names = {f: self.known[f].frame_id if f in self.known else name for f, name in names.items()}
