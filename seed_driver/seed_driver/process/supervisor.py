@@ -12,7 +12,6 @@ import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from seed_core.config import to_mapping
@@ -20,22 +19,14 @@ from seed_core.errors import SeedError
 from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
+from seed_driver.process.heartbeat import Heartbeat
 from seed_driver.process.realtime import raise_niceness
 from seed_driver.process.shared_memory import CRASHED, LOST, SharedMemory, Stage, State, TargetSlot
 
-LONGEST_START = 40.0  # [s] without a heartbeat while the process starts, from a cold disk of a busy machine
-IDLE = 1.5, 3.0  # [s] of no work in it after which the process counts as gone, and then is killed
-SILENT = {  # [s] without a heartbeat after which the process counts as gone, and then is killed
-    Stage.SEARCHING: (3.0, 6.0),
-    Stage.BUSY: (1.5, 7.0),
-    Stage.MONITORING: (0.09, 0.5),
-    Stage.SERVOING: (0.09, 0.5),
-}
 ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
 LARGEST_MESSAGE = 65_536  # [byte]
 MOST_REPLIES = 200  # kept for those who ask
-WORKING = "RD"  # states of a process that waits for a processor or a disk
 
 
 class Reply(NamedTuple):
@@ -45,33 +36,11 @@ class Reply(NamedTuple):
     text: str
 
 
-class StartWatch:
-    """Progress of a process that has not spoken yet: a start may be slow, from a cold disk of a busy machine."""
-
-    def __init__(self, pid: int, now: float) -> None:
-        """pid: process number; now: [s]."""
-        self._file = Path(f"/proc/{pid}/stat")
-        self.began = self._worked_at = now
-        self._used = 0  # [ticks] of processor time
-
-    def idle(self, now: float) -> float:
-        """Time [s] in which it has neither worked nor waited for its turn: it is stopped, or in a deadlock."""
-        try:
-            state, *numbers = self._file.read_text().rpartition(")")[2].split()
-        except OSError:  # it has ended
-            return 0.0
-        used = int(numbers[10]) + int(numbers[11])
-        if state in WORKING or used > self._used:
-            self._used, self._worked_at = used, now
-        return now - self._worked_at
-
-
 class _Life(NamedTuple):
     """One servo process."""
 
     process: subprocess.Popen[bytes]
     wire: socket.socket  # requests to it, replies from it
-    start: StartWatch
 
 
 class Supervisor:
@@ -84,12 +53,12 @@ class Supervisor:
         self.deaths = 0
         self.memory: SharedMemory | None = None  # while the driver is active
         self._life: _Life | None = None
+        self._heartbeat = Heartbeat()
         self._requests = 0
         self._unanswered: set[int] = set()
         self._targets = 0
         self._restart_at = 0.0
         self._start_program = False  # until a life has done so, or was told not to
-        self._longest_start = LONGEST_START
 
     def start(self, start_program: bool) -> None:
         """Start the process; with `start_program` it sends the robot program as soon as the robot allows."""
@@ -110,7 +79,8 @@ class Supervisor:
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_mapping(self.config), "start": self._start_program}).encode())
         theirs.close()
-        self._life = _Life(process, ours, StartWatch(process.pid, now))
+        self._life = _Life(process, ours)
+        self._heartbeat.restart(process.pid, now)
         self.state = self.state._replace(stage=Stage.STARTING)
 
     @property
@@ -133,7 +103,9 @@ class Supervisor:
         self._read_replies(self._life.wire)
         code = self._life.process.poll()  # before its state, so that this is the last one when it has ended
         state = self.memory.read_state() or self.state
-        gone, hopeless = self._doubts(self._life.start, now, state)
+        if state.stage != Stage.STARTING:
+            self._start_program &= state.wants_start  # of the next life
+        gone, hopeless = self._heartbeat.doubts(now, state)
         if code is not None:
             said = state.reason if code in (0, LOST, CRASHED) else ""
             self._ended(self._life, now, state, said or exit_reason(code))
@@ -146,18 +118,6 @@ class Supervisor:
         else:
             self.state = state
         return self.state
-
-    def _doubts(self, start: StartWatch, now: float, state: State) -> tuple[bool, bool]:
-        """Whether the process counts as gone, and whether it is to be killed."""
-        if state.stage != Stage.STARTING:
-            self._start_program &= state.wants_start  # of the next life
-            silent, (gone, hopeless) = now - state.heartbeat, SILENT[state.stage]
-            return silent > gone, silent > hopeless
-        if now - start.began > self._longest_start:
-            self._longest_start *= 2.0  # a slow machine gets there in the end
-            return True, True
-        idle = start.idle(now)
-        return idle > IDLE[0], idle > IDLE[1]
 
     def _ended(self, life: _Life, now: float, last: State, reason: str) -> None:
         life.wire.close()
