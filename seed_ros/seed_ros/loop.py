@@ -42,8 +42,8 @@ CLOCK_LOOK = 0.002  # [s] between two looks at a simulated clock
 CLOCK_PATIENCE = 5.0  # [s] of silence before it is said
 TURNED_BACK = 1.0  # [s] further than this from being due: the simulated clock was set back
 LATE = 5  # [periods] behind which deadlines start anew: what was missed is not made up for
-IDLE_REST = 0.1  # [s] between two looks at services, actions and slow timers
-BUSY_REST = 0.02  # [s] while they are in use: for BUSY after the last call
+SERVICE_PERIOD = 0.1  # [s] between two looks at services, actions and slow timers
+BUSY_SERVICE_PERIOD = 0.02  # [s] while they are in use: for BUSY after the last call
 BUSY = 0.5  # [s]
 CALLBACKS = 4  # of these per look
 MOST = 50  # messages taken from one stream per period
@@ -64,7 +64,7 @@ class _Polled(CallbackGroup):
         pass
 
 
-class RestExecutor(SingleThreadedExecutor):
+class OthersExecutor(SingleThreadedExecutor):
     """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
 
     def run_some(self, most: int = CALLBACKS) -> bool:
@@ -110,7 +110,7 @@ class FixedRateLoop:
         steady: bool = False,
         eager: bool = False,
         priority: int = 0,
-        rest: float = IDLE_REST,
+        service_period: float = SERVICE_PERIOD,
     ) -> None:
         """A loop at `rate` [Hz].
 
@@ -118,19 +118,19 @@ class FixedRateLoop:
             steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages.
             eager: (and steady) polled messages reach their callbacks when they come, not at the next period.
             priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
-            rest: [s] between two looks at services, actions and slow timers while nobody uses them.
+            service_period: [s] between two looks at services, actions and slow timers while nobody uses them.
         """
         self.node, self.period, self._tick = node, 1.0 / rate, tick
         self._eager = eager
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s] from one beginning to the next
         self.overruns = 0
-        self._priority, self._idle_rest = priority, rest
-        self._next_rest = self._busy_until = 0.0
+        self._priority, self._service_period = priority, service_period
+        self._next_service = self._busy_until = 0.0
         self._extra = inf
         self._callbacks: dict[Subscription, Callable[[Any, Any], None]] = {}
         self._group = _Polled() if private_rclpy.can_poll() else None  # None: the executor takes these as well
         if self._group is None:
-            self._idle_rest = 0.0
+            self._service_period = 0.0
         self._unheard = bool(node.get_parameter("use_sim_time").value)  # of a simulated clock
         self._simulated = self._unheard and not steady
         if self._unheard:
@@ -175,7 +175,7 @@ class FixedRateLoop:
                     self.take()
                     self._tick()
                     last, due = now, due if extra else self._next(due)
-                self._rest()
+                self._serve_others()
 
     def _await_clock(self, ended: Callable[[], bool]) -> None:
         """A simulated clock that is not heard yet shows zero: no deadline could be kept by it."""
@@ -224,17 +224,18 @@ class FixedRateLoop:
         self.overruns += late > 0.0
         return due + self.period if -TURNED_BACK < late < LATE * self.period else now
 
-    def _rest(self) -> None:
+    def _serve_others(self) -> None:
         now = time.monotonic()
-        if now >= self._next_rest:
+        if now >= self._next_service:
             if self._executor.run_some():
                 self._busy_until = now + BUSY
-            self._next_rest = now + (BUSY_REST if now < self._busy_until else self._idle_rest)
+            busy = BUSY_SERVICE_PERIOD if now < self._busy_until else self._service_period
+            self._next_service = now + min(busy, self._service_period)
 
     @cached_property
-    def _executor(self) -> RestExecutor:
+    def _executor(self) -> OthersExecutor:
         """Of everything but the polled streams."""
-        executor = RestExecutor(context=self.node.context)
+        executor = OthersExecutor(context=self.node.context)
         executor.add_node(self.node)
         return executor
 

@@ -99,7 +99,7 @@ class SeedNode(Node):
 
         self.create_service(kind, name, answer, callback_group=group)
 
-    def act(self, kind: Any, name: str, execute: Callable[[Any], Awaitable[Any]]) -> ActionServer:
+    def serve_action(self, kind: Any, name: str, execute: Callable[[Any], Awaitable[Any]]) -> ActionServer:
         """Offer an action. Every goal is accepted, as a refusal needs words, which only a result has."""
         return ActionServer(
             self,

@@ -46,7 +46,7 @@ class FollowServer:
         """others: whether something else gives set-points."""
         self._node, self._core, self._others = node, core, others
         self._run: _Run | None = None
-        self._server = node.act(FollowSetpoints, "~/follow_setpoints", self._execute)
+        self._server = node.serve_action(FollowSetpoints, "~/follow_setpoints", self._execute)
 
     @property
     def busy(self) -> bool:

@@ -24,7 +24,7 @@ from seed_ros.conversions import seconds
 from seed_ros.parameters import Declared, checking
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
-SERVICES_EVERY = 0.02  # [s]
+SERVICE_PERIOD = 0.02  # [s]
 REPEAT = 1.0  # [s] the same warning is not repeated earlier
 
 
@@ -45,7 +45,7 @@ class DriverNode(SeedNode, LifecycleNode):
         self.counters = Counters(self, REPEAT)
         self.accepted = 0
 
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._step, steady=True, rest=SERVICES_EVERY)
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._step, steady=True, service_period=SERVICE_PERIOD)
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.requests = Requests(self)
 

@@ -80,7 +80,7 @@ class SysidNode(SeedNode):
         for finger in ("left", "right"):
             receive = partial(self._on_pressure, finger)
             self.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
-        self._server = self.act(IdentifyStiffness, "~/identify_stiffness", self._execute)
+        self._server = self.serve_action(IdentifyStiffness, "~/identify_stiffness", self._execute)
 
     @property
     def _moving(self) -> ActiveGoal | None:
