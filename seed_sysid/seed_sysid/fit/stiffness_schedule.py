@@ -24,17 +24,24 @@ _LINEAR = 0.1  # scatter of pressure over width, as a share of its range, that s
 
 @dataclass(frozen=True)
 class Line:
-    """value = mean + slope (x - x_mean), with the scatter of single values around it."""
+    """value = mean + slope (x - x_mean), with the slope's standard deviation and that of single values around it."""
 
     x_mean: float
     mean: float
     slope: float
+    slope_std: float
     scatter: float
-    slope_interval: float  # half width at 95 %; infinite where two points leave nothing to judge by
+    degrees: int
 
     def at(self, x: Array) -> Array:
         """Values at x."""
         return np.asarray(self.mean + self.slope * (x - self.x_mean))
+
+    @property
+    def slope_interval(self) -> float:
+        """Half width of the slope's 95 % interval; infinite where two points leave nothing to judge it by."""
+        quantile = float(student.isf(0.5 * (1.0 - _CONFIDENCE), self.degrees)) if self.degrees > 0 else float("inf")
+        return quantile * self.slope_std
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ def fit_schedule(widths: Array, pressures: Array, solution: Solution) -> Stiffne
 
 
 def fit_line(x: Array, y: Array, y_std: Array) -> Line:
-    """Least squares through (G,) points; the scatter is at least what the deviations y_std of the values explain."""
+    """Least squares through (n,) points; the scatter is at least what the deviations y_std of the values explain."""
     center = x - x.mean()
     spread = float(center @ center)
     slope = float(center @ y) / spread
@@ -77,5 +84,4 @@ def fit_line(x: Array, y: Array, y_std: Array) -> Line:
     degrees = len(x) - 2
     scatter = float(np.sqrt(residual @ residual / degrees)) if degrees > 0 else 0.0
     scatter = max(scatter, float(np.sqrt(np.mean(y_std**2))))
-    quantile = float(student.isf(0.5 * (1.0 - _CONFIDENCE), degrees)) if degrees > 0 else float("inf")
-    return Line(float(x.mean()), float(y.mean()), slope, scatter, quantile * scatter / float(np.sqrt(spread)))
+    return Line(float(x.mean()), float(y.mean()), slope, scatter / float(np.sqrt(spread)), scatter, degrees)

@@ -15,6 +15,7 @@ import numpy as np
 from seed_core.bushing import Model
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
+from seed_sysid.fit.stiffness_schedule import fit_line
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, stiffness_map
 
 ORIENTATIONS_DEG = ((0, 0), (90, 0), (-90, 0), (180, 0), (0, 90), (0, -90), (45, 0), (0, 45), (-135, 0), (0, -135))
@@ -54,27 +55,17 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
     load = np.asarray(np.linalg.solve(B, wrench[:, :, None])[:, :, 0], dtype=float)
     stiffness, std, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
     for j, axis in enumerate(AXES):
-        k, deviation = _slope(load[:, j], xi[:, j])
-        span = float(np.ptp(load[:, j]))
+        span, unit = float(np.ptp(load[:, j])), LOAD_UNITS[j]
         if span < _LOADED[j]:
-            reasons[axis] = (
-                f"the weight puts no {'torque' if j < 3 else 'force'} on it (at most {span:.2g} {LOAD_UNITS[j]})"
-            )
-        elif k <= 0.0 or deviation > _UNCERTAIN * k:
-            reasons[axis] = f"its load varies by {span:.2g} {LOAD_UNITS[j]} only: too little for the noise of the poses"
-        else:
-            stiffness[j], std[j] = k, deviation
+            kind = "torque" if j < 3 else "force"
+            reasons[axis] = f"the weight puts no {kind} on it (at most {span:.2g} {unit})"
+            continue
+        compliance = fit_line(load[:, j], xi[:, j], np.zeros(len(xi)))
+        k, deviation = 1.0 / compliance.slope, compliance.slope_std / compliance.slope**2
+        if k <= 0.0 or deviation > _UNCERTAIN * k:
+            reasons[axis] = f"its load varies by {span:.2g} {unit} only: too little for the noise of the poses"
+            continue
+        stiffness[j], std[j] = k, deviation
     if len(reasons) == 6:
         raise WeightError("the weight determines no axis: use a heavier one and turn the hand further")
     return WeightFit(stiffness, std, reasons)
-
-
-def _slope(load: Array, xi: Array) -> tuple[float, float]:
-    """Stiffness and its standard deviation from a straight line of xi over load; nan without load."""
-    center = load - load.mean()
-    spread = float(center @ center)
-    if spread <= 0.0:
-        return float("nan"), float("inf")
-    compliance = float(center @ xi) / spread
-    r = xi - xi.mean() - compliance * center
-    return 1.0 / compliance, float(np.sqrt(r @ r / (len(xi) - 2) / spread)) / compliance**2
