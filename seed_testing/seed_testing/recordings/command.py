@@ -46,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def folder() -> Path:
     """Where recordings lie: $SEED_DATA, else shared/data beside the checkout."""
-    root = Path(os.environ.get("SEED_ROOT") or Path(__file__).resolve().parents[2])
+    root = Path(os.environ.get("SEED_ROOT") or Path(__file__).resolve().parents[3])
     return Path(os.environ.get("SEED_DATA") or root.parent / "shared" / "data")
 
 
