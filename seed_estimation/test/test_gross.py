@@ -13,8 +13,8 @@ import pytest
 from seed_core.hand import Hand
 from seed_core.spatial import Array, make_pose, pose_from_rpy
 from seed_estimation import Estimator, EstimatorParameters
-from seed_estimation.slip.gross import depth_went_on
-from seed_estimation.slip.markers import UNSEEN, Depth, Observation
+from seed_estimation.slip.gross import FALL, FALL_SHARE, LOADED, MOST, depth_went_on, sprung_back
+from seed_estimation.slip.markers import JITTER, UNSEEN, Depth, Observation
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
 friction = pytest.importorskip("seed_sim.tactile.friction", reason="needs the renderer of seed_sim")
@@ -165,3 +165,65 @@ def test_frames_without_a_lock_do_not_tear_depth_from_markers(unlocked: tuple[in
         depth = UNSEEN if i in unlocked else Depth(way, np.full(3, 5e-5))
         seen.append(Observation(i / 45.0, way, float(way[1]), depth, 0.0, False))
     assert not depth_went_on(seen)
+
+
+def observed(ways: list[tuple[float, float, float]], incipient: float = 0.1, depth: Depth = UNSEEN,
+             doubtful: bool = False) -> list[Observation]:  # fmt: skip
+    """The markers of one finger in frames of 45 Hz, at these ways [mm]."""
+    out = []
+    for i, way_mm in enumerate(ways):
+        way = 1e-3 * np.array(way_mm)
+        out.append(Observation(i * PERIOD, way, float(np.linalg.norm(way)), depth, incipient, doubtful))
+    return out
+
+
+PULLED = [(0.0, 0.0, 3.0), (0.0, 0.0, 3.2), (0.0, 0.0, 3.4), (0.0, 0.0, 3.6)]
+
+
+def test_markers_that_fall_back_under_a_load_have_sprung_back() -> None:
+    """From 3.6 mm to 3.4 mm: a fall of 0.2 mm, the least that counts."""
+    assert sprung_back(observed([*PULLED, (0.0, 0.0, 3.4)]), JITTER) == pytest.approx(1.0, abs=1e-6)
+    assert sprung_back(observed([*PULLED, (0.0, 0.0, 3.48)]), JITTER) == 0.0
+    assert sprung_back(observed([*PULLED, (0.0, 0.0, 2.0)]), JITTER) == MOST
+    assert max(FALL, FALL_SHARE * 3.6e-3) == FALL
+
+
+def test_markers_that_go_on_or_are_hardly_displaced_have_not() -> None:
+    assert sprung_back(observed([*PULLED, (0.0, 0.0, 3.8)]), JITTER) == 0.0
+    small = [(0.0, 0.0, 1e3 * LOADED * s) for s in (0.7, 0.8, 0.9, 0.99, 0.2)]
+    assert sprung_back(observed(small), JITTER) == 0.0
+    assert sprung_back(observed(PULLED[:3]), JITTER) == 0.0
+
+
+def test_a_fall_within_the_noise_is_none() -> None:
+    fall = [*PULLED, (0.0, 0.0, 3.4)]
+    assert sprung_back(observed(fall), 1e-4) == 0.0
+
+
+def test_a_patch_that_is_one_body_again_was_set_free() -> None:
+    """No incipient slip is left, unless less of its image is explained than usual."""
+    fall = [*PULLED, (0.0, 0.0, 3.2)]
+    assert sprung_back(observed(fall, incipient=0.0), JITTER) == 0.0
+    assert sprung_back(observed(fall, incipient=0.0, doubtful=True), JITTER) == MOST
+
+
+def test_a_pull_aside_is_no_springing_back() -> None:
+    assert sprung_back(observed([*PULLED, (2.5, 0.0, 2.2)]), JITTER) == 0.0
+
+
+def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
+    seen = observed([*PULLED, (0.0, 0.0, 3.2)])
+    together = [s._replace(depth=Depth(s.way, np.full(3, 5e-5))) for s in seen]
+    staying = [s._replace(depth=Depth(np.array((0.0, 0.0, 3.6e-3)), np.full(3, 5e-5))) for s in seen[-2:]]
+    assert sprung_back(together, JITTER) == 0.0
+    assert sprung_back([*together[:-2], *staying], JITTER) == MOST
+
+
+def test_depth_that_goes_on_without_the_markers_is_seen() -> None:
+    seen = []
+    for i in range(8):
+        way = np.array((0.0, 2e-3, 0.0))
+        depth = Depth(way + np.array((0.0, 4e-4 * max(i - 4, 0), 0.0)), np.full(3, 2e-5))
+        seen.append(Observation(i * PERIOD, way, 2e-3, depth, 0.0, False))
+    assert depth_went_on(seen)
+    assert not depth_went_on(seen[:6])
