@@ -195,7 +195,7 @@ class ServoProcess:
             armed=not s.reason and stage == Stage.SERVOING,
             linked=s.linked,
             sample=s.sample,
-            command=(*m.limiter.p, *m.limiter.q),
+            command=(m.limiter.p, m.limiter.q),
             timestamp=s.clock,
             target_number=m.target.number if m.target is not None else 0,
             sent=self.sent,

@@ -40,8 +40,8 @@ def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> N
     with FaultBench() as bench:
         bench.ready()
         bench.robot.ask("option", name="speed_scaling", value=0.02)
-        x, y, z, *q = bench.state.command
-        bench.follow(lambda t: ((x, y + min(0.05, 0.1 * t), z), tuple(q)))
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y + min(0.05, 0.1 * t), z), q))
         bench.run(0.8)
         bench.robot.ask("pendant_stop")
         bench.wait(lambda s: not s.armed, 1.0, "report")

@@ -34,13 +34,8 @@ def afresh(bench):
     bench.robot.ask("reset_stats")
 
 
-def command(bench):
-    x, y, z, *q = bench.state.command
-    return (x, y, z), tuple(q)
-
-
 def test_the_arm_follows_a_target_to_a_tenth_of_a_millimetre(bench) -> None:
-    (x, y, z), q = command(bench)
+    (x, y, z), q = bench.state.command
     goal = (x + 0.01, y - 0.02, z + 0.01), turned(q, (0.02, -0.05, 0.03))
     bench.follow(lambda _: goal)
     bench.run(1.5)
@@ -53,7 +48,7 @@ def test_the_arm_follows_a_target_to_a_tenth_of_a_millimetre(bench) -> None:
 @pytest.mark.parametrize("jump", ["1 m", "90 degrees"])
 def test_no_jump_of_the_target_makes_the_robot_faster_than_the_limit(bench, jump: str) -> None:
     """Past the target checks of the node: the servo process alone has to hold the limit, measured at the robot."""
-    (x, y, z), q = command(bench)
+    (x, y, z), q = bench.state.command
     goal = ((x, y + 1.0, z), q) if jump == "1 m" else ((x, y, z), turned(q, (0.0, 0.0, math.pi / 2)))
     bench.follow(lambda _: goal)
     bench.run(1.0)
@@ -86,7 +81,7 @@ def test_silence_of_the_target_stops_the_arm_and_only_a_request_moves_it_again(b
 
 
 def test_stop_decelerates_within_the_limit(bench) -> None:
-    (x, y, z), q = command(bench)
+    (x, y, z), q = bench.state.command
     bench.follow(lambda t: ((x, y, z + 0.1 * t), q))
     bench.run(0.8)
     start = time.monotonic()
@@ -101,7 +96,7 @@ def test_stop_decelerates_within_the_limit(bench) -> None:
 
 
 def test_out_of_reach_on_the_way_stops_with_the_reason(bench) -> None:
-    (x, y, z), q = command(bench)
+    (x, y, z), q = bench.state.command
     bench.supervisor.set_config(
         bench.supervisor.config.__class__(**{**bench.supervisor.config.__dict__, "max_joint_speed": 3.0})
     )

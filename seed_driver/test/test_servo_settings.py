@@ -23,18 +23,13 @@ pytestmark = pytest.mark.realtime
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
 
-def command(bench):
-    x, y, z, *q = bench.state.command
-    return (x, y, z), tuple(q)
-
-
 def test_joints_stay_below_their_limit_at_a_singularity() -> None:
     """Pushing the wrist axis through the axis of joint 4 would need joints of any speed."""
     home = [0.0, -1.6, 1.9, -1.9, -0.12, 0.0]
     with FaultBench("--home", *(str(math.degrees(t)) for t in home), max_joint_speed=0.6) as bench:
         bench.ready()
         bench.robot.ask("reset_stats")
-        (x, y, z), q = command(bench)
+        (x, y, z), q = bench.state.command
         bench.follow(lambda t: ((x, y, z), turned(q, (0.0, 0.0, min(0.5, 0.4 * t)))))
         bench.run(2.5)
         stats = bench.robot.ask("stats")
@@ -78,7 +73,7 @@ def test_an_arm_whose_clock_stands_still_for_its_plant_is_waited_for() -> None:
 def test_a_tcp_moves_the_robots_pose_not_ours() -> None:
     with FaultBench(tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as bench:
         bench.ready()
-        (x, y, z), q = command(bench)
+        (x, y, z), q = bench.state.command
         robot = bench.robot.ask("state")
         assert np.linalg.norm(np.subtract(robot["tcp_pose"][:3], (x, y, z))) == pytest.approx(
             math.hypot(0.01, 0.15), abs=1e-4
@@ -109,7 +104,7 @@ def test_old_controllers_are_followed_too(version: str, rate: int) -> None:
     """3.15 is a CB3 with its slower cycle; 5.4 does not tell its TCP."""
     with FaultBench("--version", version, tcp=(0.0, 0.01, 0.15, 0.0, 0.0, 0.3)) as bench:
         bench.ready()
-        (x, y, z), q = command(bench)
+        (x, y, z), q = bench.state.command
         sent = bench.state.sent
         bench.follow(lambda t: ((x, y, z + 0.02 * min(1.0, t)), q))
         bench.run(2.0)

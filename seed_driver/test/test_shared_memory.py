@@ -16,7 +16,7 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     assert memory.read_target(3) is None
     sample = Sample()._replace(q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), speed_scaling=0.5)
     head = (9.0, 8.0, Stage.SERVOING, True, False, sample)
-    command, words = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0), (True, "5.12.4", "grüße")
+    command, words = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (True, "5.12.4", "grüße")
     state = State(*head, command, 4.0, 5, 6, 0.7, 0.1, 0.2, 0.3, *words)
     memory.write_state(state)
     assert memory.read_state() == state

@@ -76,7 +76,7 @@ class State(NamedTuple):
     armed: bool = False  # targets are followed
     linked: bool = False
     sample: Sample = Sample()
-    command: tuple[float, ...] = (*ZERO, *IDENTITY)  # pose of the flange: position [m], quaternion
+    command: tuple[Vector3, Quaternion] = (ZERO, IDENTITY)  # pose of the flange: position [m], rotation
     timestamp: float = 0.0  # [s] the controller's clock
     target_number: int = 0  # of the newest target used
     sent: int = 0  # servo commands
@@ -129,7 +129,8 @@ class SharedMemory:
         s = state.sample
         vectors = *s.q, *s.qd, *s.current, *s.p, *s.orientation, *s.twist, *s.wrench
         texts = state.version.encode(), state.reason.encode()  # cut to their room by pack
-        data = _STATE.pack(*state[:5], *vectors, *s.modes, s.speed_scaling, *state.command, *state[7:15], *texts)
+        p, q = state.command
+        data = _STATE.pack(*state[:5], *vectors, *s.modes, s.speed_scaling, *p, *q, *state[7:15], *texts)
         self._write(_HALF, data)
 
     def read_state(self) -> State | None:
@@ -145,7 +146,7 @@ class SharedMemory:
         heartbeat, sample_time, stage, armed, linked = take(5)
         vectors = [take(n) for n in (6, 6, 6, 3, 4, 6, 6)]
         sample = Sample._make((*vectors, Modes._make(take(4)), next(values)))
-        command, numbers = take(7), take(8)
+        command, numbers = (take(3), take(4)), take(8)
         texts = (text.rstrip(b"\0").decode("utf-8", "replace") for text in values)
         return State._make((heartbeat, sample_time, Stage(stage), armed, linked, sample, command, *numbers, *texts))
 

@@ -140,8 +140,7 @@ class DriverNode(SeedNode, LifecycleNode):
             self._refused(f"target_frame is not followed: {state.reason or 'no robot program'}{remedy}")
             return
         target = self._target(message)
-        x, y, z, *q = state.command
-        why = refusal(target, ((x, y, z), (*q,)), config) or out_of_reach(target, self.arm, state.sample.q)
+        why = refusal(target, state.command, config) or out_of_reach(target, self.arm, state.sample.q)
         if why:
             supervisor.send("refuse", reason=why)
             self._refused(f"refused: {why}")

@@ -108,8 +108,8 @@ class FaultBench:
 
     def sway(self, amplitude: float = 0.02, rate: float = 2.0) -> None:
         """Stream a sine along y about the present command, starting at rest there."""
-        x, y, z, qx, qy, qz, qw = self.state.command
-        self.follow(lambda t: ((x, y + amplitude * (1.0 - math.cos(rate * t)), z), (qx, qy, qz, qw)))
+        (x, y, z), q = self.state.command
+        self.follow(lambda t: ((x, y + amplitude * (1.0 - math.cos(rate * t)), z), q))
 
     def follow(self, path: Targets) -> None:
         """Stream a path that starts now."""
