@@ -38,7 +38,6 @@ from seed_core.vector3 import as_vector3
 
 LAWS: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 KINDS = {WrenchSetpoint: "wrench", RelativePoseSetpoint: "relative_pose", HybridSetpoint: "hybrid", type(None): ""}
-_PERIODS = (1e-4, 0.05)  # [s] that one step may count for
 
 
 class ControlRefusedError(SeedError):
@@ -161,8 +160,7 @@ class Controller:
 
     def step(self, t: float) -> ControlOutput:
         """One control step at time t [s]."""
-        low, high = _PERIODS
-        dt = 1.0 / self.parameters.rate if self._now == -inf else min(max(t - self._now, low), high)
+        dt = 1.0 / self.parameters.rate if self._now == -inf else min(max(t - self._now, 1e-4), 0.05)
         self._now = t
         if not len(self._inputs.history):
             self._state = self._describe(t)
@@ -171,7 +169,10 @@ class Controller:
             self._command.start_from(self._inputs.history.newest())
         self._take_image(t)
         self.wrench_estimator.advance(t)
-        self._watch(t)
+        if self._guard.following:
+            self._guard.hold(self._inputs.staleness(t))
+            seeking = self.law.regulates_force and not self.law.contact.made
+            self._guard.check_free_travel(self._command.p_WC, self.law.plan.normals, seeking)
         limits = self._move(t, dt)
         self._state = self._describe(t, limits)
         return ControlOutput(self._command.X_WE, self._state)
@@ -190,14 +191,6 @@ class Controller:
         if self.law.contact.lost > self._counting.counters.contacts_lost:
             self._counting.count("contacts_lost")
         self._guard.check_overload(m)
-
-    def _watch(self, t: float) -> None:
-        """Hold when the inputs go stale, or contact is sought for too far."""
-        law, guard = self.law, self._guard
-        if guard.following:
-            guard.hold(self._inputs.staleness(t))
-            seeking = law.regulates_force and not law.contact.made
-            guard.check_free_travel(self._command.p_WC, law.plan.normals, seeking)
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""

@@ -11,7 +11,6 @@ import numpy as np
 from seed_core.spatial import Array, Wrench
 
 Mode = Literal["disabled", "holding", "idle", "position", "approach", "contact"]
-MODES = ("disabled", "holding", "idle", "position", "approach", "contact")
 
 
 class Counters(NamedTuple):

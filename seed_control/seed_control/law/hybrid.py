@@ -6,15 +6,15 @@ from __future__ import annotations
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import Course
-from seed_control.law.tipping import tipping_gain
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
-from seed_core.bushing import Model
+from seed_core.bushing import Model, Stiffness
 from seed_core.spatial import Array, rotation_from_rpy
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
+_LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -77,3 +77,18 @@ class HybridLaw(PublishedLaw):
         offset, gradient = self.observers[i].course(course.normal, deflection)
         speed = max(course.speed, min(self.parameters.press_speed, needed / _PRESS_TIME))
         return Course(course.normal, offset, gradient, speed)
+
+
+def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:
+    """How many times further than the gripper a tool turns that is pressed with F at lever H: G = 1 / (1 - F H / k).
+
+    On the weakest axis k that holds its angle; where k < F H the tool tips (SP14).
+
+    Args:
+        force_T: (3,) [N] wanted of the tool on the environment, in T. p_Ttip: (3,) [m].
+    """
+    moment = float(force_T @ p_Ttip)  # positive when the tip is pressed away from T
+    k = [k for k, on in zip(stiffness.rotation, torque_axes, strict=True) if not on]
+    if moment <= 0.0 or not k:
+        return 1.0
+    return 1.0 / max(1.0 - moment / min(k), _LEAST_MARGIN)

@@ -18,7 +18,7 @@ from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import ToolFilter
 from seed_core.bushing import Model
 from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
-from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
+from seed_core.vector3 import ZERO, Vector3, as_vector3
 
 
 class Plan(NamedTuple):
@@ -28,6 +28,8 @@ class Plan(NamedTuple):
         R_W_task: (3, 3) axes of the task frame.
         normals: (m, 3) force directions in W, orthonormal. wanted: (m,) force along each of them [N].
         X_TC: (4, 4) wanted displacement of the grasp. X_WC: (4, 4) wanted pose of the gripper.
+        lever: (3,) from T's origin to the tip; to_undeflected: (3,) from the wanted tip to where it were with the
+            grasp undeflected, both in W [m].
         limits: names of the limits that shaped them.
     """
 
@@ -36,6 +38,8 @@ class Plan(NamedTuple):
     wanted: Array = np.zeros(0)
     X_TC: Array = np.eye(4)
     X_WC: Array = np.eye(4)
+    lever: Array = np.zeros(3)
+    to_undeflected: Array = np.zeros(3)
     limits: tuple[str, ...] = ()
 
 
@@ -157,7 +161,7 @@ class PublishedLaw:
         return R_W_task, R_W_task @ s.force_projector @ R_W_task.T
 
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:
-        """Algorithm 2 from the set-point and the newest image: the plan, and where the reference has the grasp."""
+        """Algorithm 2 from the set-point and the newest image."""
         R_WT, limits = self.tool.R_WT, list[str]()
         force, felt = R_W_task @ s.wrench.force, self.tool.on_environment.force
         load = Wrench(R_W_task @ s.wrench.torque, P @ force + felt - P @ felt)  # no other force than is felt elsewhere
@@ -172,8 +176,8 @@ class PublishedLaw:
             return make_pose(R_TC, self._force_position(R_WT.T @ P @ R_WT, spring.force, R_TC, limits))
 
         X_TC, X_WC = force_control(load, self.tool.X_WT, self.p_Ttip, partial_inverse)
-        self.plan = Plan(R_W_task, normals, normals @ force, X_TC, X_WC, tuple(limits))
-        self.reference.place(as_vector3(R_WT @ self.p_Ttip), as_vector3(tip_to_C))
+        lever = R_WT @ self.p_Ttip
+        self.plan = Plan(R_W_task, normals, normals @ force, X_TC, X_WC, lever, tip_to_C + lever, tuple(limits))
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
         """What is held in angle and position: R_WC (3, 3), and from the wanted tip to C in W (3,) [m].
@@ -219,13 +223,13 @@ class PublishedLaw:
 
     def _follow(self, s: HybridSetpoint) -> None:
         """What the reference moves along until the next image."""
-        self.reference.follow([self._course(s, i) for i in range(len(self.plan.normals))])
+        courses = [self._course(s, i) for i in range(len(self.plan.normals))]
+        self.reference.follow(courses, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
 
     def _course(self, s: HybridSetpoint, i: int) -> Course:
         """Along force direction i to where Algorithm 2 wants the gripper; along the path where nothing is wanted."""
-        normal, speed = self.plan.normals[i], s.approach_speed or self.parameters.approach_speed
-        n = as_vector3(normal)
-        if self.plan.wanted[i] == 0.0 and not self.contact.made:
-            return Course(n, dot(n, self.reference.to_undeflected), n, speed)
-        p_W_undeflected = self.plan.X_WC[:3, 3] + self.tool.R_WT @ self.p_Ttip
-        return Course(n, float(normal @ p_W_undeflected), ZERO, speed)
+        plan, speed = self.plan, s.approach_speed or self.parameters.approach_speed
+        n = as_vector3(plan.normals[i])
+        if plan.wanted[i] == 0.0 and not self.contact.made:
+            return Course(n, float(plan.normals[i] @ plan.to_undeflected), n, speed)
+        return Course(n, float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)), ZERO, speed)

@@ -35,20 +35,20 @@ class TipReference:
 
     Attributes:
         undeflected: commanded place of the tip if the grasp were not deflected [m].
-        to_undeflected: from the wanted tip to it, by the deflection that is fed forward [m].
     """
 
     def __init__(self) -> None:
-        self.undeflected = self.to_undeflected = self._lever = ZERO
+        self.undeflected = self._to_undeflected = self._lever = ZERO
         self._courses: Sequence[Course] = ()
 
-    def place(self, lever: Vector3, tip_to_C: Vector3) -> None:
-        """Where an image has the grasp, in W: lever [m] from T's origin to the tip, tip_to_C [m] fed forward."""
-        self._lever, self.to_undeflected = lever, plus(tip_to_C, lever)
+    def follow(self, courses: Sequence[Course], lever: Vector3, to_undeflected: Vector3) -> None:
+        """What an image settles: a course per force direction, and the grasp.
 
-    def follow(self, courses: Sequence[Course]) -> None:
-        """One course per force direction, from now on."""
-        self._courses = courses
+        Args:
+            lever: from T's origin to the tip, in W [m].
+            to_undeflected: from the wanted tip to the undeflected one, by the deflection that is fed forward [m].
+        """
+        self._courses, self._lever, self._to_undeflected = courses, lever, to_undeflected
 
     def target(self, s: HybridSetpoint, dt: float, lead: float, loop_time: float) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
@@ -58,7 +58,7 @@ class TipReference:
             loop_time: [s] from an image to the arm's answer, which bounds the approach.
         """
         tip = plus_scaled(s.X_W_tip[:3, 3].tolist(), lead, s.velocity.tolist())
-        path = goal = plus(tip, self.to_undeflected)
+        path = goal = plus(tip, self._to_undeflected)
         for n, offset, gradient, speed, reach in self._courses:
             now = dot(n, self.undeflected)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt

@@ -18,7 +18,7 @@ import numpy as np
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
 from seed_core.hand import GRAVITY
-from seed_core.spatial import Array, inverse_pose, skew
+from seed_core.spatial import Array, Wrench, inverse_pose, skew
 
 _LEAST_TURN = np.deg2rad(10.0)  # between orientations, for the whole centre of mass
 
@@ -53,19 +53,13 @@ class PayloadFit:
 
     def __init__(self, bushing: Bushing) -> None:
         self._bushing = bushing
-        self._g: list[Array] = []
-        self._force: list[Array] = []
-        self._torque: list[Array] = []
-
-    def __len__(self) -> int:
-        return len(self._g)
+        self._g: list[Array] = []  # of each sample, in T [m/s^2]
+        self._springs: list[Wrench] = []
 
     def add(self, X_WT: Array, X_CT: Array) -> None:
         """One sample: the tool's pose in the world, and in the grasp, each (4, 4)."""
-        spring = self._bushing.wrench(inverse_pose(X_CT))
         self._g.append(-GRAVITY * X_WT[2, :3])
-        self._force.append(spring.force)
-        self._torque.append(spring.torque)
+        self._springs.append(self._bushing.wrench(inverse_pose(X_CT)))
 
     def result(self, known_mass: float | None = None) -> Payload:
         """Least squares over all samples; known_mass [kg] cross-checks the stiffness.
@@ -73,9 +67,9 @@ class PayloadFit:
         Raises:
             PayloadError: fewer than 10 samples, or a tool too light for the noise.
         """
-        if len(self) < 10:
-            raise PayloadError(f"{len(self)} samples are too few to weigh the tool; hold still for at least 10")
-        g, force = np.array(self._g), np.array(self._force)
+        if len(self._g) < 10:
+            raise PayloadError(f"{len(self._g)} samples are too few to weigh the tool; hold still for at least 10")
+        g, force = np.array(self._g), np.array([s.force for s in self._springs])
         mass = -float((g * force).sum() / (g * g).sum())
         residuals = force + mass * g
         sigma = float(np.sqrt((residuals**2).sum() / max(residuals.size - 1, 1)))
@@ -92,14 +86,12 @@ class PayloadFit:
     def _center_of_mass(self, g: Array, mass: float) -> tuple[Array, Array]:
         """com of torque = m g x com ... = skew(m g) com; what no orientation shows stays zero."""
         A = np.concatenate([skew(mass * gi) for gi in g])
-        b = np.concatenate(self._torque)
+        b = np.concatenate([s.torque for s in self._springs])
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         seen = s > np.sin(_LEAST_TURN) * s[0] / 2.0
         inverse = np.where(seen, 1.0 / np.where(seen, s, 1.0), 0.0)
         com = Vt.T @ (inverse * (U.T @ b))
         rest = b - A @ com
         sigma = float(np.sqrt((rest @ rest) / max(len(b) - 3, 1)))
-        spread = np.where(seen, inverse, np.inf)
-        with np.errstate(invalid="ignore"):
-            terms = np.where(np.abs(Vt.T) > 1e-9, Vt.T * spread, 0.0)
-        return np.asarray(com), np.asarray(sigma * np.sqrt((terms**2).sum(axis=1)))
+        unseen = (np.abs(Vt[~seen]) > 1e-9).any(axis=0)
+        return np.asarray(com), np.where(unseen, np.inf, sigma * np.sqrt(Vt.T**2 @ inverse**2))

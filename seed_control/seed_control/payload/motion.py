@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weighing as motion: lift off, hold the tool still in a few orientations, and sample how it hangs."""
+"""The motion of payload identification: lift off, hold the tool still in a few orientations, sample how it hangs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,14 @@ class PayloadRun:
     def __init__(self, bushing: Bushing, tool: Tool, state: ControllerState) -> None:
         if state.X_W_tip is None or state.filtered is None:
             raise PayloadError("cannot weigh the tool: no estimate of the relative pose has come yet")
-        _check_free(tool, state)
+        # the estimate has the stated weight taken off: in free space little of it is left
+        left = float(np.linalg.norm(state.filtered.force))
+        bound = max(_MOST_FORCE * tool.mass * GRAVITY, 1.0)
+        if state.in_contact or left > bound:
+            raise PayloadError(
+                f"cannot weigh the tool: {left:.2f} N act on it beside its weight, at most {bound:.2f} N may: "
+                "lift it off, or state tool.mass"
+            )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
         self._player = TaskPlayer(payload_task(state.X_W_tip))
         self._weighing = PayloadFit(bushing)
@@ -85,18 +92,6 @@ class PayloadRun:
         assert state.measured_X_CT is not None
         self._seen = image
         self._weighing.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT)
-
-
-def _check_free(tool: Tool, state: ControllerState) -> None:
-    """The estimate has the stated weight taken off: in free space little of it is left."""
-    assert state.filtered is not None
-    left = float(np.linalg.norm(state.filtered.force))
-    bound = max(_MOST_FORCE * tool.mass * GRAVITY, 1.0)
-    if state.in_contact or left > bound:
-        raise PayloadError(
-            f"cannot weigh the tool: {left:.2f} N act on it beside its weight, at most {bound:.2f} N may: "
-            "lift it off, or state tool.mass"
-        )
 
 
 def report(weight: Payload, tool: Tool) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from seed_control.algorithm2 import wrench_about_T
-from seed_control.law.tipping import tipping_moment
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import Flags, HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
@@ -131,7 +130,7 @@ class SetpointChecks:
 
     def _check_tipping(self, force_T: Array, torque_axes: Flags) -> None:
         """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are softer than F H."""
-        size, moment = float(np.linalg.norm(force_T)), tipping_moment(force_T, self._wrench_estimator.p_Ttip)
+        size, moment = float(np.linalg.norm(force_T)), float(force_T @ self._wrench_estimator.p_Ttip)  # F H
         if moment <= 0.0:
             return
         needed = self._parameters.tipping_margin * moment

@@ -9,7 +9,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
-from seed_control.tasks.font import Point, strokes_of_text
+from seed_control.tasks.font import strokes_of_text
 from seed_control.tasks.path import Path
 from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
 from seed_core.spatial import Array, Wrench, make_pose, so3_exp, so3_log
@@ -40,16 +40,11 @@ def steps_of(task: Task) -> list[Step]:
     return steps if task.draw is None else [*steps[:-1], *_drawing(task.draw), steps[-1]]
 
 
-def strokes_of(drawing: Drawing) -> list[list[Point]]:
-    """Polylines (x, y) [m] in the work frame."""
-    if drawing.text:
-        return strokes_of_text(drawing.text, drawing.height, drawing.origin, drawing.font)
-    ox, oy = drawing.origin
-    return [[(x + ox, y + oy) for x, y in s] for s in drawing.strokes]
-
-
 def _drawing(drawing: Drawing) -> list[Step]:
-    strokes = strokes_of(drawing)
+    ox, oy = drawing.origin
+    strokes = [[(x + ox, y + oy) for x, y in s] for s in drawing.strokes]  # in the work frame
+    if drawing.text:
+        strokes = strokes_of_text(drawing.text, drawing.height, drawing.origin, drawing.font)
     forces = drawing.forces or (None,) * len(strokes)
     up, travel = drawing.clearance, drawing.travel_speed
     out: list[Step] = []

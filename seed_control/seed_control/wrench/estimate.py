@@ -98,6 +98,9 @@ class WrenchEstimator:
         R_WT = X_WT[:3, :3]
         lever = R_WT @ self.p_Ttip
         spring = self.bushing.wrench(X_TC)
+        stated, seen = estimate.covariance.diagonal(), np.array(estimate.observed_translation)
+        turning = sum(stated[:3].tolist()) / 3.0
+        variance = float(np.mean(stated[3:][seen] if seen.any() else stated[3:]))  # force is controlled along these
         return Measurement(
             stamp=estimate.stamp,
             X_WC=X_WC,
@@ -108,16 +111,6 @@ class WrenchEstimator:
             undeflected=X_WC[:3, 3] + lever,
             spring=spring,
             on_environment=spring.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
-            variance=self._variance(estimate),
-            rotation_deviation=_rotation_deviation(estimate),
+            variance=max(variance, 1e-10) if variance > 0.0 else self._default_variance,
+            rotation_deviation=turning**0.5 if turning > 0.0 else ROTATION_DEVIATION,
         )
-
-    def _variance(self, estimate: RelativePoseEstimate) -> float:
-        stated_each, seen = np.diag(estimate.covariance)[3:], np.array(estimate.observed_translation)
-        stated = float(np.mean(stated_each[seen] if seen.any() else stated_each))  # force is controlled along these
-        return max(stated, 1e-10) if stated > 0.0 else self._default_variance
-
-
-def _rotation_deviation(estimate: RelativePoseEstimate) -> float:
-    stated = sum(estimate.covariance.diagonal()[:3].tolist()) / 3.0
-    return stated**0.5 if stated > 0.0 else ROTATION_DEVIATION
