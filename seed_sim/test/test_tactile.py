@@ -16,7 +16,8 @@ from seed_core.spatial import inverse_pose, pose_from_rpy
 from seed_sim.tactile import TactileParameters, TactileRenderer, ToolShape
 from seed_sim.tactile.cameras import camera_model, coarse_rays
 from seed_sim.tactile.geometry import tool_depth
-from seed_sim.tactile.membrane import Membrane, _at, followed
+from seed_sim.tactile.membrane import Membrane, followed
+from seed_sim.tactile.sheet import share_at
 from seed_sim.tactile.texture import Light
 
 CLEAN = TactileParameters(noise=0.0, pattern=0.0, dropouts=0.0)
@@ -121,7 +122,7 @@ def test_dots_in_contact_move_rigidly_with_the_tool(tool, turn):
     held, moved = membrane.press(np.eye(4), np.eye(4)), membrane.press(X_CT, X_CT)
     touching = tool_depth(membrane.rays, tool, X_CT) - moved.depth < 1e-5
     stuck = touching & (
-        cv2.erode((_at(membrane._share(0.0), moved.material) > 0.999).astype(np.uint8), np.ones((3, 3))) > 0
+        cv2.erode((share_at(membrane.sheet.share(0.0), moved.material) > 0.999).astype(np.uint8), np.ones((3, 3))) > 0
     )
     p_T = membrane.rays.at(moved.depth)[:, stuck].T.astype(float) @ X_CT[:3, :3] + inverse_pose(X_CT)[:3, 3]
     assert stuck.sum() > 100

@@ -15,7 +15,7 @@ from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy
 from seed_sim.tactile import TactileParameters, TactileRenderer
 from seed_sim.tactile.friction import Friction
-from seed_sim.tactile.membrane import _shares
+from seed_sim.tactile.sheet import follow_shares
 from seed_sim.tactile.trajectory import TrajectorySection
 from seed_testing.validation.slip import Pull, moments, random_pull
 
@@ -67,7 +67,7 @@ def test_a_sheet_that_slides_is_poissons_solution_for_a_disc():
     """-laplace(u) = 1 on r < a, u(R) = 0: u = (a^2 - r^2) / 4 + a^2 / 2 ln(R / a) inside, a^2 / 2 ln(R / r) outside."""
     a, R = 16.0, 50.0
     patch, inside, r = disc(a, R)
-    u = _shares(patch, inside, (0.0, 1.0))[1]
+    u = follow_shares(patch, inside, (0.0, 1.0))[1]
     within, beyond = (a * a - r * r) / 4.0 + a * a / 2.0 * math.log(R / a), a * a / 2.0 * np.log(R / np.fmax(r, 1.0))
     exact = np.where(r < a, within, beyond)
     assert np.abs(u - exact / exact.max())[r < 0.9 * R].max() < 0.02
@@ -76,7 +76,7 @@ def test_a_sheet_that_slides_is_poissons_solution_for_a_disc():
 def test_more_load_lets_go_of_more_of_the_patch():
     patch, inside, _ = disc(16.0, 50.0)
     loads = (0.0, 0.5, 0.8, 1.0)
-    sticks = [float((u[patch] > 0.999).mean()) for u in _shares(patch, inside, loads)]
+    sticks = [float((u[patch] > 0.999).mean()) for u in follow_shares(patch, inside, loads)]
     assert sticks[0] == 1.0
     assert all(a > b for a, b in pairwise(sticks))
     assert sticks[-1] < 0.02
@@ -86,7 +86,7 @@ def test_dots_of_a_loaded_patch_trail_at_its_edge_and_follow_in_its_middle():
     p = TactileParameters(noise=0.0, pattern=0.0, dropouts=0.0, hold=0.009)
     membrane = TactileRenderer(p, Hand(), 3).fingers["left"].membrane
     X = make_pose(p=(0.006, 0.0, 0.0))
-    share = membrane._share(0.0), membrane._share(0.8)
+    share = membrane.sheet.share(0.0), membrane.sheet.share(0.8)
     assert share[1].max() == pytest.approx(1.0, abs=1e-3)
     assert float((share[0] - share[1]).max()) > 0.03
     stuck, loose = (membrane.press(X, X, load).material[0] for load in (0.0, 0.8))

@@ -78,7 +78,7 @@ def test_range_error_is_off_unless_asked_for_and_then_adds():
     for scale in (0.0, 1.0):
         p = TactileParameters(range_offset=scale, **silent)
         noise = PicoFlexxNoise(shape, p, np.random.default_rng(1))
-        depth, _ = noise.spoil(np.full(shape, 0.08, np.float32), albedo, ir)
+        depth, _ = noise.add_to(np.full(shape, 0.08, np.float32), albedo, ir)
         assert_allclose(np.nanmedian(depth) - 0.08, scale * np.median(noise.offset), atol=5e-4)
 
 
@@ -134,7 +134,7 @@ def test_d405_noise_is_small_slow_and_smooth(d405):
     a = finger._state.copy()
     for lag, low, high in ((1, 0.75, 0.95), (4, 0.48, 0.7), (8, 0.24, 0.46), (16, -0.02, 0.22)):
         assert low < correlation(a[:, lag:], a[:, :-lag]) < high, lag
-    finger.spoil(np.full(a.shape, 0.08, np.float32), np.ones_like(a), np.ones_like(a))
+    finger.add_to(np.full(a.shape, 0.08, np.float32), np.ones_like(a), np.ones_like(a))
     assert_allclose(correlation(finger._state, a), 0.63, atol=0.08)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stick and slip between tool and membrane: what the membrane follows, and what slides through it.
+"""Stick and slip between tool and membrane: how far the membrane follows the tool, and how far the tool slides.
 
 The membrane is a spring against sideways motion of the patch. It moves with the tool until the load reaches what
 friction bears; then it springs back to what sliding friction bears, stays there, pulled along the way the tool slides,
@@ -21,7 +21,7 @@ _TWIST = 2.0  # a patch that turns strains the sheet around it so much more, per
 
 
 class Held(NamedTuple):
-    """What friction does at one time.
+    """Effect of friction at one time.
 
     Attributes:
         X_slid: (4, 4) how far the tool has slid through the membrane since the grasp.

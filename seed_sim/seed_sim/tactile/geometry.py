@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where viewing rays meet the bubble's dome and the tool. All lengths in metres, in the compliance frame C or in T."""
+"""Viewing rays, and the depth at which they meet the bubble's dome and the tool. Lengths in metres, in C or in T."""
 
 from __future__ import annotations
 

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the membrane gives way to the tool: imprint, skirt, bulge, and which material sits where.
+"""The membrane around the tool: imprint, skirt, bulge, and which material sits where.
 
 Around an indenter the imprint decays exponentially (a recorded press decays by e in 8.5 mm on every side). The skirt's
 outline follows the tool with a lag; the air's volume is kept, so the rest of the dome bulges out.
-Material in contact at the grasp sticks to the tool; between it and the fixed rim displacement is harmonic, as in
-a stretched sheet. Friction that bears a load lets go from the patch's edge inwards: see `_shares`.
 """
 
 from __future__ import annotations
@@ -19,15 +17,14 @@ from numpy.typing import NDArray
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
 from seed_sim.tactile.geometry import FAR, Image, Rays, dome_depth, tool_depth, turned
 from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.tactile.sheet import Sheet, share_at
 
-_CELL = 0.001  # [m] of the grid on which the share of displacement is stored
 _LATERAL = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # x and z of C
 _STEPS = 3  # of the search for the material; inside the patch one is enough
 _PEELED = 0.004  # [m]; gap over which material comes off the tool
 _TOUCH = 5e-5  # [m]; membrane closer to the tool than this touches it
 _REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
 _FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
-_LOADS = (0.0, 0.4, 0.7, 0.85, 0.95, 1.0)  # [1] shares of the largest load for which the sheet is solved
 
 
 class Shape(NamedTuple):
@@ -59,9 +56,8 @@ class Membrane:
         self._columns, self._rows = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
         self._in_image = self._axes_in_image() / self._pixel
         self.rest = Shape(self.dome, np.zeros_like(self.dome), points[::2])
-        patch, inside = self._patch()
-        self.reach = math.sqrt(float((np.argwhere(patch) - np.argwhere(patch).mean(axis=0)).var(axis=0).sum())) * _CELL
-        self._shares = _shares(patch, inside, _LOADS if p.hold > 0.0 else _LOADS[:1])
+        _, _, raw, contact = self._imprint(np.eye(4))
+        self.sheet = Sheet(rays.at(self.dome - raw)[::2, contact > 0.5].T, p)
 
     def press(self, X_CT: Array, X_stuck: Array, load: float = 0.0) -> Shape:
         """With the tool at X_CT and material that has followed it to X_stuck; both (4, 4), identity at the grasp.
@@ -77,8 +73,9 @@ class Membrane:
         imprint = np.where(contact > 0.5, imprint, np.maximum(imprint, rounded))
         off = self._distance(contact)
         depth = np.minimum(self.dome + self._bulge(imprint, off) - imprint, tool)
-        share = self._share(load)
-        return Shape(depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck, share))
+        return Shape(
+            depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck, self.sheet.share(load))
+        )
 
     def _imprint(self, X_CT: Array) -> tuple[Image, Image, Image, Image]:
         """Tool's depth, skirt, how far the tool passes the dome, and where it touches (0, 1); each (h, w)."""
@@ -141,71 +138,8 @@ class Membrane:
         motion *= 1.0 - np.float32(self.p.peel) * (1.0 - np.exp(gap * np.float32(-1.0 / _PEELED)))
         m = lateral - motion
         for _ in range(_STEPS):
-            m = lateral - _at(share, m) * motion
+            m = lateral - share_at(share, m) * motion
         return m
-
-    def _share(self, load: float) -> Image:
-        """Share of its motion by which material (z, x) follows the point of the tool that sticks longest."""
-        i = min(int(np.searchsorted(_LOADS, load, side="right")) - 1, len(self._shares) - 2)
-        if i < 0:
-            return self._shares[0]
-        weight = np.float32((load - _LOADS[i]) / (_LOADS[i + 1] - _LOADS[i]))
-        return np.asarray(self._shares[i] + weight * (self._shares[i + 1] - self._shares[i]))
-
-    def _patch(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Cells (z, x) of the flat sheet that the tool touches at the grasp, and those within the rim."""
-        _, _, raw, contact = self._imprint(np.eye(4))
-        touched = self.rays.at(self.dome - raw)[::2, contact > 0.5].T
-        h, w = int(2 * self.p.rim_z / _CELL) + 3, int(2 * self.p.rim_x / _CELL) + 3
-        x, z = np.meshgrid(np.arange(w) - 0.5 * (w - 1), np.arange(h) - 0.5 * (h - 1))
-        inside = (x * _CELL / self.p.rim_x) ** 2 + (z * _CELL / self.p.rim_z) ** 2 < 1.0
-        stuck = np.zeros((h, w), np.uint8)
-        column = np.clip(np.round(touched[:, 0] / _CELL + 0.5 * (w - 1)).astype(int), 0, w - 1)
-        row = np.clip(np.round(touched[:, 1] / _CELL + 0.5 * (h - 1)).astype(int), 0, h - 1)
-        stuck[row, column] = 1
-        return cv2.morphologyEx(stuck, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0, inside
-
-
-def _at(share: Image, m: NDArray[np.float32]) -> Image:
-    """Share (z, x) of material m (2, h, w) [m]; 0 beyond the rim."""
-    h, w = share.shape
-    x = m[0] * np.float32(1.0 / _CELL) + np.float32(0.5 * (w - 1))
-    z = m[1] * np.float32(1.0 / _CELL) + np.float32(0.5 * (h - 1))
-    return np.asarray(cv2.remap(share, x, z, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
-
-
-def _shares(patch: NDArray[np.bool_], inside: NDArray[np.bool_], loads: tuple[float, ...]) -> list[Image]:
-    """Displacement of the sheet (h, w) over the tool's, for each share of the largest tangential load.
-
-    Coulomb's friction bears up to mu p on the patch, p the bubble's pressure: -laplace(u) = mu p / tension where the
-    sheet slides, u = 1 where it sticks. The largest load is the one whose solution just reaches 1 at a single point.
-    """
-    slides = _sheet(patch, inside, 1.0, math.inf)
-    most = float(slides.max())
-    return [_sheet(patch, inside, math.inf if load == 0.0 else 1.0 / (most * load), 1.0) for load in loads]
-
-
-def _sheet(patch: NDArray[np.bool_], inside: NDArray[np.bool_], traction: float, ceiling: float) -> Image:
-    """u (h, w) <= ceiling, -laplace(u) = traction per cell^2 on `patch`, 0 elsewhere and outside; coarse to fine.
-
-    An infinite traction holds the patch at the ceiling.
-    """
-    field = patch.astype(np.float32)
-    kernel = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), np.float32) / 4.0
-    for scale, steps in ((8, 200), (4, 200), (2, 200), (1, 300)):
-        size = (max(3, patch.shape[1] // scale), max(3, patch.shape[0] // scale))
-        one = cv2.resize(patch.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        zero = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA) < 0.5
-        field = cv2.resize(field, size, interpolation=cv2.INTER_LINEAR)
-        source = one * np.float32(traction * scale**2 / 4.0) if math.isfinite(traction) else None
-        for _ in range(steps):
-            field = cv2.filter2D(field, -1, kernel)
-            if source is None:
-                field[one > 0.5] = ceiling
-            else:
-                field = np.minimum(field + source, np.float32(ceiling))
-            field[zero] = 0.0
-    return np.asarray(field, np.float32)
 
 
 def _motion(points: NDArray[np.float32], X_CT: Array, axes: Array) -> NDArray[np.float32]:

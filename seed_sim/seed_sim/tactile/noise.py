@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the two cameras err. Figures: measured on recordings of a pmd PicoFlexx and of a RealSense D405."""
+"""Errors of the two cameras. Figures: measured on recordings of a pmd PicoFlexx and of a RealSense D405."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from seed_sim.tactile.parameters import TactileParameters
 class CameraNoise(Protocol):
     """Adds the errors of one camera to one frame."""
 
-    def spoil(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
+    def add_to(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
         """Measured depth (H, W) [m], NaN where none, and infrared [counts] of true ones and of the albedo."""
 
 
@@ -72,18 +72,18 @@ class PicoFlexxNoise:
         self._static = self.fixed + self.offset
         self._static[self.invalid] = np.nan
 
-    def spoil(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
+    def add_to(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
         p = self._p
         measured = depth + self._static
         if p.pattern > 0.0:
             measured[:, 1:-1] += np.float32(p.pattern * self.DIPOLE) * (albedo[:, 2:] - albedo[:, :-2])
         measured += np.float32(p.noise * self.WHITE) * self._white(depth.shape)
-        self._drop(measured)
+        self._drop_pixels(measured)
         deviation = np.float32(p.noise * self.IR_SHARE) * ir + np.float32(p.noise * self.IR_FLOOR)
         counts = ir + deviation * self._white(ir.shape)
         return measured, np.clip(np.rint(counts, out=counts), 0.0, 65535.0, out=counts)
 
-    def _drop(self, measured: Image) -> None:
+    def _drop_pixels(self, measured: Image) -> None:
         count = self._rng.poisson(self._p.dropouts * 3e-4 * measured.size)
         measured.ravel()[self._rng.integers(0, measured.size, count)] = np.nan
 
@@ -115,7 +115,7 @@ class D405Noise:
         ragged = cv2.distanceTransform(seen.astype(np.uint8), cv2.DIST_L2, 3) + 9.0 * smooth_field(shape, 8.0, rng)
         self.blind = ragged < 32.0
 
-    def spoil(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
+    def add_to(self, depth: Image, albedo: Image, ir: Image) -> tuple[Image, Image]:
         del albedo
         p, rng = self._p, self._rng
         self._state = self.TIME * self._state + math.sqrt(1.0 - self.TIME**2) * self._fresh()
@@ -124,7 +124,7 @@ class D405Noise:
         measured[tail] += rng.standard_t(2.5, int(tail.sum())).astype(np.float32) * np.float32(0.0012)
         if p.quantum > 0.0:
             measured = np.rint(measured / np.float32(p.quantum)) * np.float32(p.quantum)
-        self._punch(measured)
+        self._drop_regions(measured)
         grey = ir * np.float32(255.0 / 1500.0) + np.float32(p.noise * self.GREY_NOISE) * rng.standard_normal(
             ir.shape, dtype=np.float32
         )
@@ -139,7 +139,7 @@ class D405Noise:
             out += np.float32(math.sqrt(share)) * part / part.std()
         return out
 
-    def _punch(self, measured: Image) -> None:
+    def _drop_regions(self, measured: Image) -> None:
         """Missing blobs (most a few pixels, few of hundreds), the blind rim, and far values beside the membrane."""
         rng, missing = self._rng, np.zeros(self._shape, np.uint8)
         wanted, area = self._p.dropouts * self.BLOB * measured.size, 0.0

@@ -50,7 +50,7 @@ class FingerRenderer:
 
     def render(self, shape: Shape, stamp: float) -> TactileImages:
         """What the camera delivers."""
-        depth, ir = self.noise.spoil(*self.clean(shape, stamp))
+        depth, ir = self.noise.add_to(*self.clean(shape, stamp))
         return TactileImages(depth, ir, stamp)
 
 
@@ -76,7 +76,7 @@ class TactileRenderer:
     @property
     def reach(self) -> float:
         """Root mean square distance of the patch from its middle at the grasp [m]."""
-        return float(np.mean([finger.membrane.reach for finger in self.fingers.values()]))
+        return float(np.mean([finger.membrane.sheet.reach for finger in self.fingers.values()]))
 
     def render(
         self, X_CT: Array, stamp: float, X_slid: Array | None = None, load: float = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the infrared camera sees: printed dots, light that falls off, a patch that brightens, a specular spot."""
+"""The infrared image: printed dots, light that falls off, a patch that brightens, a specular spot."""
 
 from __future__ import annotations
 

@@ -103,8 +103,9 @@ def run() -> dict[str, Any]:
 
 def _real() -> dict[str, Any]:
     with ExitStack() as stack:
-        stack.enter_context(_process("seed_ur.ur_sim", "--host", ROBOT))
-        stack.enter_context(_process("seed_testing.bench.ros.played_cameras"))
+        for module in (["seed_ur.ur_sim", "--host", ROBOT], ["seed_testing.bench.ros.played_cameras"]):
+            process = stack.enter_context(subprocess.Popen([sys.executable, "-m", *module], stdout=subprocess.DEVNULL))
+            stack.callback(process.terminate)
         session = stack.enter_context(_cell({"robot": "ur", "robot_ip": "localhost"}))
         session.trigger("cameras/release", patience=40.0)
         _prepare(session, "cameras/grasp", "driver/resend_robot_program")
@@ -129,31 +130,19 @@ def _simulated() -> dict[str, Any]:
 
 
 @contextmanager
-def _process(module: str, *arguments: str) -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.DEVNULL)
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait()
-
-
-@contextmanager
 def _cell(arguments: Mapping[str, str]) -> Iterator[Session]:
     """The cell's graph, and a client of it."""
-    with tempfile.TemporaryFile("w") as log:
-        launch = Launch(find_launch_file(["cell"]), arguments, lambda label, line: print(f"[{label}] {line}", file=log))
 
-        def watch() -> None:
-            if launch.poll() is not None:
-                raise SessionError("the cell ended early")
+    def watch() -> None:
+        if launch.poll() is not None:
+            raise SessionError("the cell ended early")
 
-        with launch:
-            session = Session(watch, follow=False)
-            try:
-                yield session
-            finally:
-                session.close()
+    with Launch(find_launch_file(["cell"]), arguments, lambda *_: None) as launch:
+        session = Session(watch, follow=False)
+        try:
+            yield session
+        finally:
+            session.close()
 
 
 def _prepare(session: Session, grasp: str, arm: str = "") -> None:
