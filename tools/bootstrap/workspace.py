@@ -31,11 +31,7 @@ LISTS = (
     "PYTHONPATH",
 )
 KEPT = (*LISTS, "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "VIRTUAL_ENV")
-DEFAULTS = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-}
+DEFAULTS = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def ready_workspace(root: Path, environment: Environment, rebuild: list[str] | None) -> dict[str, str]:

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
@@ -42,45 +43,33 @@ def describe_bag(path: Path) -> str:
         return "\n".join(lines)
 
 
-class BagWriter:
-    """A bag being written; complete only after close()."""
+class BagWriter(Writer):
+    """A bag being written, `with BagWriter(path) as bag`; complete only after the block, however that ends."""
 
     def __init__(self, path: Path) -> None:
         if path.exists():
             raise BagError(f"{path} exists already; choose another name, bags are never overwritten")
-        self.path = path
-        self._single = path.suffix == ".mcap"
+        self.target = path
         folder = path
-        if self._single:
+        if path.suffix == ".mcap":
             folder = path.with_name(f".{path.stem}-being-written") / path.stem
             shutil.rmtree(folder.parent, ignore_errors=True)
+        super().__init__(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self.types = InstalledTypes()
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._writer.open()
-        self.counts: dict[str, int] = {}
 
     def add_topic(self, topic: str, type_name: str, offered: Sequence[Qos] = ()) -> Connection:
-        """Declare a topic; what it returns goes to write()."""
+        """Declare a topic; what it returns goes to write(), with a stamp [ns] and a message in CDR."""
         self.types.load(type_name)
-        self.counts[topic] = 0
-        return self._writer.add_connection(topic, type_name, typestore=self.types.store, offered_qos_profiles=offered)
-
-    def write(self, connection: Connection, stamp: int, data: bytes) -> None:
-        """Append one message in CDR, received at `stamp` [ns]."""
-        self._writer.write(connection, stamp, data)
-        self.counts[connection.topic] += 1
+        return self.add_connection(topic, type_name, typestore=self.types, offered_qos_profiles=offered)
 
     def close(self) -> None:
         """Write the index; move a single file to its place."""
-        self._writer.close()
-        if self._single:
-            folder = self._writer.path
-            (folder / f"{folder.name}.mcap").replace(self.path)
-            shutil.rmtree(folder.parent)
+        super().close()
+        if self.path != self.target:
+            (self.path / f"{self.path.name}.mcap").replace(self.target)
+            shutil.rmtree(self.path.parent)
 
-    def __enter__(self) -> BagWriter:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: object) -> Literal[False]:
         self.close()
+        return False

@@ -14,31 +14,28 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from seed_bringup.bags import BagError
 
 
-class InstalledTypes:
+class InstalledTypes(Typestore):
     """A rosbags type store that grows from the installed .msg files as types are asked for."""
-
-    def __init__(self) -> None:
-        self.store: Typestore = get_typestore(Stores.EMPTY)
 
     def hash(self, name: str) -> str:
         """The type's RIHS01 hash, as DDS discovery and `ros2 bag` know it."""
         self.load(name)
-        return self.store.hash_rihs01(name)
+        return self.hash_rihs01(name)
 
     def load(self, name: str) -> None:
         """Register a type such as geometry_msgs/msg/Pose with all that it contains."""
         missing = [name]
         while missing:
             name = missing.pop()
-            if name not in self.store.fielddefs:
+            if name not in self.fielddefs:
                 definitions = get_types_from_msg(definition_file(name).read_text(), name)
-                self.store.register(definitions)
+                self.register(definitions)
                 missing += [t for _, fields in definitions.values() for _, kind in fields for t in _contained(*kind)]
 
 
