@@ -98,11 +98,13 @@ def turn_towards(goal: Quaternion, start: Quaternion) -> Vector3:
 
     It saves the arc tangent. What steers a filter towards `goal` needs no more: both vanish together.
     """
-    x, y, z, w = multiply(goal, inverse(start))
-    if w * w < _NEARLY_ONE:
+    (a, b, c, d), (x, y, z, w) = goal, start
+    r = d * w + a * x + b * y + c * z  # goal start^-1, written out: this runs at every step of the controller
+    if r * r < _NEARLY_ONE:
         return turn_between(goal, start)
-    s = 2.0 * w
-    return s * x, s * y, s * z
+    s = 2.0 * r
+    i, j, k = a * w - d * x - b * z + c * y, b * w - d * y - c * x + a * z, c * w - d * z - a * y + b * x
+    return s * i, s * j, s * k
 
 
 def to_pose(p: Vector3, q: Quaternion, point: Vector3 = ZERO) -> Array:
