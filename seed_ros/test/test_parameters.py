@@ -85,6 +85,13 @@ def test_a_parameter_that_nobody_declared_is_refused_with_the_nearest_name(conte
         refuse_unknown(node)
 
 
+def test_a_former_name_is_refused_with_the_new_one(context: Context) -> None:
+    node = make(context, max_turning=0.2)
+    declare(node, Settings())
+    with pytest.raises(ConfigError, match="no parameter 'max_turning'; it is called max_angular_speed now"):
+        refuse_unknown(node)
+
+
 def test_live_changes_are_checked_as_a_whole_before_they_are_used(context: Context) -> None:
     node, seen = make(context), []
     declare(node, Settings(), live=("speed", "method"), on_change=seen.append)

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stand-in's command line: which addresses and versions it takes."""
+
+import pytest
+
+from seed_core.errors import SeedError
+from seed_ur.ur_sim import loopback, main, version
+
+
+def test_only_loopback_is_served_unless_told_otherwise() -> None:
+    assert loopback("127.0.0.7", anywhere=False) == "127.0.0.7"
+    assert loopback("0.0.0.0", anywhere=True) == "0.0.0.0"
+    for host in ("0.0.0.0", "192.168.1.5", "::"):
+        with pytest.raises(SeedError, match="not a loopback address; add --anywhere"):
+            loopback(host, anywhere=False)
+    assert main(["--host", "0.0.0.0"]) == 2
+
+
+def test_versions_are_read_and_nonsense_is_refused() -> None:
+    assert version("5.12.4") == (5, 12, 4, 1101319)
+    assert version("3.15.8.1") == (3, 15, 8, 1)
+    with pytest.raises(SeedError, match=r"must be major.minor"):
+        version("6.1")
