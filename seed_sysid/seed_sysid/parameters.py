@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything about an identification that can be set, with units and bounds."""
+"""The parameters of an identification, with units and bounds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The run keeps its limits, waits for rest, ends on slip; a weight gives forces and says what it cannot give."""
+"""The run keeps its limits, waits for rest, ends on slip."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +14,7 @@ from seed_core.spatial import pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
-from seed_sim.identification.weight import simulate_weight
 from seed_sysid.data.dataset import Header
-from seed_sysid.fit.weight import fit_weight
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run
@@ -101,25 +98,6 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
     live.recorder.close()
     np.testing.assert_array_equal(reading.wrench, np.zeros(6))
     assert (reading.slip, reading.gross_slip) == (0.0, False)
-
-
-def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:
-    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1)))
-    np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
-    assert set(fit.undetermined) == {"roll", "pitch", "yaw"}
-
-
-def test_a_weight_with_a_lever_gives_roll_and_pitch_too() -> None:
-    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
-    np.testing.assert_allclose(fit.stiffness[:2], K[:2], rtol=0.08)
-    assert set(fit.undetermined) == {"yaw"}
-
-
-def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert identify.main(["--procedure", "weight", "--seed", "7", "--json"]) == 0
-    out = json.loads(capsys.readouterr().out)
-    assert out["stiffness"]["rotation"] == [None, None, None]
-    assert out["max_relative_error"] < 0.05
 
 
 @pytest.mark.parametrize(

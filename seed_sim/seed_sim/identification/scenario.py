@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulated identification meets: the grasp, the sensor, its faults. One strict YAML file."""
+"""Scenarios of a simulated identification: the grasp, the sensor and its faults, in one strict YAML file."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulated identification hides and has to find: drawn from the seed, and compared with the result."""
+"""The hidden truth of a simulated identification, drawn from the seed, and results compared with it."""
 
 from __future__ import annotations
 

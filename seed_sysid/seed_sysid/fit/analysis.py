@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a file of samples to everything that is said about a grasp."""
+"""The analysis of an identification: from samples to everything that is said about a grasp."""
 
 from __future__ import annotations
 
@@ -100,6 +100,9 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
         data: header and samples.
         source: 'kinematic' or 'estimator', the poses to use.
         parameters: of the fit.
+
+    Returns:
+        The fit with its cross-validation, Assumption 2, the stiffness schedule and warnings.
 
     Raises:
         DatasetError: the data cannot give a stiffness; the message says why and what to do.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the cameras' clock is from the robot's, from the motion between the poses of an identification.
+"""The camera clock offset: the cameras' clock against the robot's, from the motion between the poses of a run.
 
 The tool is held fast, so that arm and cameras watch the same motion: the offset is the shift in time that makes them
 agree best. Gain and bias of each axis are free, hence a wrong estimate that is only wrong in size does not matter.

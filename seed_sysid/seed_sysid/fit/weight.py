@@ -46,6 +46,9 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
         wrench: (n, 6) [N m, N] of the spring on the tool about T, in T: minus seed_core.hand.weight_about_T.
         model: the stiffness map.
 
+    Returns:
+        The stiffness of the axes that the weight loads, and why it cannot tell the others.
+
     Raises:
         WeightError: too few orientations, or no axis is loaded.
     """

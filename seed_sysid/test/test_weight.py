@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A weight gives the stiffness of the axes that it loads, and says what it cannot give."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from seed_bringup import identify
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_sim.identification.weight import simulate_weight
+from seed_sysid.fit.weight import WeightError, fit_weight
+
+K = DEFAULT_STIFFNESS.vector()
+
+
+def test_a_centred_weight_gives_the_forces_and_names_the_rest() -> None:
+    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1)))
+    np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
+    assert set(fit.undetermined) == {"roll", "pitch", "yaw"}
+
+
+def test_a_weight_with_a_lever_gives_roll_and_pitch_too() -> None:
+    fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
+    np.testing.assert_allclose(fit.stiffness[:2], K[:2], rtol=0.08)
+    assert set(fit.undetermined) == {"yaw"}
+
+
+def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify.main(["--procedure", "weight", "--seed", "7", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["stiffness"]["rotation"] == [None, None, None]
+    assert out["max_relative_error"] < 0.05
+
+
+def test_too_few_orientations_and_a_weight_of_nothing_are_refused() -> None:
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(3))
+    with pytest.raises(WeightError, match="3 orientations are too few: hold the weight in at least 4"):
+        fit_weight(X_TC[:3], wrench[:3])
+    with pytest.raises(WeightError, match="determines no axis"):
+        fit_weight(X_TC, np.zeros_like(wrench))
+
+
+def test_a_light_weight_is_told_to_be_too_little_for_the_noise() -> None:
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.008, np.zeros(3), np.random.default_rng(4))
+    fit = fit_weight(X_TC, wrench)
+    assert "N only: too little for the noise of the poses" in fit.undetermined["y"]
+    assert "puts no torque on it" in fit.undetermined["yaw"]
+    assert np.isnan(fit.stiffness[[2, 4]]).all()
