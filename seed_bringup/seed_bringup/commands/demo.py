@@ -11,7 +11,6 @@ import argparse
 import signal
 import time
 from pathlib import Path
-from types import FrameType
 
 from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import conclude
@@ -53,16 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     return p
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    del number, frame
-    raise KeyboardInterrupt
-
-
 @command("seed demo")
 def main(argv: list[str]) -> int:
     """Play the task, then write the report; 0 only if the force was held."""
     for ending in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ending, _interrupt)
+        signal.signal(ending, signal.default_int_handler)
     started = time.monotonic()
     asked = plan(_parser().parse_args(argv))
     o = asked.options
