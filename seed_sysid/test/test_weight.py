@@ -44,7 +44,7 @@ def test_too_few_orientations_and_a_weight_of_nothing_are_refused() -> None:
 
 
 def test_a_light_weight_is_told_to_be_too_little_for_the_noise() -> None:
-    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.008, np.zeros(3), np.random.default_rng(4))
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.018, np.zeros(3), np.random.default_rng(4))
     fit = fit_weight(X_TC, wrench)
     assert "N only: too little for the noise of the poses" in fit.undetermined["y"]
     assert "puts no torque on it" in fit.undetermined["yaw"]
