@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, crop
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
@@ -103,11 +103,9 @@ class Tracker:
 
     def _crops(self, images: Mapping[str, TactileImages], X_CT: Array) -> dict[str, Crop]:
         """The images around the tool at a pose; the whole images while it is lost."""
-        out = {}
-        for m in self.models:
-            corners = np.array(((0, m.camera.width), (0, m.camera.height)), np.float32)
-            out[m.finger] = crop(images[m.finger], corners if self.lost else m.pixels(X_CT, m.p[:, ::7]))
-        return out
+        if self.lost:
+            return {m.finger: crop(images[m.finger]) for m in self.models}
+        return {m.finger: crop(images[m.finger], m.pixels(X_CT, m.p[:, ::7])) for m in self.models}
 
     def _fit(self, crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]) -> Fit:
         return fit(self.models, crops, start, self.slip.value, PRIOR, steps)
@@ -165,7 +163,7 @@ class Tracker:
             self.lose()
             return
         followed = not self.lost and 0.0 < dt <= FOLLOWED
-        turn, way = so3_log(found.X_CT[:3, :3] @ self.X_CT[:3, :3].T), found.X_CT[:3, 3] - self.X_CT[:3, 3]
+        turn, way = rotation_error(found.X_CT[:3, :3], self.X_CT[:3, :3]), found.X_CT[:3, 3] - self.X_CT[:3, 3]
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
         self.X_CT, self._stamp, self.lost = found.X_CT, stamp, False
         self._learn_usual(found)

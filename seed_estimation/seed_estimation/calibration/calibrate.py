@@ -86,7 +86,8 @@ def calibrate(
     for finger, camera in cameras.items():
         measured, _ = mean_depth(no_contact[finger], p.near, p.far)
         offset = range_error(measured, shape.depth(camera))  # of every pixel: its fixed pattern would tilt the axis
-        nodes[finger] = range_offset(offset)
+        smooth = smooth_depth(offset, np.ones(offset.shape, bool), SMOOTH)
+        nodes[finger] = [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
         membrane = membrane_at_rest(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
         lines[finger] = [seen_axis(membrane, frame + offset, radius, p) for frame in grasped.get(finger, ())]
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
@@ -109,12 +110,6 @@ def range_error(measured: Image, known: Image) -> Image:
     fill = smooth_depth(np.where(valid, difference, 0.0).astype(np.float32), valid, FILL)
     rest = np.where(np.isfinite(fill), fill, np.median(difference[valid]))
     return np.asarray(np.where(valid, difference, rest), np.float32)
-
-
-def range_offset(error: Image) -> list[list[float]]:
-    """Nodes of the smooth part of a range error (H, W) [m]."""
-    smooth = smooth_depth(error, np.ones(error.shape, bool), SMOOTH)
-    return [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
 
 
 Captures = dict[str, list[Image]]  # depth images by finger

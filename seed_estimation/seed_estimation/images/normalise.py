@@ -21,19 +21,16 @@ FINE, COARSE = 0.5, 1.8  # [px] blur of the two levels
 
 def normalised(ir: Image) -> Image:
     """(H, W) float32 of zero mean and about unit deviation everywhere, of ir (H, W) [counts]."""
-    return _standardised(cv2.GaussianBlur(_logarithm(ir), (5, 5), FINE), MEAN_BOX)
+    return _normalised(ir, (5, 5), FINE, MEAN_BOX)
 
 
 def coarse(ir: Image) -> Image:
     """The same at the coarse level, whose broader features lead home from further away."""
-    return _standardised(cv2.GaussianBlur(_logarithm(ir), (0, 0), COARSE), COARSE_MEAN_BOX)
+    return _normalised(ir, (0, 0), COARSE, COARSE_MEAN_BOX)
 
 
-def _logarithm(ir: Image) -> Image:
-    return np.asarray(cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET)), np.float32)
-
-
-def _standardised(image: Image, box: int) -> Image:
+def _normalised(ir: Image, kernel: tuple[int, int], blur: float, box: int) -> Image:
+    image = cv2.GaussianBlur(cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET)), kernel, blur)
     centred = cv2.subtract(image, cv2.blur(image, (box, box)))
     variance = cv2.blur(cv2.multiply(centred, centred), (DEVIATION_BOX, DEVIATION_BOX))
     return np.asarray(cv2.divide(centred, cv2.add(cv2.sqrt(variance), FLOOR)), np.float32)

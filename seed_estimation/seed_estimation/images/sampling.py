@@ -40,9 +40,11 @@ class Crop:
         return coarse(self.ir)
 
 
-def crop(images: TactileImages, pixels: Array32) -> Crop:
-    """The part of the images around pixels (2, N), u and v, at which the tool is expected."""
+def crop(images: TactileImages, pixels: Array32 | None = None) -> Crop:
+    """The part of the images around pixels (2, N), u and v, at which the tool is expected; all of them without."""
     h, w = images.depth.shape
+    if pixels is None:
+        pixels = np.array(((0, w), (0, h)), np.float32)
     u0, v0 = (max(0, _whole(value) - MARGIN) for value in pixels.min(axis=1).tolist())
     u1, v1 = (_whole(value) + MARGIN + 1 for value in pixels.max(axis=1).tolist())
     u1, v1 = min(w, u1), min(h, v1)
