@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -17,7 +17,6 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, pose_from_quaternion, quaternion_from_rotation
 
-T = TypeVar("T")
 _SWAP = [3, 4, 5, 0, 1, 2]  # rotation-first to translation-first and back
 
 
@@ -56,9 +55,9 @@ def fill_pose(pose: Pose, X: Array) -> Pose:
     return pose
 
 
-def stamped(kind: type[T], stamp: float | Time, frame_id: str) -> T:
+def stamped(kind: Any, stamp: float | Time, frame_id: str) -> Any:
     """A message of a kind with a header; stamp: [s], or as a message."""
-    message: Any = kind()
+    message = kind()
     message.header.stamp = stamp if isinstance(stamp, Time) else stamp_from_seconds(stamp)
     message.header.frame_id = frame_id
     return message

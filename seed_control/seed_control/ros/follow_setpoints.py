@@ -148,6 +148,4 @@ class FollowServer:
 
 
 def _result(success: bool, message: str) -> Any:
-    result = FollowSetpoints.Result(success=success, message=message)
-    result.force_rmse = result.torque_rmse = float("nan")
-    return result
+    return FollowSetpoints.Result(success=success, message=message, force_rmse=np.nan, torque_rmse=np.nan)

@@ -34,7 +34,7 @@ from seed_ros.conversions import (
     pose_stamped,
     pose_to_matrix,
     seconds,
-    stamp_from_seconds,
+    stamped,
     transform_stamped,
     wrench_stamped,
 )
@@ -162,8 +162,8 @@ class ControllerNode(SeedNode):
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:
-        message = fill_state(StateMsg(), output.state, self.core.law.setpoint, self.core.law.regulated_error())
-        message.header.stamp, message.header.frame_id = stamp_from_seconds(now), self.frames.base
+        message = stamped(StateMsg, now, self.frames.base)
+        fill_state(message, output.state, self.core.law.setpoint, self.core.law.regulated_error())
         message.steps = self.steps
         message.ignored_poses += self.counters["poses_refused"]
         message.ignored_estimates += self.counters["estimates_refused"]

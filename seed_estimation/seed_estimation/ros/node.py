@@ -27,7 +27,7 @@ from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.ros.gathering import Gathering, Images
 from seed_estimation.ros.inputs import FINGERS, ImageInputs, InputSettings
 from seed_ros import COMMAND, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
-from seed_ros.conversions import estimate_to_message, stamp_from_seconds, transform_stamped
+from seed_ros.conversions import estimate_to_message, fill, stamped, transform_stamped
 from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
@@ -146,9 +146,8 @@ class EstimatorNode(SeedNode):
         assert self.core is not None
         if not self.core.patches:
             return
-        message = ContactPatches(patches=[_patch_message(p) for p in self.core.patches.values()])
-        message.header.stamp = stamp_from_seconds(stamp)
-        message.header.frame_id = self.frames.compliance
+        message = stamped(ContactPatches, stamp, self.frames.compliance)
+        message.patches = [_patch_message(p) for p in self.core.patches.values()]
         self._patches.publish(message)
 
     def _publish_hand(self) -> None:
@@ -211,8 +210,8 @@ def _patch_message(patch: ContactPatch) -> PatchMsg:
     message.area = float(patch.area)
     message.mean_indentation = float(patch.mean_indentation)
     message.max_indentation = float(patch.max_indentation)
-    for point, p in ((message.centroid, patch.centroid), (message.centroid_in_hand, patch.centroid_C)):
-        point.x, point.y, point.z = (float(v) for v in p)
+    fill(message.centroid, patch.centroid)
+    fill(message.centroid_in_hand, patch.centroid_C)
     return message
 
 

@@ -126,7 +126,7 @@ class SysidNode(SeedNode):
             self.get_logger().error(f"identify_stiffness refused: {error}")
             goal.abort()
             return IdentifyStiffness.Result(success=False, message=str(error))
-        return await active.finished  # type: ignore[no-any-return]
+        return await active.finished
 
     async def _zero_sensor(self) -> None:
         if not self._zero.service_is_ready():
