@@ -18,13 +18,7 @@ from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
-from seed_control.setpoint.setpoints import (
-    HybridSetpoint,
-    RelativePoseSetpoint,
-    Setpoint,
-    SetpointError,
-    WrenchSetpoint,
-)
+from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
 from seed_control.state import ControllerState, ControlOutput, Counting, Mode
 from seed_control.wrench.estimate import WrenchEstimator
 from seed_control.wrench.inputs import MOST_BAD, Inputs
@@ -37,7 +31,6 @@ from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
 
 LAWS: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
-KINDS = {WrenchSetpoint: "wrench", RelativePoseSetpoint: "relative_pose", HybridSetpoint: "hybrid", type(None): ""}
 
 
 class ControlRefusedError(SeedError):
@@ -136,10 +129,8 @@ class Controller:
 
     def _adopt(self, setpoint: Setpoint, t: float) -> None:
         if not self._guard.following:
-            held = self._guard.held
-            raise SetpointError(
-                "SP17", f"the controller is {'holding: ' + held if held else 'disabled'}; enable it first"
-            )
+            why = f"holding: {self._guard.held}" if self._guard.held else "disabled"
+            raise SetpointError("SP17", f"the controller is {why}; enable it first")
         checks, law, m, estimate = self._checks, self.law, self.law.measured, self._inputs.estimate
         assert m is not None  # it is enabled with an estimate only
         assert estimate is not None
@@ -242,7 +233,7 @@ class Controller:
             stamp=t,
             mode=mode,
             enabled=self._guard.enabled,
-            setpoint_kind=KINDS[type(asked)],
+            setpoint_kind=asked.kind if asked is not None else "",
             desired=hybrid.wrench if hybrid is not None else None,
             estimated=law.estimated_task,
             filtered=law.filtered_task,

@@ -57,6 +57,9 @@ def pitches(k: tuple[float, float, float], ty: float, roll: float, yaw: float) -
         ((6.0, 1.0, 2.0), 2.6, 0.8, 0.6),
         ((6.0, 1.0, 2.0), -3.8, 0.8, -0.9),
         ((6.0, 1.0, 2.0), -3.8, -0.8, 0.9),
+        ((0.3, 0.05, 0.1), 0.13, 0.8, 0.6),
+        ((0.3, 0.05, 0.1), -0.19, 0.8, -0.9),
+        ((6.0, 1.0, 2.0), 3.9, 0.8, 1.5707),  # sideways: ty hardly depends on the pitch itself
     ],
 )
 def test_of_two_pitches_for_one_torque_the_one_next_to_the_measured_is_taken(
@@ -70,18 +73,23 @@ def test_of_two_pitches_for_one_torque_the_one_next_to_the_measured_is_taken(
     for near, root in ((-2.0, 0), (middle - 1e-3, 0), (middle + 1e-3, 1), (2.0, 1)):
         q = hybrid_torque_orientation(k, torque, angles, which, near)
         assert_allclose(q[1], expected[root], atol=1e-4)  # [rad], of the grid
-    with pytest.raises(PartialInverseError, match="give the measured pitch"):
+    listed = ", ".join(f"{np.rad2deg(p):.1f}" for p in expected)
+    with pytest.raises(
+        PartialInverseError, match=rf"ty = {ty:.3g} N m .* pitches of {listed} deg.*give the measured pitch"
+    ):
         hybrid_torque_orientation(k, torque, angles, which)
 
 
 @pytest.mark.parametrize(
     ("torque", "angles", "is_torque", "words"),
     [
-        ((0.0, 0.0, 13.0), (0.0, 0.0, 0.0), (False, False, True), "yaw of 186 degrees"),
-        ((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (True, True, False), "pitch of 95 degrees"),
-        ((13.0, 0.0, 0.0), (0.0, 0.0, 0.0), (True, False, False), "roll of 186 degrees"),
+        ((0.0, 0.0, 13.0), (0.0, 0.0, 0.0), (False, False, True), "tz = 13 N m needs a yaw of 186 degrees"),
+        ((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (True, True, False), "ty = 5 N m needs a pitch of 95 degrees"),
+        ((13.0, 0.0, 0.0), (0.0, 0.0, 0.0), (True, False, False), "tx = 13 N m needs a roll of 186 degrees"),
         ((0.0, 9.0, 0.0), (0.0, 0.0, 0.0), (False, True, False), "cannot be reached with a pitch within 60 degrees"),
         ((1.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2), (True, False, False), "yaw of 90.0 degrees"),
+        ((0.0, 0.7, 0.0), (0.0, 2.0, 0.0), (False, False, False), "ty = 0.7 N m needs a pitch of 115 degrees"),
+        ((0.0, 0.0, np.nan), (0.0, 0.0, 0.0), (False, False, True), "tz = nan N m"),
     ],
 )
 def test_what_has_no_solution_is_refused_with_numbers(
@@ -92,6 +100,20 @@ def test_what_has_no_solution_is_refused_with_numbers(
 ) -> None:
     with pytest.raises(PartialInverseError, match=words):
         hybrid_torque_orientation(K, torque, angles, is_torque)
+
+
+def test_a_torque_out_of_reach_is_refused_with_what_can_be_reached() -> None:
+    roll, yaw = 1.0, 0.5
+    ends = sorted(MAP.torque(np.array((roll, p, yaw)))[1] for p in np.deg2rad((-60.0, 60.0)))
+    words = rf"ty = 9 N m .* from {ends[0]:.3g} to {ends[1]:.3g} N m"
+    with pytest.raises(PartialInverseError, match=words):
+        hybrid_torque_orientation(K, (0.0, 9.0, 0.0), (roll, 0.0, yaw), (False, True, False))
+
+
+@pytest.mark.parametrize("pitch", np.deg2rad((-60.0, 60.0)))
+def test_the_ends_of_the_range_are_reached(pitch: float) -> None:
+    q = hybrid_torque_orientation(K, (0.0, K[1] * pitch, 0.0), (0.0, 0.0, 0.0), (False, True, False))
+    assert_allclose(q, (0.0, pitch, 0.0), rtol=1e-15)
 
 
 def test_hybrid_force_position_meets_force_and_position_along_any_directions() -> None:

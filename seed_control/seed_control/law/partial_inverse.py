@@ -10,7 +10,7 @@ Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are 
 from __future__ import annotations
 
 from itertools import pairwise
-from math import asin, cos, isfinite, pi, sin, sqrt
+from math import asin, cos, isfinite, pi, sin
 
 import numpy as np
 from scipy.optimize import brentq
@@ -39,7 +39,7 @@ def hybrid_force_position(force_projector: Array, K: Array, displacement: Array,
         force: wanted force of the spring on the tool (3,) [N]; its part along S is ignored.
     """
     P = force_projector
-    scale = float(K[0, 0] + K[1, 1] + K[2, 2]) / 3.0  # makes both kinds of rows of one size
+    scale = np.trace(K) / 3.0  # makes both kinds of rows of one size
     M = np.eye(3) - P + P @ K / scale
     return np.asarray(np.linalg.solve(M, displacement - P @ displacement + P @ force / scale))
 
@@ -133,9 +133,5 @@ def _pitch_by_root(k: Vector3, ty: float, roll: float, tz: float, c2: float, s2:
 
 def _turning_points(b: float, c: float, d: float) -> list[float]:
     """Angles p within the range with b cos^2 p + c sin p + d = 0, in rising order."""
-    if b == 0.0:
-        sines = [-d / c] if c != 0.0 else []
-    else:
-        root = c * c + 4.0 * b * (b + d)
-        sines = [] if root < 0.0 else [(c - sqrt(root)) / (2.0 * b), (c + sqrt(root)) / (2.0 * b)]
-    return sorted(p for p in (asin(s) for s in sines if abs(s) < 1.0) if abs(p) < PITCH_RANGE)
+    sines = np.roots((-b, c, b + d))
+    return sorted(asin(s.real) for s in sines if s.imag == 0.0 and abs(s.real) < sin(PITCH_RANGE))

@@ -29,7 +29,7 @@ class PayloadError(SeedError):
 
 @dataclass(frozen=True)
 class Payload:
-    """Result of a weighing.
+    """Result of a payload identification.
 
     Attributes:
         mass, mass_std: [kg].

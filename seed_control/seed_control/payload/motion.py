@@ -46,7 +46,7 @@ def payload_task(X_W_tip: Array) -> Task:
 
 
 class PayloadRun:
-    """One weighing. Call `step` at the control rate, send its set-points, read `result` when it is done.
+    """One identification. Call `step` at the control rate, send its set-points, read `result` when it is done.
 
     Raises:
         PayloadError: at the start, while something carries or presses the tool.
@@ -65,7 +65,7 @@ class PayloadRun:
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
         self._player = TaskPlayer(payload_task(state.X_W_tip))
-        self._weighing = PayloadFit(bushing)
+        self._fit = PayloadFit(bushing)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
 
@@ -78,7 +78,7 @@ class PayloadRun:
 
     def result(self) -> Payload:
         """Mass, centre of mass, and the check of the stiffness by the tool's stated mass. Raises PayloadError."""
-        return self._weighing.result(self._tool.mass if self._tool.mass > 0.0 else None)
+        return self._fit.result(self._tool.mass if self._tool.mass > 0.0 else None)
 
     def _sample(self, t: float, state: ControllerState, X_W_tip: Array) -> None:
         """Take each new image once the reference has stood still for a while, but not before the lift."""
@@ -91,19 +91,19 @@ class PayloadRun:
         assert state.X_W_tip is not None
         assert state.measured_X_CT is not None
         self._seen = image
-        self._weighing.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT)
+        self._fit.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT)
 
 
-def report(weight: Payload, tool: Tool) -> str:
+def report(payload: Payload, tool: Tool) -> str:
     """The result in one line, for people."""
     com = ", ".join(
         "not seen" if not np.isfinite(s) else f"{1e3 * c:.1f} +- {1e3 * s:.1f}"
-        for c, s in zip(weight.center_of_mass, weight.center_of_mass_std, strict=True)
+        for c, s in zip(payload.center_of_mass, payload.center_of_mass_std, strict=True)
     )
-    text = f"mass {weight.mass:.4f} +- {weight.mass_std:.4f} kg, centre of mass ({com}) mm in T"
-    if weight.stiffness_ratio is None:
+    text = f"mass {payload.mass:.4f} +- {payload.mass_std:.4f} kg, centre of mass ({com}) mm in T"
+    if payload.stiffness_ratio is None:
         return text
     return (
         f"{text}; if tool.mass = {tool.mass:g} kg is right, the vertical stiffness is "
-        f"{weight.stiffness_ratio:.3f} times the one in use"
+        f"{payload.stiffness_ratio:.3f} times the one in use"
     )

@@ -8,7 +8,7 @@ Every wrench here is what the tool does to the environment, about the tip: press
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class WrenchSetpoint:
         stamp: when it was sent [s], or None.
     """
 
+    kind: ClassVar = "wrench"
     wrench: Wrench
     frame: TaskFrame = "world"
     contact_resists: Flags = NONE
@@ -58,6 +59,7 @@ class WrenchSetpoint:
 class RelativePoseSetpoint:
     """The displacement of the grasp itself: pose X_TC (4, 4) of the gripper's frame C in the tool's frame T."""
 
+    kind: ClassVar = "relative_pose"
     X_TC: Array
     stamp: float | None = None
 
@@ -82,6 +84,7 @@ class HybridSetpoint:
         stamp: when it was sent [s], or None.
     """
 
+    kind: ClassVar = "hybrid"
     X_W_tip: Array
     wrench: Wrench = field(default_factory=Wrench.zero)
     force_projector: Array = field(default_factory=lambda: np.zeros((3, 3)))
