@@ -6,9 +6,6 @@ Where this machine is too busy to run other processes in time, the plant stands 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 from seed_sim.plant.late_stream import LONGEST, LateStream
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import ToolHolder
@@ -23,7 +20,7 @@ LONG = {"relative_pose": 15.0}  # [s] of waiting; a disk may hold an estimator u
 
 
 class PlantTime:
-    """`advance` moves the plant on to the present.
+    """`advance` moves the plant on to the present. All times are [s].
 
     Attributes:
         streams: what the plant waits for when it is late, by topic.
@@ -32,28 +29,28 @@ class PlantTime:
     """
 
     def __init__(
-        self, plant: Plant, holder: ToolHolder, robot: PlantLink | None, now: Callable[[], float], clock: bool
+        self, plant: Plant, holder: ToolHolder, robot: PlantLink | None, clock: bool, steady: float, now: float
     ) -> None:
         """Start now.
 
         Args:
             robot: stand-in controller that moves the arm; None: the plant's own arm.
-            now: ROS time [s].
             clock: the plant's time is everybody's, and stands still for late streams.
+            steady, now: the present by the machine's steady clock and in ROS time [s].
         """
-        self._plant, self._holder, self._robot, self._now, self._clock = plant, holder, robot, now, clock
+        self._plant, self._holder, self._robot, self._clock = plant, holder, robot, clock
         self.factor = 1.0
-        self.restart()
+        self.restart(steady, now)
 
-    def restart(self) -> None:
+    def restart(self, steady: float, now: float) -> None:
         """Tie the plant's time, which may have gone back to zero, to the present."""
-        self._steady_offset = time.monotonic() - self._plant.time
-        self._ros_offset = self._now() - self._plant.time
+        self._steady_offset = steady - self._plant.time
+        self._ros_offset = now - self._plant.time
         self._robot_offset: float | None = None
         if self._robot is not None and self._robot.clock is not None:
             self._robot_offset = self._ros_offset = self._robot.clock - self._plant.time
         self.lost = 0.0
-        self._measured = (time.monotonic(), self._plant.time)
+        self._measured = (steady, self._plant.time)
         patience = PATIENCE if self._robot is None else ROBOT_PATIENCE
         self.streams = {topic: LateStream(age, LONG.get(topic, LONGEST)) for topic, age in patience.items()}
 
@@ -62,10 +59,10 @@ class PlantTime:
         """ROS time of the plant's present state [s]."""
         return self._ros_offset + self._plant.time
 
-    def advance(self, period: float) -> None:
-        """Move the plant on; period: [s] until the next call."""
+    def advance(self, steady: float, period: float) -> None:
+        """Move the plant on to the present; period: [s] until the next call."""
         if self._robot is None:
-            self._follow_clock()
+            self._follow_clock(steady)
             return
         state = self._robot.receive()
         if state is not None:
@@ -73,22 +70,22 @@ class PlantTime:
         load = self._plant.ft_wrench
         until = None  # how far the stand-in may run by its own clock, which then is the plant's [s]; None: as it likes
         if self._clock:
-            until = self.stamp + (0.0 if self._waits() else AHEAD * period)
+            until = self.stamp + (0.0 if self._waits(steady) else AHEAD * period)
         self._robot.report(load.force, load.torque, until)
 
-    def measure(self) -> bool:
+    def measure(self, steady: float) -> bool:
         """Measure the real-time factor; whether that was possible: not when the plant's time was set back."""
-        now, then = (time.monotonic(), self._plant.time), self._measured
+        now, then = (steady, self._plant.time), self._measured
         self._measured = now
         if now[0] <= then[0] or now[1] < then[1]:
             return False
         self.factor = (now[1] - then[1]) / (now[0] - then[0])
         return True
 
-    def _follow_clock(self) -> None:
+    def _follow_clock(self, steady: float) -> None:
         """An arm of the plant's own, by the wall's time less what the plant has lost."""
-        behind = time.monotonic() - self._steady_offset - self._plant.time
-        advance = 0.0 if self._waits() else min(behind, BEHIND)
+        behind = steady - self._steady_offset - self._plant.time
+        advance = 0.0 if self._waits(steady) else min(behind, BEHIND)
         self._lose(behind - advance)
         self._holder.advance(self._plant.time + advance)
 
@@ -103,9 +100,8 @@ class PlantTime:
             behind = ROBOT_BEHIND
         self._holder.drive(state.X_WE, self._plant.time + behind)
 
-    def _waits(self) -> bool:
+    def _waits(self, steady: float) -> bool:
         """Whether the plant stands still for a process that this machine is too busy to run in time."""
-        steady = time.monotonic()
         late = {topic for topic, stream in self.streams.items() if stream.late(self.stamp, steady)}
         if not self.streams["target_frame"].runs:
             late.discard("current_pose")  # nobody steers by it, and a driver that starts its program says nothing

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ class SimNode(SeedNode):
         self.diagnose(f"scenario {self.scenario.name}", self._report)
         if self._meshcat is not None:
             self._meshcat.StartRecording(frames_per_second=10.0, set_visualizations_while_recording=False)
-        self.time = PlantTime(self.plant, self.holder, self._robot, self.now, settings.clock)
+        self.time = PlantTime(self.plant, self.holder, self._robot, settings.clock, time.monotonic(), self.now())
 
     def _join_robot(self) -> PlantLink | None:
         """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own."""
@@ -114,7 +115,7 @@ class SimNode(SeedNode):
 
     # the tick
     def _tick(self) -> None:
-        self.time.advance(1.0 / self.settings.rate)
+        self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
         self._outputs.publish(self.time.stamp, self.holder.grasped)
         self._latch.check(self.time.stamp)
         if self._latch.reason != self._reason_told:
@@ -122,7 +123,7 @@ class SimNode(SeedNode):
             self._hold_reason.publish(String(data=self._reason_told))
 
     def _measure(self) -> None:
-        if self.time.measure():
+        if self.time.measure(time.monotonic()):
             self._outputs.publish_factor(self.time.factor)
             if self.time.factor < SLOW:
                 self.counters.add("slow", f"real-time factor {self.time.factor:.3f} is below {SLOW}")
@@ -181,7 +182,7 @@ class SimNode(SeedNode):
         self.holder.release()
         self._latch.resume()
         self._outputs.restart()
-        self.time.restart()
+        self.time.restart(time.monotonic(), self.now())
         return "arm at its start, tool in its holder, gripper open"
 
     def _set_width(

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant keeps the wall's time, loses what it cannot make up for, and stands still for late streams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seed_core.spatial import pose_from_rpy
+from seed_sim.plant.plant import Plant
+from seed_sim.plant.plant_time import BEHIND, PATIENCE, PlantTime
+from seed_sim.plant.tool_holder import ToolHolder
+from seed_sim.scenario import Scenario
+
+PERIOD = 0.004  # [s]
+ROS = 1000.0  # [s] ROS time at the start
+STEADY = 50.0  # [s] the machine's clock then
+HOME = pose_from_rpy((np.pi, 0.0, 0.0), (0.45, 0.0, 0.5))
+
+
+def started(clock: bool) -> tuple[Plant, PlantTime]:
+    plant = Plant(Scenario(), 0, np.eye(4), HOME)
+    return plant, PlantTime(plant, ToolHolder(plant), None, clock, STEADY, ROS)
+
+
+@pytest.mark.parametrize("clock", [False, True])
+def test_the_plant_keeps_the_walls_time_and_stamps_its_state_in_ros_time(clock: bool) -> None:
+    plant, time = started(clock)
+    for i in range(1, 51):
+        time.advance(STEADY + i * PERIOD, PERIOD)
+    assert plant.time == pytest.approx(50 * PERIOD, abs=PERIOD)
+    assert time.stamp == pytest.approx(ROS + plant.time)
+    assert time.measure(STEADY + 50 * PERIOD)
+    assert time.factor == pytest.approx(1.0, abs=0.02)
+    assert time.lost == pytest.approx(0.0)
+
+
+def test_time_in_which_the_machine_was_busy_is_lost_and_known_to_ros_alone() -> None:
+    for clock in (False, True):
+        plant, time = started(clock)
+        time.advance(STEADY + 1.0, PERIOD)  # a second without a call
+        assert plant.time == pytest.approx(BEHIND, abs=PERIOD)
+        assert time.lost == pytest.approx(1.0 - BEHIND)
+        # by the wall's clock the plant's state is of now; by its own clock nobody knows of the second
+        assert time.stamp == pytest.approx(ROS + (BEHIND if clock else 1.0), abs=PERIOD)
+
+
+def test_the_plant_stands_still_for_a_late_target_only_if_its_time_is_everybodys() -> None:
+    for clock in (False, True):
+        plant, time = started(clock)
+        time.streams["target_frame"].hear(time.stamp)
+        for i in range(1, 101):
+            time.advance(STEADY + i * PERIOD, PERIOD)
+        if clock:
+            assert plant.time == pytest.approx(PATIENCE["target_frame"], abs=2 * PERIOD)
+            time.streams["target_frame"].hear(time.stamp)
+            before = plant.time
+            time.advance(STEADY + 101 * PERIOD, PERIOD)
+            assert plant.time > before
+        else:
+            assert plant.time == pytest.approx(100 * PERIOD, abs=PERIOD)
