@@ -70,7 +70,7 @@ def main(words: list[str]) -> int:
     server = Server(loopback(given.host, given.anywhere), options, given.await_plant)
     server.open_side_port(partial(SideChannel, server))
     if given.protective_stop:
-        server.box.protective_stop()
+        server.robot.protective_stop()
     for ending in (signal.SIGINT, signal.SIGTERM):
         signal.signal(ending, lambda *_: setattr(server, "running", False))
     print(f"UR stand-in: {given.model}, PolyScope {given.version}, on {given.host}", flush=True)

@@ -28,21 +28,21 @@ def test_the_servo_lags_by_what_is_documented() -> None:
 
 
 def test_a_placed_arm_keeps_its_slider_and_forgets_how_the_last_one_reached() -> None:
-    box = Controller(Options())
-    pose = box.arm.tcp_pose()
-    box.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.4}, 0.0)
-    here = box.servo_goal(pose)
-    box.arm.set_tcp(make_pose(None, (0.0, 0.0, 0.1)))
+    robot = Controller(Options())
+    pose = robot.arm.tcp_pose()
+    robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.4}, 0.0)
+    here = robot.servo_goal(pose)
+    robot.arm.set_tcp(make_pose(None, (0.0, 0.0, 0.1)))
     flange = matrix_from_pose(pose) @ make_pose(None, (0.0, 0.0, -0.1))
-    assert_allclose(KINEMATICS.forward(box.servo_goal(pose)), flange, atol=1e-9)
-    box.arm.set_tcp(np.eye(4))
+    assert_allclose(KINEMATICS.forward(robot.servo_goal(pose)), flange, atol=1e-9)
+    robot.arm.set_tcp(np.eye(4))
     far = [HOME[0] - 0.3, *HOME[1:]]
-    box.place(pose_from_matrix(KINEMATICS.forward(far)), far)
+    robot.place(pose_from_matrix(KINEMATICS.forward(far)), far)
     flipped = [*HOME[:3], HOME[3] + 1e-3, HOME[4], HOME[5] + 2.0 * np.pi]
-    box.place(pose, flipped)
-    assert_allclose(box.servo_goal(pose), box.arm.q, atol=1e-6)
-    assert abs(box.servo_goal(pose)[5] - here[5]) > 6.0
-    assert box.arm.scaling == 0.4
+    robot.place(pose, flipped)
+    assert_allclose(robot.servo_goal(pose), robot.arm.q, atol=1e-6)
+    assert abs(robot.servo_goal(pose)[5] - here[5]) > 6.0
+    assert robot.arm.scaling == 0.4
 
 
 def test_a_servo_step_keeps_joint_limits_and_does_not_overshoot() -> None:

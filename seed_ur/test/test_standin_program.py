@@ -11,16 +11,16 @@ from seed_ur.standin.script import Script
 DT = 0.002
 
 
-@pytest.mark.parametrize("end", [Controller.protective_stop, lambda box: dashboard.answer(box, "stop")])
+@pytest.mark.parametrize("end", [Controller.protective_stop, lambda robot: dashboard.answer(robot, "stop")])
 def test_a_program_that_was_stopped_before_it_began_does_not_begin(end) -> None:
-    box = Controller(Options())
-    box.tick(0.0)
-    assert not box.upload(Script(box, "def f():\nend"), 0.0)
-    end(box)
+    robot = Controller(Options())
+    robot.tick(0.0)
+    assert not robot.upload(Script(robot, "def f():\nend"), 0.0)
+    end(robot)
     for i in range(100):
-        box.tick(DT * i)
-        assert box.program is None
-        assert box.runtime_state == STOPPED
+        robot.tick(DT * i)
+        assert robot.program is None
+        assert robot.runtime_state == STOPPED
 
 
 @pytest.mark.parametrize(
@@ -41,5 +41,5 @@ def test_the_dashboard_answers_literally(line: str, pattern: str) -> None:
 
 
 def test_old_software_does_not_know_newer_dashboard_commands() -> None:
-    box = Controller(Options(version=(5, 4, 2, 1)))
-    assert "could not understand" in dashboard.answer(box, "is in remote control")
+    robot = Controller(Options(version=(5, 4, 2, 1)))
+    assert "could not understand" in dashboard.answer(robot, "is in remote control")

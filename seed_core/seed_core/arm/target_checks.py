@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which targets of an arm are let through. A refusal is a sentence with the number and the bound; '' is none.
+"""The checks of an arm's targets. A refusal is a sentence with the number and the bound; '' is none.
 
 Clause 3 of docs/arm_contract.md. What only a certain arm can know, its reach, its driver checks besides.
 """

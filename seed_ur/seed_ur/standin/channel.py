@@ -38,8 +38,8 @@ class Channel:
     name = ""  # by which open connections are counted
     outside = False  # whether faults of the network leave it alone
 
-    def __init__(self, connection: socket.socket, box: Controller, network: Network) -> None:
-        self.socket, self.box, self.network = connection, box, network
+    def __init__(self, connection: socket.socket, robot: Controller, network: Network) -> None:
+        self.socket, self.robot, self.network = connection, robot, network
         self.buffer = bytearray()
         self.open = True
 

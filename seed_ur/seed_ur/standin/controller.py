@@ -10,7 +10,7 @@ from typing import Protocol
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
-from seed_ur import rtde as wire
+from seed_ur import rtde
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.pose import checked_pose, matrix_from_pose
 from seed_ur.standin.arm import BRAKE, PROGRAM_END_BRAKE, Arm
@@ -49,13 +49,13 @@ class Program(Protocol):
 
 
 class Controller:
-    """The robot behind the ports. Time is passed in, in seconds."""
+    """The robot behind the ports. Time is passed in, in seconds, but for `robot_time`."""
 
     def __init__(self, options: Options) -> None:
         self.options, self.faults, self.recorder = options, Faults(), Recorder()
         self.arm = Arm(URKinematics.for_model(options.model), options.home)
         self.in_int, self.in_double = [0] * 48, [0.0] * 48
-        self.values: dict[str, wire.Value] = _initial_values()
+        self.values: dict[str, rtde.Value] = _initial_values()
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
         self.program: Program | None = None
         self.pending: tuple[float, Program] | None = None  # starts at this time
@@ -94,7 +94,7 @@ class Controller:
         """Write output_double_register_<index>."""
         self.values[f"output_double_register_{index}"] = value
 
-    def write_inputs(self, values: dict[str, wire.Value], now: float) -> None:
+    def write_inputs(self, values: dict[str, rtde.Value], now: float) -> None:
         """What an RTDE client sends."""
         for name, value in values.items():
             number = name.rpartition("_")[2]
@@ -232,7 +232,7 @@ class Controller:
             self.watchdog_armed_at = now
 
     def _fail(self, text: str) -> None:
-        self.faults.messages = [*self.faults.messages[-19:], text]
+        self.faults.messages.append(text)
         self.send_text(text)
         if self.program is not None and self.runtime_state == PLAYING:
             self.stop_program()
@@ -292,12 +292,12 @@ class Controller:
         return pose, speed
 
 
-def _initial_values() -> dict[str, wire.Value]:
+def _initial_values() -> dict[str, rtde.Value]:
     """A value of the right shape for every output."""
-    values: dict[str, wire.Value] = {}
-    for name, kind in wire.OUTPUTS.items():
-        length = int(wire.FORMATS[kind][:-1] or 1)
-        zero: float | int = 0.0 if wire.FORMATS[kind][-1] == "d" else 0
+    values: dict[str, rtde.Value] = {}
+    for name, kind in rtde.OUTPUTS.items():
+        length = int(rtde.FORMATS[kind][:-1] or 1)
+        zero: float | int = 0.0 if rtde.FORMATS[kind][-1] == "d" else 0
         values[name] = zero if length == 1 else (zero,) * length
     values["joint_mode"] = (253,) * 6  # running
     values["joint_temperatures"] = (28.0,) * 6

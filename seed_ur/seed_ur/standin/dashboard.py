@@ -20,68 +20,68 @@ _STATES = {STOPPED: "STOPPED", PLAYING: "PLAYING", PAUSED: "PAUSED"}
 UNKNOWN = "could not understand: '{}'"
 
 
-def answer(box: Controller, line: str) -> str:
+def answer(robot: Controller, line: str) -> str:
     """The reply to one command line."""
     command = line.strip()
     action = _COMMANDS.get(command.lower())
-    if command.lower() in _SINCE_5_6 and box.options.version[:2] < (5, 6):
+    if command.lower() in _SINCE_5_6 and robot.options.version[:2] < (5, 6):
         return UNKNOWN.format(command)
     if action is not None:
-        return action(box)
+        return action(robot)
     for prefix, reply in _PREFIXES.items():
         if command.lower().startswith(prefix):
             return reply.format(command[len(prefix) :].strip())
     return UNKNOWN.format(command)
 
 
-def _stop(box: Controller) -> str:
-    box.stop_program()
+def _stop(robot: Controller) -> str:
+    robot.stop_program()
     return "Stopped"
 
 
-def _play(box: Controller) -> str:
-    return "Starting program" if box.resume() or box.runtime_state == PLAYING else "Failed to execute: play"
+def _play(robot: Controller) -> str:
+    return "Starting program" if robot.resume() or robot.runtime_state == PLAYING else "Failed to execute: play"
 
 
-def _pause(box: Controller) -> str:
-    if box.runtime_state != PLAYING:
+def _pause(robot: Controller) -> str:
+    if robot.runtime_state != PLAYING:
         return "Failed to execute: pause"
-    box.runtime_state = PAUSED
-    box.arm.stop()
+    robot.runtime_state = PAUSED
+    robot.arm.stop()
     return "Pausing program"
 
 
-def _unlock(box: Controller) -> str:
-    if box.unlock_protective_stop():
+def _unlock(robot: Controller) -> str:
+    if robot.unlock_protective_stop():
         return "Protective stop releasing"
     return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop first"
 
 
 def _power(on: bool) -> Callable[[Controller], str]:
-    def action(box: Controller) -> str:
-        if on and box.safety_mode == ROBOT_EMERGENCY:
+    def action(robot: Controller) -> str:
+        if on and robot.safety_mode == ROBOT_EMERGENCY:
             return "Failed to execute: power on"
-        box.power(on)
+        robot.power(on)
         return "Powering on" if on else "Powering off"
 
     return action
 
 
-def _state(box: Controller) -> str:
-    return f"{_STATES[box.runtime_state]} {box.program.name if box.program else '<unnamed>'}"
+def _state(robot: Controller) -> str:
+    return f"{_STATES[robot.runtime_state]} {robot.program.name if robot.program else '<unnamed>'}"
 
 
 _COMMANDS: dict[str, Callable[[Controller], str]] = {
-    "polyscopeversion": lambda box: "URSoftware {}.{}.{}.{} (stand-in)".format(*box.options.version),
-    "version": lambda box: "{}.{}.{}.{}".format(*box.options.version),
+    "polyscopeversion": lambda robot: "URSoftware {}.{}.{}.{} (stand-in)".format(*robot.options.version),
+    "version": lambda robot: "{}.{}.{}.{}".format(*robot.options.version),
     "get serial number": lambda _: "20215500001",
-    "get robot model": lambda box: box.options.model.rstrip("e").upper(),
-    "is in remote control": lambda box: str(box.options.remote_control).lower(),
-    "robotmode": lambda box: f"Robotmode: {_MODES.get(box.robot_mode, 'NO_CONTROLLER')}",
-    "safetymode": lambda box: f"Safetymode: {_SAFETY[box.safety_mode]}",
-    "safetystatus": lambda box: f"Safetystatus: {_SAFETY[box.safety_mode]}",
+    "get robot model": lambda robot: robot.options.model.rstrip("e").upper(),
+    "is in remote control": lambda robot: str(robot.options.remote_control).lower(),
+    "robotmode": lambda robot: f"Robotmode: {_MODES.get(robot.robot_mode, 'NO_CONTROLLER')}",
+    "safetymode": lambda robot: f"Safetymode: {_SAFETY[robot.safety_mode]}",
+    "safetystatus": lambda robot: f"Safetystatus: {_SAFETY[robot.safety_mode]}",
     "programstate": _state,
-    "running": lambda box: f"Program running: {str(box.runtime_state == PLAYING).lower()}",
+    "running": lambda robot: f"Program running: {str(robot.runtime_state == PLAYING).lower()}",
     "get loaded program": lambda _: "No program loaded",
     "isprogramsaved": lambda _: "true",
     "stop": _stop,
@@ -90,7 +90,7 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "unlock protective stop": _unlock,
     "power on": _power(True),
     "power off": _power(False),
-    "brake release": lambda box: "Brake releasing" if box.release_brakes() else "Failed to execute: brake release",
+    "brake release": lambda robot: "Brake releasing" if robot.release_brakes() else "Failed to execute: brake release",
     "close safety popup": lambda _: "closing safety popup",
     "close popup": lambda _: "closing popup",
     "restart safety": lambda _: "Restarting safety",
@@ -111,8 +111,8 @@ class DashboardChannel(Channel):
 
     name = "dashboard"
 
-    def __init__(self, connection: socket.socket, box: Controller, network: Network) -> None:
-        super().__init__(connection, box, network)
+    def __init__(self, connection: socket.socket, robot: Controller, network: Network) -> None:
+        super().__init__(connection, robot, network)
         if not network.mute:
             self.send(GREETING.encode())
 
@@ -120,6 +120,6 @@ class DashboardChannel(Channel):
         for line in self.lines():
             if self.network.mute:
                 return
-            self.send(answer(self.box, line.decode("utf-8", "replace")).encode() + b"\n")
+            self.send(answer(self.robot, line.decode("utf-8", "replace")).encode() + b"\n")
             if line.strip() == b"quit":
                 self.open = False

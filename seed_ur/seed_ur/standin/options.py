@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
-from seed_ur import rtde as wire
+from seed_ur import rtde
 
 PERIOD = 0.002  # [s]
 RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
@@ -26,7 +27,7 @@ class Options:
     """What a stand-in is; see docs/ur_controller.md."""
 
     model: str = "ur5e"
-    version: wire.Version = (5, 12, 4, 1101319)
+    version: rtde.Version = (5, 12, 4, 1101319)
     home: tuple[float, ...] = HOME  # [rad] joint angles at start
     remote_control: bool = True
     program_on_stop: str = "paused"  # paused | stopped | playing: what a safety stop does to the program
@@ -43,4 +44,4 @@ class Faults:
     refuse_unlock: bool = False
     refuse_script: bool = False
     wall: tuple[float, float] | None = None  # height [m] and stiffness [N/m] of a virtual table
-    messages: list[str] = field(default_factory=list)  # the last text messages
+    messages: deque[str] = field(default_factory=lambda: deque(maxlen=20))  # the last text messages

@@ -112,5 +112,5 @@ class ScriptChannel(Channel):
     def _upload(self) -> None:
         text = self.buffer.decode("utf-8", "replace")
         self.buffer.clear()
-        if text.strip() and (refused := self.box.upload(Script(self.box, text), self.box.robot_time)):
-            self.box.send_text(refused)
+        if text.strip() and (refused := self.robot.upload(Script(self.robot, text), self.robot.robot_time)):
+            self.robot.send_text(refused)

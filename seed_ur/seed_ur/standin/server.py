@@ -48,7 +48,7 @@ class Server:
 
     def __init__(self, host: str, options: Options, await_plant: bool = False) -> None:
         self.host = host
-        self.box, self.network = Controller(options), Network()
+        self.robot, self.network = Controller(options), Network()
         self.channels: list[Channel] = []
         self.listeners: dict[socket.socket, Opener] = {}
         self.side: socket.socket | None = None  # the listener that faults of the network leave alone
@@ -62,7 +62,7 @@ class Server:
         self.awaiting_plant = await_plant
         if not await_plant:
             self._listen_robot()
-        self.box.send_text = self._text
+        self.robot.send_text = self._text
 
     def open_side_port(self, opener: Opener) -> None:
         """Serve the side port."""
@@ -86,7 +86,7 @@ class Server:
         self._listen(RTDE_PORT, RtdeChannel)
         for port in SCRIPT_PORTS:
             self._listen(port, ScriptChannel)
-        if self.box.options.version[0] < 10:
+        if self.robot.options.version[0] < 10:
             self._listen(DASHBOARD_PORT, DashboardChannel)
 
     def place(self, pose: list[float], near: list[float], clock: float | None = None) -> None:
@@ -94,10 +94,10 @@ class Server:
 
         clock: what the robot's clock shows from now on [s]; it then runs only as far as the plant lets it.
         """
-        self.box.place(pose, near)
+        self.robot.place(pose, near)
         if clock is not None:
-            self.box.now = self.box.robot_time
-            self.box.boot, self.until = self.box.now - clock, clock
+            self.robot.now = self.robot.robot_time
+            self.robot.boot, self.until = self.robot.now - clock, clock
             self.plant_heard = time.monotonic()
         if self.awaiting_plant:
             self.awaiting_plant = False
@@ -136,10 +136,10 @@ class Server:
         while self.running:
             now = time.monotonic()
             if now >= deadline:
-                self.box.recorder.tick(now - deadline)
+                self.robot.recorder.tick(now - deadline)
                 goes_on = self._may_go_on(deadline)
                 if not goes_on:
-                    self.box.held_back += PERIOD
+                    self.robot.held_back += PERIOD
                 if goes_on or deadline - last >= REPEAT:
                     self._cycle(deadline, goes_on)
                     last = deadline
@@ -153,10 +153,9 @@ class Server:
 
     def _may_go_on(self, now: float) -> bool:
         """Whether the plant lets the robot do the cycle that is due at wall time `now` [s]."""
-        box = self.box
-        return (
-            self.until is None or box.boot is None or now - self.box.held_back - box.boot <= self.until + 0.5 * PERIOD
-        )
+        if self.until is None or self.robot.boot is None:
+            return True
+        return now - self.robot.held_back - self.robot.boot <= self.until + 0.5 * PERIOD
 
     def _cycle(self, now: float, goes_on: bool) -> None:
         if self.network.freeze:
@@ -168,9 +167,9 @@ class Server:
         if now - self.plant_heard > (PLANT_TIMEOUT if self.until is None else PACER_TIMEOUT):
             self._forget_plant()
         if goes_on:
-            self.box.tick(now - self.box.held_back)
+            self.robot.tick(now - self.robot.held_back)
         else:
-            self.box.publish()
+            self.robot.publish()
         self._tell_plant()
         if now >= max(self.network.silent_until, self.network.mute_until):
             paused = now < max(self.network.outputs_paused_until, self.network.no_data_until)
@@ -180,14 +179,14 @@ class Server:
 
     def _forget_plant(self) -> None:
         if self.plant is not None:
-            self.box.set_wrench((0.0,) * 6)
+            self.robot.set_wrench((0.0,) * 6)
         self.plant = self.until = None
 
     def _tell_plant(self) -> None:
         if self.plant is None:
             return
-        arm = self.box.arm
-        state = {"time": self.box.clock, "q": arm.q, "qd": arm.qd, "X_WE": arm.X_WE.tolist()}
+        arm = self.robot.arm
+        state = {"time": self.robot.clock, "q": arm.q, "qd": arm.qd, "X_WE": arm.X_WE.tolist()}
         try:
             self._udp.sendto(json.dumps(state).encode(), self.plant)
         except OSError:
@@ -213,7 +212,7 @@ class Server:
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.channels.append(self.listeners[listener](connection, self.box, self.network))
+        self.channels.append(self.listeners[listener](connection, self.robot, self.network))
 
     def _hear_plant(self) -> None:
         try:
@@ -222,10 +221,10 @@ class Server:
                 message = json.loads(data)
                 self.plant, self.plant_heard = address, time.monotonic()
                 if "wrench" in message:
-                    self.box.set_wrench(message["wrench"])
+                    self.robot.set_wrench(message["wrench"])
                 if "until" in message:
                     self.until = float(message["until"])
         except BlockingIOError:
             return
         except (ValueError, TypeError, SeedError) as error:
-            self.box.faults.messages = [*self.box.faults.messages[-19:], f"plant: {error}"]
+            self.robot.faults.messages.append(f"plant: {error}")

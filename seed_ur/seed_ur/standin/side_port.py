@@ -29,8 +29,8 @@ class SideChannel(Channel):
 
     name, outside = "side", True
 
-    def __init__(self, server: Server, connection: socket.socket, box: Controller, network: Network) -> None:
-        super().__init__(connection, box, network)
+    def __init__(self, server: Server, connection: socket.socket, robot: Controller, network: Network) -> None:
+        super().__init__(connection, robot, network)
         self.server = server
 
     def received(self) -> None:
@@ -85,17 +85,17 @@ def _switch(server: Server, request: Request) -> None:
     name = str(request.get("name"))
     if name not in ("stuck_ready", "refuse_unlock", "refuse_script"):
         raise ValueError(f"name = {name!r} must be stuck_ready, refuse_unlock or refuse_script")
-    setattr(server.box.faults, name, bool(request.get("on", True)))
+    setattr(server.robot.faults, name, bool(request.get("on", True)))
 
 
 def _option(server: Server, request: Request) -> None:
-    options, name, value = server.box.options, str(request.get("name")), request.get("value")
+    options, name, value = server.robot.options, str(request.get("name")), request.get("value")
     if name == "program_on_stop" and value in ("paused", "stopped", "playing"):
         options.program_on_stop = str(value)
     elif name == "remote_control":
         options.remote_control = bool(value)
     elif name == "speed_scaling":
-        server.box.arm.scaling = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
+        server.robot.arm.scaling = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
@@ -105,41 +105,41 @@ def _option(server: Server, request: Request) -> None:
 
 def _wall(server: Server, request: Request) -> None:
     off = request.get("z") is None
-    server.box.faults.wall = None if off else (float(request["z"]), float(request.get("stiffness", 2000.0)))
+    server.robot.faults.wall = None if off else (float(request["z"]), float(request.get("stiffness", 2000.0)))
 
 
 def _state(server: Server, _: Request) -> dict[str, Any]:
-    box = server.box
+    robot = server.robot
     return {
-        "time": box.robot_time,
-        "tcp_pose": box.arm.tcp_pose(),
-        "q": box.arm.q,
-        "robot_mode": box.robot_mode,
-        "safety_mode": box.safety_mode,
-        "runtime_state": box.runtime_state,
-        "program": box.program.name if box.program else None,
-        "command": box.in_int[box.offset],
-        "freedrive": box.freedrive,
-        "wrench": box.wrench_W(),
-        "payload": box.payload,
-        "speed_scaling": box.arm.scaling,
+        "time": robot.robot_time,
+        "tcp_pose": robot.arm.tcp_pose(),
+        "q": robot.arm.q,
+        "robot_mode": robot.robot_mode,
+        "safety_mode": robot.safety_mode,
+        "runtime_state": robot.runtime_state,
+        "program": robot.program.name if robot.program else None,
+        "command": robot.in_int[robot.offset],
+        "freedrive": robot.freedrive,
+        "wrench": robot.wrench_W(),
+        "payload": robot.payload,
+        "speed_scaling": robot.arm.scaling,
         "clients": Counter(channel.name for channel in server.channels),
-        "messages": box.faults.messages,
+        "messages": list(robot.faults.messages),
     }
 
 
 def _stale_command(server: Server, _: Request) -> None:
     """As a client leaves it that dies before it can write 0."""
-    server.box.in_int[server.box.offset] = SERVO_L
+    server.robot.in_int[server.robot.offset] = SERVO_L
 
 
 ACTIONS: dict[str, Action] = {
     "state": _state,
-    "stats": lambda server, _: server.box.recorder.report(),
-    "motion": lambda server, request: {"motion": server.box.recorder.motion(float(request.get("since", 0.0)))},
-    "servo_times": lambda server, _: {"times": list(server.box.recorder.servo_times)},
-    "targets": lambda server, _: {"targets": [list(t) for t in server.box.recorder.targets]},
-    "reset_stats": lambda server, _: server.box.recorder.reset(),
+    "stats": lambda server, _: server.robot.recorder.report(),
+    "motion": lambda server, request: {"motion": server.robot.recorder.motion(float(request.get("since", 0.0)))},
+    "servo_times": lambda server, _: {"times": list(server.robot.recorder.servo_times)},
+    "targets": lambda server, _: {"targets": [list(t) for t in server.robot.recorder.targets]},
+    "reset_stats": lambda server, _: server.robot.recorder.reset(),
     "kill": lambda *_: os._exit(1),  # as if the controller lost its power
     "freeze": _of_seconds("freeze"),
     "silence": _for_seconds("silent_until"),
@@ -151,14 +151,14 @@ ACTIONS: dict[str, Action] = {
     "refuse": lambda server, request: server.refuse(_seconds(request)),
     "slow": _of_seconds("delay"),
     "drop": _drop,
-    "protective_stop": lambda server, _: server.box.protective_stop(),
-    "emergency_stop": lambda server, _: server.box.emergency_stop(),
-    "release_emergency_stop": lambda server, _: server.box.release_emergency_stop(),
-    "pendant_stop": lambda server, _: server.box.stop_program(),
+    "protective_stop": lambda server, _: server.robot.protective_stop(),
+    "emergency_stop": lambda server, _: server.robot.emergency_stop(),
+    "release_emergency_stop": lambda server, _: server.robot.release_emergency_stop(),
+    "pendant_stop": lambda server, _: server.robot.stop_program(),
     "stale_command": _stale_command,
     "switch": _switch,
     "option": _option,
     "wall": _wall,
     "place": lambda server, request: server.place(request["pose"], request["near"], request.get("clock")),
-    "wrench": lambda server, request: server.box.set_wrench(request["wrench"]),
+    "wrench": lambda server, request: server.robot.set_wrench(request["wrench"]),
 }
