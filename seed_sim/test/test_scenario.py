@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: what is shipped loads, what is wrong is refused with file, line and bound."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError
 from seed_sim.plant.table import draw_surface
-from seed_sim.scenario import COLUMNS, Scenario, load_scenario, shipped_scenarios
+from seed_sim.scenario import COLUMNS, SHIPPED, Scenario, load_scenario, scenario_file, shipped_scenarios
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
@@ -31,6 +33,21 @@ def test_nominal_is_the_default():
         default.table,
         default.measurement,
     )
+
+
+def test_folders_are_searched_in_order_and_a_file_needs_none():
+    validate, evaluate = ("seed_testing", "config/validate"), SHIPPED
+    assert scenario_file("slip20", validate, evaluate) != scenario_file("slip20", evaluate, validate)  # both have one
+    assert scenario_file("nominal", validate, evaluate) == scenario_file("nominal", evaluate)
+    assert scenario_file("nominal", validate) is None
+    assert scenario_file("mine.yaml") == Path("mine.yaml")
+    assert load_scenario("nominal", validate, evaluate) == load_scenario("nominal")
+
+
+def test_the_public_face_waits_with_drake_until_a_plant_is_made():
+    words = "import sys, seed_sim; print(callable(seed_sim.evaluate), 'pydrake' in sys.modules, 'rclpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False", "False"]
 
 
 def test_unknown_name_lists_what_there_is():
