@@ -21,7 +21,7 @@ COMMANDS = (
     Command("demo", "seed_bringup.commands.demo", "the simulated squeegee task, live, with a report"),
     Command("test", DEVELOPERS, "every test; further arguments go to pytest", "test"),
     Command("evaluate", "seed_sim.closed_loop.command", "a task in closed loop without ROS, scored"),
-    Command("validate", "seed_testing.validate", "the estimators and maps against ground truth"),
+    Command("validate", "seed_testing.validation.command", "the estimators and maps against ground truth"),
     Command("recordings", "seed_testing.recordings.command", "the estimator against recorded images"),
     Command("calibrate", "seed_estimation.calibration.calibrate", "range and pose of the cameras"),
     Command("identify", "seed_bringup.identify", "the stiffness of a grasp, from data"),

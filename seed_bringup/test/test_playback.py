@@ -31,7 +31,7 @@ from seed_ros.images.arrays import image_message
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_sim import tactile
-from seed_testing import validate
+from seed_testing.validation import command as validate
 
 pytestmark = pytest.mark.ros
 

@@ -17,7 +17,7 @@ from seed_core.spatial import pose_from_rpy, so3_exp
 from seed_sim.scenario import load_scenario, shipped_scenarios, tactile_of
 from seed_sim.tactile import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
-from seed_testing import validate
+from seed_testing.validation import command as validate
 from seed_testing.validation import run, slip
 from seed_testing.validation.scores import AXES, NAMED, Series, components, errors, scores
 

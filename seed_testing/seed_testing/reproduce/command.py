@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from seed_core.command_line import Help, command, results_folder, seed_number
+from seed_testing.reproduce import fig4, fig6, fig7
 
 
 @command("seed reproduce")
@@ -17,16 +18,10 @@ def main(argv: list[str]) -> int:
     folder = args.out or results_folder() / args.figure
     folder.mkdir(parents=True, exist_ok=True)
     if args.figure == "fig4":
-        from seed_testing.validate import figure4
-
-        text, files = "Fig. 4: relative pose, truth and estimates", figure4(folder, args.seed)
+        text, files = fig4.reproduce(folder, args.seed)
     elif args.figure == "fig6":
-        from seed_testing.reproduce import fig6
-
         text, files = fig6.reproduce(folder, args.seed, args.force)
     else:
-        from seed_testing.reproduce import fig7
-
         text, files = fig7.reproduce(folder, args.seed, args.text)
     print(text)
     print("\nwritten: " + ", ".join(str(f) for f in files))

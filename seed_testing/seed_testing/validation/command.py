@@ -22,8 +22,6 @@ from seed_testing.validation import run, slip
 from seed_testing.validation.figure import draw
 from seed_testing.validation.scores import NAMED, scores
 
-METHODS = ("published", "rigid_fit")
-
 
 @command("seed validate")
 def main(argv: list[str]) -> int:
@@ -32,24 +30,13 @@ def main(argv: list[str]) -> int:
     return int(options.run(options))
 
 
-def figure4(out_dir: str | Path, seed: int = 1000) -> list[Path]:
-    """The paper's Fig. 4 for both methods: truth and estimate of six axes, a long cylinder. Returns the files."""
-    folder = Path(out_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    scenario = load_scenario("long_cylinder", *run.FOLDERS)
-    both = {method: run.run(scenario, method, seed, Progress(method)) for method in METHODS}
-    summary = {method: scores(series) for method, series in both.items()}
-    (folder / "fig4.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    return [draw(both, folder / "fig4.png", "long cylinder along z"), folder / "fig4.json"]
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
     commands = parser.add_subparsers(required=True, metavar="estimator|slip")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
-    one.add_argument("--method", choices=METHODS, default="rigid_fit", help="which estimator")
+    one.add_argument("--method", choices=run.METHODS, default="rigid_fit", help="which estimator")
     one.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
     )
