@@ -24,6 +24,7 @@ import numpy as np
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
+from seed_core.vector3 import Vector3
 
 Model = Literal["midpoint", "plain"]
 MODELS = ("midpoint", "plain")
@@ -39,8 +40,8 @@ class BushingError(SeedError):
 class Stiffness:
     """Diagonal, positive stiffness of the grasp: Assumption 2 of the paper, checked here."""
 
-    rotation: tuple[float, float, float] = field(unit="N m/rad", doc="about the gimbal's roll, pitch and yaw axes")
-    translation: tuple[float, float, float] = field(unit="N/m", doc="along x, y and z")
+    rotation: Vector3 = field(unit="N m/rad", doc="about the gimbal's roll, pitch and yaw axes")
+    translation: Vector3 = field(unit="N/m", doc="along x, y and z")
 
     def __post_init__(self) -> None:
         for name, unit in (("rotation", "N m/rad"), ("translation", "N/m")):

@@ -15,6 +15,7 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
+from seed_core.vector3 import Vector3
 from seed_ur.models import ALPHA, URModel, model
 
 _COS_ALPHA = tuple(float(round(cos(t))) for t in ALPHA)  # exactly 0 and +-1
@@ -63,7 +64,7 @@ class URKinematics:
             )
         )
 
-    def _next(self, i: int, q: float, x: _V, y: _V, z: _V, p: _V) -> tuple[_V, _V, _V, _V]:
+    def _next(self, i: int, q: float, x: Vector3, y: Vector3, z: Vector3, p: Vector3) -> tuple[Vector3, ...]:
         """Axes and origin after A_i = Rz(q) Tz(d) Tx(a) Rx(alpha)."""
         c, s = cos(q), sin(q)
         ca, sa, a, d = _COS_ALPHA[i], _SIN_ALPHA[i], self.model.a[i], self.model.d[i]
@@ -109,7 +110,7 @@ class URKinematics:
                 out.extend(self._arm(X_WE, q1, -bend, atan2(ey, -ex)))
         return [tuple(_wrap(t) for t in q) for q in out]
 
-    def _shoulders(self, X_WE: Array) -> list[tuple[float, _V]]:
+    def _shoulders(self, X_WE: Array) -> list[tuple[float, Vector3]]:
         """Both angles q1, none inside the cylinder around the base axis, each with the axis of joints 2 to 4 in E.
 
         That axis is (s5 c6, -s5 s6, c5).
@@ -121,7 +122,7 @@ class URKinematics:
         if radius < d4:
             return []
         middle, side = atan2(wy, wx) + pi / 2, acos(d4 / radius)
-        out: list[tuple[float, _V]] = []
+        out: list[tuple[float, Vector3]] = []
         for q1 in (middle + side, middle - side):
             s1, c1 = sin(q1), cos(q1)
             out.append((q1, (s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * zx - c1 * zy)))
@@ -141,7 +142,7 @@ class URKinematics:
         phi = atan2(z4, c1 * x4 + s1 * y4)
         return [(q1, *planar, q5, q6) for planar in self._planar(u, v, phi)]
 
-    def _planar(self, u: float, v: float, phi: float) -> list[tuple[float, float, float]]:
+    def _planar(self, u: float, v: float, phi: float) -> list[Vector3]:
         """q2, q3, q4 that put the wrist at (u, v) [m] in the arm's plane with q2 + q3 + q4 = phi."""
         a2, a3 = self.model.a[1], self.model.a[2]
         c3 = (u * u + v * v - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
@@ -192,9 +193,6 @@ class URKinematics:
                 return None
             out.append(turned)
         return out
-
-
-_V = tuple[float, float, float]
 
 
 def _wrap(angle: float) -> float:

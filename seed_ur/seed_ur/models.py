@@ -14,6 +14,7 @@ from math import pi, radians
 from types import MappingProxyType
 
 from seed_core.errors import SeedError
+from seed_core.vector3 import Vector3
 
 Vector6 = tuple[float, float, float, float, float, float]
 
@@ -46,7 +47,7 @@ class URModel:
     speed: Vector6  # largest joint speed [rad/s]
     torque: Vector6  # largest joint torque [N m]
     mass: Vector6  # of the six moving links [kg]
-    com: tuple[tuple[float, float, float], ...]  # (6, 3) centres of mass, each in its link's DH frame [m]
+    com: tuple[Vector3, ...]  # (6, 3) centres of mass, each in its link's DH frame [m]
     range: float = 2 * pi  # every joint turns within +- this [rad]
 
 

@@ -10,12 +10,14 @@ from itertools import pairwise
 from math import hypot
 from typing import Any, NamedTuple
 
+from seed_core.vector3 import Vector3
+
 
 class Sample(NamedTuple):
     """The arm at one cycle."""
 
     time: float  # [s] host's monotonic clock
-    position: tuple[float, float, float]  # of the TCP in W [m]
+    position: Vector3  # of the TCP in W [m]
     speed: float  # of the TCP [m/s]
     turning: float  # of the TCP [rad/s]
 
