@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The subcommands of ./seed and where each lives; standard library only, for it is read before any set-up."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

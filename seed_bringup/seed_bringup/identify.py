@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed identify: the stiffness of a grasp, from a simulated run or from recorded data."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

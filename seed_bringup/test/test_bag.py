@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags round trip: recorded by one process, read by rosbags, played by another to a late joiner."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-up behind ./seed, on folders made for the purpose; the real thing runs before every test."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

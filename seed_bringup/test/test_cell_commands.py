@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands of the README's walk on hardware, on a simulated cell."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

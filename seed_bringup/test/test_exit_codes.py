@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One rule for every command: 2 when it is used wrongly, with one line that says how."""
 
-from __future__ import annotations
-
 import shlex
 import signal
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: all that they may say, and the refusals of everything else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launcher with real processes: nothing survives it, and nothing dies in silence."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag of rendered images, played into a fresh estimator, gives the poses that the bag's own truth says."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

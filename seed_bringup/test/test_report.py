@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a run opens without a network and says what the numbers say."""
 
-from __future__ import annotations
-
 import multiprocessing
 import re
 import signal

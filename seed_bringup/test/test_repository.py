@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rules that hold for the whole repository; they need its checkout."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

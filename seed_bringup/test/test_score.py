@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live run is scored as the evaluation scores one: the same axes, in the same frame."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,8 +7,6 @@ Masses and centres of mass are UR's; inertias are those of uniform cylinders alo
 Every function gives a piece of URDF as text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import cos, hypot, pi, sin
 from pathlib import Path

@@ -5,8 +5,6 @@ A process of its own because ur_rtde may hold the GIL, hang or crash (docs/drive
 is dead, before ur_rtde tries to reconnect; the node sees the end, reports it and starts a new one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

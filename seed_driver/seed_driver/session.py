@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot, the link to it and our program on it: its states judged, and what may be asked of it when."""
 
-from __future__ import annotations
-
 import time
 from math import dist
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guard of an arm that does not keep the contract itself: target checks, limiter and latched hold before it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.arm.hold import HoldLatch

@@ -10,8 +10,6 @@ Images pass checks, contact patches, fit, covariance and report, in this order: 
 there: the estimate is then not valid, and says why.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every number that the estimator can be told: one declaration for files, command lines and ROS parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field

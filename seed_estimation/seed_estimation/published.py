@@ -12,8 +12,6 @@ move, and yaw lags behind. The paper's formulas, as derived again:
 A rigid turn by phi about the optical axis has a curl of 2 sin(phi), and the two axes point along -y_C and +y_C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import cos, sin
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report of a frame: pose with honest covariance, axes observed, reasons, and a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import cv2

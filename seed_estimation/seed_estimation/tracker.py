@@ -5,8 +5,6 @@ A frame is locked when the motion explains enough of the image of every finger t
 depth contradicts it. Where the first fit is not, others are tried before the track is lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tool that breaks loose raises the alarm at once; whatever else befalls a tool that sticks does not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to core values and back. Quaternions are x, y, z, w and covariances translation-first on this edge only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

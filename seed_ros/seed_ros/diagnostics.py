@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node's own health: events counted by cause, and a status on /diagnostics once a second."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of the frames, the same parameters in every node."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.config import field

@@ -7,8 +7,6 @@ timers) is spun a few times between. With use_sim_time the periods are those of 
 does the loop.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

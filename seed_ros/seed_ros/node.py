@@ -5,8 +5,6 @@ A node reads from top to bottom: parameters, outputs, inputs, services, then wha
 Mathematics is in the cores, which know nothing of ROS.
 """
 
-from __future__ import annotations
-
 import gc
 import inspect
 import os

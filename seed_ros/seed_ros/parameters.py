@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters from one typed dataclass: declared, described, bounded and checked by the core's own rules."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import math

@@ -10,8 +10,6 @@ a third of a core at 250 Hz in and out | the executor takes them |
 unknown names are not refused |
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real nodes in one test process: each node's loop turned by hand, together with a client node."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

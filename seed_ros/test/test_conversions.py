@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to core values and back: round trips, orders of storage, and refusals with words."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A loop by a simulated clock: it keeps the clock's periods, and stands still where the clock does."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base of the nodes: services answer in words, refusals are counted, and a node ends quietly."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

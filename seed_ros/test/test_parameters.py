@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters follow the dataclass: names, defaults, bounds, live changes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The private names of rclpy are there in this release; where they are not, the loop does without them."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

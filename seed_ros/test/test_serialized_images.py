@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images read from and written to their serialized form are those that the middleware's own functions give."""
 
-from __future__ import annotations
-
 import contextlib
 import struct
 

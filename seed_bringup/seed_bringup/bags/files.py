@@ -4,8 +4,6 @@
 Needs no ROS but the definitions of the message types that are written.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from datetime import UTC, datetime

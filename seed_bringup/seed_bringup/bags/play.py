@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag: the recorded bytes, at their times, with the recorded quality of service."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quality of service between rclpy and bags."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from rclpy.duration import Duration

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records topics, those that appear later too, until told to stop."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording in a process of its own, so that it does not disturb who starts it."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -5,8 +5,6 @@ Not those that rosbags carries of each ROS 2 release: a bag may hold messages of
 those of what is installed.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 from collections.abc import Iterator

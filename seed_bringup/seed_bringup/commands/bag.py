@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed bag record|play|info: MCAP bags that `ros2 bag`, rosbags and Foxglove read."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

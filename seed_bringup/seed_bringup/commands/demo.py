@@ -5,8 +5,6 @@ Every process of the real graph runs: simulation, cameras, estimator, controller
 only if the force was held: at most 0.5 N and 0.08 N m rms against the simulation's own contact forces.
 """
 
-from __future__ import annotations
-
 import argparse
 import signal
 import time

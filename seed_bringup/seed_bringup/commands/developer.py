@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed test, lint, shell and build: what developers run inside the environment."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dispatcher behind ./seed, once the environment stands (also `ros2 run seed_bringup seed`)."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

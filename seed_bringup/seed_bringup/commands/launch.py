@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed launch FILE [name:=value ...]: by `ros2 launch` where it exists, else by our launcher."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed play: a task on a running cell, also where there is no `ros2` command."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of a run as SVG text, drawn with Matplotlib."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Mapping

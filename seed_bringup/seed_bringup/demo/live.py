@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live part of the demo: the cell runs, the task is played, and all of it is recorded."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from pathlib import Path

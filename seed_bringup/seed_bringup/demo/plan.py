@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a demo: its options and all that they name, checked before anything starts."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import dataclass
 from datetime import datetime

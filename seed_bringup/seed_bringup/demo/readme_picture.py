@@ -4,8 +4,6 @@
 python -m seed_bringup.demo.readme_picture docs/images/demo.svg
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

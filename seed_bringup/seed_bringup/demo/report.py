@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """report.html, one file that opens without a network, and the scores as a table for the terminal."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

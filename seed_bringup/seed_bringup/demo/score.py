@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live run from its bag, recorded as the headless evaluation records one, so that one rule scores both."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

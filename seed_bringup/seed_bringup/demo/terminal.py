@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of the demo and of ./seed play on the terminal."""
 
-from __future__ import annotations
-
 import sys
 
 WIDTH = 24  # characters of the bar

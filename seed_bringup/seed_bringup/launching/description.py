@@ -4,8 +4,6 @@
 Scoping is that of `ros2 launch`: a <group> keeps what is set inside to itself, an <include> does not.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 from dataclasses import dataclass, field

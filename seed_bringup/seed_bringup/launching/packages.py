@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds installed packages, their executables and their launch files along AMENT_PREFIX_PATH."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

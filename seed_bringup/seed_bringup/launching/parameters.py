@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """<param> of a launch file: a file of parameters, or a name with a typed value."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One running node: its command line, its process group, its output marked with its name."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import tempfile

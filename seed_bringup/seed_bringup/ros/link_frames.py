@@ -5,8 +5,6 @@ What robot_state_publisher does, for machines that do not have it, without the f
 publish themselves: `tool0` stays a child of `base`, and what hangs on it stays where they put it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a running cell: prepare it, play a task, look at the fingers."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@
 The file is the YAML that ur_calibration writes (`kinematics: shoulder: {x, y, ...}`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import hypot, isfinite
 from pathlib import Path

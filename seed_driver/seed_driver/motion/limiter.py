@@ -11,8 +11,6 @@ The controller has a limiter of its own (seed_control.command.limiter), before t
 that the task wants, smoothly and with its lag known; this one guards the robot against whatever arrives here.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from math import ceil, sqrt
 

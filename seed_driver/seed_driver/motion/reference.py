@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference: a path through the targets, which may come at any rate."""
 
-from __future__ import annotations
-
 from seed_core.quaternion import Quaternion, turn_between, turned
 from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled
 

@@ -4,8 +4,6 @@
 Knows neither robot nor node; `take_target` and `step` are called once per servo cycle.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from seed_core.arm.hold import HoldLatch

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Times of the servo cycles: the deadlines to keep, and the distribution of the periods that came of it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 CLOSEST = 0.85  # [periods] from a command to the cycle of the next

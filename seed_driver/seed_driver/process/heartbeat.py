@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The signs of life of the servo process: work while it starts, and its heartbeat from then on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

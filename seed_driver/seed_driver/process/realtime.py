@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scheduling of the servo process, as far as the system allows it; its timing is measured, whether or not it does."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -4,8 +4,6 @@
 Nothing here blocks or sleeps: `step` is called often (100 Hz or more) with the time.
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

@@ -4,8 +4,6 @@
 Every call of ur_rtde may block; the node watches the heartbeat and kills the process if so.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

@@ -4,8 +4,6 @@
 ur_rtde's return values say nothing about the link (a dead one accepts commands for ever), so they are not used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.errors import FailedError

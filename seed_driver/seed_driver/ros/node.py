@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver's ROS node: a lifecycle node that wires topics, services and parameters to the servo process."""
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the driver publishes: poses, wrench, joints, state words, TF and diagnostics, from one state at a time."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

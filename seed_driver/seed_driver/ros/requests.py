@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver's services: each waits for the servo process, or for the controller's dashboard, and blocks nothing."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import ThreadPoolExecutor

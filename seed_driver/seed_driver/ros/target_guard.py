@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`target_guard`: sits between the controller and an arm that obeys everything (docs/arm_contract.md)."""
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Any

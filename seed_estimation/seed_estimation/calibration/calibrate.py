@@ -11,8 +11,6 @@ Range: the membrane's shape at rest is known, so known - measured depth is the c
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

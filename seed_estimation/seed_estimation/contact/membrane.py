@@ -5,8 +5,6 @@ Real depth images have holes, and values metres away beside the membrane. So onl
 within range and steady while the reference is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

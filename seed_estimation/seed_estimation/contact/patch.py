@@ -4,8 +4,6 @@
 Differences that no membrane can make are dropped: broken pixels have no place of their own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

@@ -6,8 +6,6 @@ membrane lies on the tool only where the tool's surface falls away from the memb
 |grad imprint| < imprint / decay. Beyond, it hangs free as a skirt, which does not move with the tool.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

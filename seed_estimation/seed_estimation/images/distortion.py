@@ -6,8 +6,6 @@ With r2 = x^2 + y^2 and c = 1 + k1 r2 + k2 r2^2 + k3 r2^3, and coefficients D = 
     B(x, y) = (x c + 2 p1 x y + p2 (r2 + 2 x^2), y c + p1 (r2 + 2 y^2) + 2 p2 x y)
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.spatial import Array

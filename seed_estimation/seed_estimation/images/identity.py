@@ -6,8 +6,6 @@ normalised, are saved; an image is compared with its own, with its own turned by
 Names of optical frames and the cameras' intrinsics tell left from right as well, where they differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple

@@ -4,8 +4,6 @@
 N = (L - mean(L)) / (deviation(L) + floor) with L = log(I + offset), slightly blurred; mean and deviation are local.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

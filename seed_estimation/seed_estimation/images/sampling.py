@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One finger's images of one time, cropped around the tool and prepared for sampling at moving points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

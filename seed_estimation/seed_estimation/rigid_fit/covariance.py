@@ -9,8 +9,6 @@ tell a variance roughly only: with H = L L^T, the average is of L^-1 (sum of g_c
 one camera sees less.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.spatial import Array, so3_log

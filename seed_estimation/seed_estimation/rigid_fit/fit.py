@@ -6,8 +6,6 @@ may follow only a share 1 - slip of the motion across the camera's axis (micro-s
 does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

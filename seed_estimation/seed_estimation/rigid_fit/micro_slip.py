@@ -10,8 +10,6 @@ must not jump.
 Gross slip, where the membrane lets go altogether, is in `slip/gross.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

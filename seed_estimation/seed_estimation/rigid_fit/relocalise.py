@@ -5,8 +5,6 @@ The image of the grasp, turned in its plane, is correlated with the new one at h
 patch is found, depth gives a point; two points and the turn make a pose of all six axes, good enough to start a fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 

@@ -5,8 +5,6 @@ Weights are Cauchy's. Neighbouring residuals are not independent, so the informa
 itself; `scatter` says how far parts of the patch contradict each other, which is what covariance is made of.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg.lapack import dposv
 

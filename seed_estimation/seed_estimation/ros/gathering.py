@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images gathered for a service that waits for them: those of a no-contact reference, or of a new grasp."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The image streams of the fingers: subscriptions, pairing by stamp, calibration, conversion."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

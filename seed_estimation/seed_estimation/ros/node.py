@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator's ROS node: images in, pose of the tool in the grasp out."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any

@@ -14,8 +14,6 @@ A tool that is set free lets the membrane spring back, too. But then the load is
 patch: it is one body again, without incipient slip, and as much of its image is explained as usual.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -9,8 +9,6 @@ the tool slides; a tool that is set free takes it back. Unlike the displacement 
 apart.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

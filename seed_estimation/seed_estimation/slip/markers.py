@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The markers (printed dots) of one finger, followed without depth: they show where the membrane is."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Image and CameraInfo messages to arrays and back, for the encodings that depth and infrared cameras use."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Mapping
 from typing import Any, TypeAlias

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A finger's camera: topics of its streams, calibration from and to what cores know, a publisher for one of our own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

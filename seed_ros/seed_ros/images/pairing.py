@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Approximate time synchronisation of several streams: real pairs by stamp, never the latest of each."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Generic, TypeVar

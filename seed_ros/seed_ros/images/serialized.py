@@ -6,8 +6,6 @@ is the Common Data Representation (CDR) of the OMG, version 1: four bytes that t
 fields in sequence, each aligned to its own size; strings and sequences begin with their length.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Any, NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The faults that the driver is tested with: what is done to it, how it is undone, how soon it must be reported."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -7,8 +7,6 @@ A sequence is one to four faults with random pauses, some striking while another
 driver. Prints a line per sequence and a JSON summary; exit code 1 when any failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

@@ -5,8 +5,6 @@ The recorded press is turned into a bag and goes through the real estimator node
 images are turned and shifted by known amounts and followed. Exit code 0 only if all is within its bounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -5,8 +5,6 @@ A recorded image is turned and shifted by a B-spline warp (cubic convolution wou
 piece of membrane in contact as depth, and followed by the whole estimator with one finger.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from math import cos, radians, sin

@@ -6,8 +6,6 @@
 The recording itself stays where it is: only the bag, which nobody should commit, is written.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path
