@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run as they stand, with the cores alone, and stay short enough to be read."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,14 @@ def test_an_example_runs_without_ros(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert PRINTS[name] in done.stdout
     assert [f.name for f in tmp_path.iterdir()] == (["closed_loop.png"] if name == "closed_loop" else [])
+
+
+def test_the_readme_s_python_runs(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "README.md").read_text(), re.DOTALL)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["[", "0.", "0.", "10.]"]
 
 
 def test_examples_are_listed_short_and_explained() -> None:
