@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What proves the suite, outside of what users run."""
+"""Instruments that prove the suite: benchmarks, fault bench, arm contract, validation, recordings; users run none."""

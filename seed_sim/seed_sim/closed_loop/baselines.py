@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_control.state import ControllerState, Counters
+from seed_control.state import ControllerState
 from seed_control.tasks import Task
 from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, inverse_pose, so3_exp
@@ -35,25 +35,8 @@ class BaselineSteering:
 
     def sense(self, t: float) -> ControllerState:
         self.plant.advance(t)
-        return ControllerState(
-            stamp=t,
-            mode="contact",
-            enabled=True,
-            setpoint_kind="hybrid",
-            desired=None,
-            estimated=None,
-            filtered=None,
-            desired_X_TC=None,
-            measured_X_CT=None,
-            X_W_tip=self._tip(),
-            R_W_task=np.eye(3),
-            limits_hit=(),
-            reason="",
-            in_contact=True,
-            settled=self._settled_steps > 50,
-            image_age=0.0,
-            counters=Counters(),
-        )
+        settled = self._settled_steps > 50
+        return ControllerState(t, "contact", True, X_W_tip=self._tip(), in_contact=True, settled=settled)
 
     def steer(self, t: float, setpoint: HybridSetpoint | None) -> str:
         del t

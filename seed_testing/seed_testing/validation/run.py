@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 
@@ -13,6 +11,7 @@ from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileRenderer
 from seed_sim.scenario import SHIPPED, Scenario, tactile_of
 from seed_sim.tactile.trajectory import poses
+from seed_testing.progress import Progress
 from seed_testing.validation.calibrate import calibration
 from seed_testing.validation.scores import Series
 
@@ -21,7 +20,6 @@ VALIDATE = ("seed_testing", "config/validate")
 FOLDERS = (VALIDATE, SHIPPED)  # of the scenarios that `./seed validate` knows by name
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
-Progress = Callable[[float], None]
 
 
 def run(scenario: Scenario, method: str, seed: int, progress: Progress | None = None) -> Series:

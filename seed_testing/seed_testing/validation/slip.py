@@ -19,7 +19,8 @@ from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
-from seed_testing.validation.run import Progress, estimator_for
+from seed_testing.progress import Progress
+from seed_testing.validation.run import estimator_for
 
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
 _AFTER = 0.25  # [s] of images after the onset
