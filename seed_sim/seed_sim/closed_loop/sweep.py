@@ -76,24 +76,20 @@ def summary(values: list[float]) -> dict[str, float]:
 
 def plot(result: dict[str, Any], path: Path) -> None:
     """Force error and lean of every run of a sweep, by column."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure = Figure(figsize=(10, 4), layout="constrained")
     drawn = (("force_z", "rmse", "force error, RMSE [N]"), ("lean_deg", "max", "largest lean [deg]"))
-    for axis, (key, sub, label) in zip(axes, drawn, strict=True):
+    for axis, (key, sub, label) in zip(figure.subplots(1, 2), drawn, strict=True):
         for i, column in enumerate(result["columns"].values()):
             values = [r[key][sub] for r in column["runs"] if key in r]
             axis.plot([i] * len(values), values, "o", alpha=0.5)
             axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-", label="mean" if i == 0 else None)
         axis.set_xticks(range(len(result["columns"])), list(result["columns"]), rotation=20)
-        axis.set_ylabel(label)
+        axis.set(ylabel=label)
         axis.set_ylim(bottom=0)
         axis.grid(axis="y", alpha=0.3)
         axis.legend(fontsize=8)
     how = f"law {result['law']}, poses: {result['estimator']}"
     figure.suptitle(f"{result['task']}, {how}, {len(result['seeds'])} seeds per scenario")
     figure.savefig(path, dpi=130)
-    plt.close(figure)
