@@ -194,9 +194,8 @@ class Controller:
             X_WC = gripper_pose(law.tool.X_WT, asked.X_TC)
             command.turn_to(X_WC[:3, :3])
             return command.towards(as_vector3(X_WC[:3, 3]), dt, self.parameters.approach_speed)
-        assert law.setpoint is not None
         lead = command.lead
-        p_WC = law.reference.target(law.setpoint, dt, lead, lead + t - m.stamp + 0.02)
+        p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02)
         return law.plan.limits + command.towards(p_WC, dt, self.parameters.max_speed)
 
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:

@@ -11,7 +11,7 @@ from math import sqrt
 
 from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
 from seed_core.spatial import Array
-from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled, transformed
+from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled, transformed
 
 
 class VectorLimiter:
@@ -50,10 +50,12 @@ class VectorLimiter:
     def _towards(self, v: Vector3, dt: float) -> Vector3:
         """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds."""
         gain = min(2.0 * self.bandwidth, 1.0 / dt)
-        wanted = capped(scaled(minus(v, self.v), gain), self.acceleration)
-        self.a = plus(self.a, capped(minus(wanted, self.a), self.jerk * dt))
-        self.v = plus_scaled(self.v, dt, self.a)
-        return scaled(self.v, dt)
+        (x, y, z), (ux, uy, uz), (ax, ay, az) = v, self.v, self.a
+        x, y, z = capped(((x - ux) * gain, (y - uy) * gain, (z - uz) * gain), self.acceleration)
+        x, y, z = capped((x - ax, y - ay, z - az), self.jerk * dt)
+        self.a = ax, ay, az = ax + x, ay + y, az + z
+        self.v = ux, uy, uz = ux + ax * dt, uy + ay * dt, uz + az * dt
+        return ux * dt, uy * dt, uz * dt
 
 
 class PoseLimiter:

@@ -91,6 +91,7 @@ class PublishedLaw:
         if not going_on:
             self.reference.undeflected = as_vector3(np.array(p_WC) + self.tool.R_WT @ self.p_Ttip)
             self.contact.reset()
+        self.reference.lead(setpoint.X_W_tip, setpoint.velocity)
         self._solve(setpoint, R_W_task, P, normals)
         self._follow(setpoint)
         self._describe()
@@ -98,6 +99,7 @@ class PublishedLaw:
     def move(self, setpoint: HybridSetpoint) -> None:
         """Follow a set-point that differs from the present one in its place alone."""
         self.setpoint = setpoint
+        self.reference.lead(setpoint.X_W_tip, setpoint.velocity)
 
     def release(self) -> None:
         """Follow nothing until the next `adopt`: all that a set-point has brought goes with it."""

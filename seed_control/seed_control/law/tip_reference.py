@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
-from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_core.vector3 import ZERO, Vector3, dot, minus, plus, plus_scaled
+from seed_core.spatial import Array
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus, plus_scaled
 
 _SLOWEST = 1e-3  # [m/s]
 
@@ -39,7 +39,12 @@ class TipReference:
 
     def __init__(self) -> None:
         self.undeflected = self._to_undeflected = self._lever = ZERO
+        self._tip = self._velocity = ZERO
         self._courses: Sequence[Course] = ()
+
+    def lead(self, X_W_tip: Array, velocity: Array) -> None:
+        """Where the path is now: wanted tip (4, 4), and its velocity (3,) [m/s], in W."""
+        self._tip, self._velocity = as_vector3(X_W_tip[:3, 3]), as_vector3(velocity)
 
     def follow(self, courses: Sequence[Course], lever: Vector3, to_undeflected: Vector3) -> None:
         """What an image settles: a course per force direction, and the grasp.
@@ -50,14 +55,14 @@ class TipReference:
         """
         self._courses, self._lever, self._to_undeflected = courses, lever, to_undeflected
 
-    def target(self, s: HybridSetpoint, dt: float, lead: float, loop_time: float) -> Vector3:
+    def target(self, dt: float, lead: float, loop_time: float) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
 
         Args:
             lead: [s] by which the arm trails its command.
             loop_time: [s] from an image to the arm's answer, which bounds the approach.
         """
-        tip = plus_scaled(s.X_W_tip[:3, 3].tolist(), lead, s.velocity.tolist())
+        tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
         for n, offset, gradient, speed, reach in self._courses:
             now = dot(n, self.undeflected)
