@@ -39,7 +39,7 @@ def hybrid_force_position(force_projector: Array, K: Array, displacement: Array,
         force: wanted force of the spring on the tool (3,) [N]; its part along S is ignored.
     """
     P = force_projector
-    scale = np.trace(K) / 3.0  # makes both kinds of rows of one size
+    scale = float(K[0, 0])  # [N/m], makes both kinds of rows of about one size
     M = np.eye(3) - P + P @ K / scale
     return np.asarray(np.linalg.solve(M, displacement - P @ displacement + P @ force / scale))
 
