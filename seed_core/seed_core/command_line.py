@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base of the suite's command lines: checked arguments, help, exit codes, and the folder of results."""
 
-from __future__ import annotations
-
 import argparse
 import functools
 import json

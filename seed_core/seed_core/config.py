@@ -6,8 +6,6 @@ parameters are all checked against that one declaration. Unknown keys, wrong typ
 are refused; nothing is evaluated or unpickled.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

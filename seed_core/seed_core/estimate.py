@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool's pose in the grasp as an estimator reports it (seed_msgs/RelativePose), and the pause at a new grasp."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from math import inf
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that are installed beside a package's code: configuration, tasks, scenarios."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hand and the tool in it: frames, weight, stiffness of a grasp, and pressure by width of the gripper."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeVar
 

@@ -4,8 +4,6 @@
 For what runs at every step of the controller (250 Hz) and the driver (500 Hz); elsewhere `seed_core.spatial` serves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification's result, stiffness.yaml: the stiffness of one hand with one tool at several grips."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite

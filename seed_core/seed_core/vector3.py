@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Vectors of three as plain tuples: at a few numbers, several times faster than arrays. For what runs at every step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import hypot
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: the simulated cell, its measurement and the controller's belief, in one YAML format."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated time waits for a late stream, and not for ever."""
 
-from __future__ import annotations
-
 from seed_sim.plant.late_stream import LONGEST, LateStream
 
 

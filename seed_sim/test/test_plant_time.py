@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant keeps the wall's time, loses what it cannot make up for, and stands still for late streams."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

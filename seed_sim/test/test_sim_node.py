@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated cell as a real node: it follows good targets, holds on bad ones, and tells the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

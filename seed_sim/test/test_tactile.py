@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered bubbles: geometry against independent sums, and what moves, bulges, lags and slips."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

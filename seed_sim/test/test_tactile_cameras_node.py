@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated cameras by simulated time."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")

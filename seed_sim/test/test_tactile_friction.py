@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stick and slip of the membrane: Coulomb's law at the patch, and the sheet that lets go from the edge inwards."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

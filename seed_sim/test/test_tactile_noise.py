@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered images have the statistics that were measured on recordings of the two cameras."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

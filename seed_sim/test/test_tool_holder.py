@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The holder carries a grasped tool until the arm moves, and gives its weight to the grasp without a swing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weighing the tool in the simulated cell: the motion, the samples and what they say of mass and stiffness."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of an identification, with units and bounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

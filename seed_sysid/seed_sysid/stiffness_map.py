@@ -6,8 +6,6 @@ translation], K xi the generalised forces, and B (6, 6) carries those into a wre
 diagonal K this is seed_core.bushing.Bushing.wrench; a full symmetric K and friction along a coordinate fit in as well.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data of a simulated identification without the motion between the poses and the settling."""
 
-from __future__ import annotations
-
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.session import header

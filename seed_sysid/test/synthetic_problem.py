@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problems of identification whose unknowns are known, made by the bushing of seed_core."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.bushing import Bushing, Stiffness

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The offset between the clocks of cameras and robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification fit on synthetic wrenches: the map, the load model, and what the fit says of its own result."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

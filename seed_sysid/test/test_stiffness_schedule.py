@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stiffness schedule: lines through grips, and trends that are claimed only where the data bear them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

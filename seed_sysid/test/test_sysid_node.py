@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live node against the simulated cell: it resumes, finishes, writes, cancels, and refuses in words."""
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A weight gives the stiffness of the axes that it loads, and says what it cannot give."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -7,8 +7,6 @@ Start the arm first (our driver, the simulated cell, a ros2_control robot with c
 and stand clear: it moves by up to 20 mm. Prints a line per clause and exits with 1 when one is not kept.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clauses of the contract of an arm (docs/arm_contract.md): each moves the arm, and measures if it is kept."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a benchmark: names, which end in their unit, with numbers, words or further figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

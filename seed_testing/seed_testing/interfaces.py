@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interfaces of the nodes as they are: for docs/interfaces.md and for the test that compares the two."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

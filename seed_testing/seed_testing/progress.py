@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A line on stderr while a long run goes on."""
 
-from __future__ import annotations
-
 import sys
 import time
 

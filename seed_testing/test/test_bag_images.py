@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images of a bag are validated as the live estimator sees them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

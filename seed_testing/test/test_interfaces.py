@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/interfaces.md says what the running nodes offer: nothing more, nothing less."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

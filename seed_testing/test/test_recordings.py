@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded press, which no renderer made, through the real estimator node: `./seed recordings`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

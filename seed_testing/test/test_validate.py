@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores against sums done by hand, trajectories as promised, and the command's JSON."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ centres of mass); user manuals SW 5.8 (range, speed, torque). Real arms deviate 
 (seed_driver.motion.kinematics).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi, radians

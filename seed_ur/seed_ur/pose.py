@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """UR's pose vectors, p[x, y, z, rx, ry, rz] with a rotation vector; to and from (4, 4) poses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 

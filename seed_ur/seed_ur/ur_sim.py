@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stand-in UR controller: lets any ur_rtde program run without a robot (docs/ur_controller.md)."""
 
-from __future__ import annotations
-
 import argparse
 import ipaddress
 import signal

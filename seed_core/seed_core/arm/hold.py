@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The latched hold of an arm and of a controller: clauses 3 to 6 of docs/arm_contract.md."""
 
-from __future__ import annotations
-
 
 class HoldLatch:
     """Targets are followed until something is wrong, then not any more until `resume`, whatever comes meanwhile.

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The limits of a commanded motion, declared once: controller, driver and target guard inherit them as parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field

@@ -4,8 +4,6 @@
 Clause 3 of docs/arm_contract.md. What only a certain arm can know, its reach, its driver checks besides.
 """
 
-from __future__ import annotations
-
 from math import degrees, hypot, isfinite
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Baselines of the evaluation: a taught path that barely touches; a tool bolted to the gripper with force control."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`./seed evaluate`: the closed loop without ROS, for one seed or swept over scenarios."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

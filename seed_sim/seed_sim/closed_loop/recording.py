@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recording of one simulated run, and its score: force, torque, lean and path over the phase that counts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

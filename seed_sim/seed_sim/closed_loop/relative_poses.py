@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relative poses of a simulated run, as the controller gets them: the truth, the truth with noise, or from images."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

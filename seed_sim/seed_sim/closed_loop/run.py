@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One task against the plant, step by step, and SEED's controller in that loop. Deterministic: it reads no clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweeps of the closed loop over seeds and columns, on this machine's cores or a cluster (joblib's back ends)."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

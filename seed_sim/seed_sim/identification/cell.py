@@ -6,8 +6,6 @@ only. The grasp is the bushing of seed_core (checked against Drake in its tests)
 creeps, and, where the scenario asks, elastic-then-sliding friction along single axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios of a simulated identification: the grasp, the sensor and its faults, in one strict YAML file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

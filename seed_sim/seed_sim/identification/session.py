@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated identification from first to last pose: the run against the cell, every sample written as it comes."""
 
-from __future__ import annotations
-
 import sys
 import time
 import zlib

@@ -5,8 +5,6 @@ Images are rendered while a pose is measured and, on the way, often enough for t
 reading, which would cost far more and tell nothing new.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, so3_log

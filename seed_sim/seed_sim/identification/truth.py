@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hidden truth of a simulated identification, drawn from the seed, and results compared with it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

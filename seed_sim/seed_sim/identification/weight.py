@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated identification without a force sensor: a known weight hangs in the hand, which is turned."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

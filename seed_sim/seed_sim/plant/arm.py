@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A position-controlled arm: dead time, first-order lag, and an error of repeatability that it does not report."""
 
-from __future__ import annotations
-
 from collections import deque
 from math import exp, pi, sin
 

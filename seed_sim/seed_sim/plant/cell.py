@@ -5,8 +5,6 @@ The gripper is a free body so heavy that no load moves it; its pose and velocity
 bushing's damper sees how the gripper moves, which a frame fixed in the world would hide.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The soft grasp of the plant: stiffness, damping and pressure by gripper width, and what step can integrate it."""
 
-from __future__ import annotations
-
 from math import ceil
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stream of messages that simulated time waits for when it is late."""
 
-from __future__ import annotations
-
 from math import inf
 
 LONGEST = 2.0  # [s] of waiting, unless said otherwise, after which the stream counts as ended until heard again

@@ -4,8 +4,6 @@
 LinearBushingRollPitchYaw acts with frame A = T and frame C = C, the convention of `seed_core.bushing`.
 """
 
-from __future__ import annotations
-
 from math import hypot
 from typing import Any
 

@@ -4,8 +4,6 @@
 Where this machine is too busy to run other processes in time, the plant stands still for them.
 """
 
-from __future__ import annotations
-
 from seed_sim.plant.late_stream import LONGEST, LateStream
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import ToolHolder

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of one seed: tilted about the work frame's axes, and off in height."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A holder in which the tool stands: it carries the tool's weight after a grasp, until the arm moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.hand import weight_about_T

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes and inertia of the simulated tools, all in the tool's frame T."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

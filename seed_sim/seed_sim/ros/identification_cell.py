@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated identification cell as a ROS node: an arm on a fixed force/torque sensor, at real topics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cameras inside the simulated bubbles, in a process of their own: the truth in, images out."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from dataclasses import dataclass, replace

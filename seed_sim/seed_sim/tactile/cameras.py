@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two cameras that are built into bubbles, with the calibration of a real specimen of each."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.hand import Hand

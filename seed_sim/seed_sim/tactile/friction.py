@@ -6,8 +6,6 @@ friction bears; then it springs back to what sliding friction bears, stays there
 and sticks again when the tool stops (Coulomb's law with a smaller kinetic coefficient, as a return map).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

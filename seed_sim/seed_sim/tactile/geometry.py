@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Viewing rays, and the depth at which they meet the bubble's dome and the tool. Lengths in metres, in C or in T."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ Around an indenter the imprint decays exponentially (a recorded press decays by 
 outline follows the tool with a lag; the air's volume is kept, so the rest of the dome bulges out.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the two cameras. Figures: measured on recordings of a pmd PicoFlexx and of a RealSense D405."""
 
-from __future__ import annotations
-
 import math
 from typing import Protocol
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every number of the tactile renderer. Measured values have their source in docs/tactile_simulation.md."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Depth and infrared images of both bubbles for a pose of the tool in the grasp."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

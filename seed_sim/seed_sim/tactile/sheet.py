@@ -5,8 +5,6 @@ Material in contact at the grasp sticks to the tool; between it and the fixed ri
 a stretched sheet. Friction that bears a load lets go from the patch's edge inwards: see `follow_shares`.
 """
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The infrared image: printed dots, light that falls off, a patch that brightens, a specular spot."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lines of a file of samples from a bag: the node publishes each on `identification/samples` (std_msgs/String)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,8 +6,6 @@ line a sample or an event (docs/identification.md lists the keys). Each line is 
 pose is visited, so that a crash loses at most the running one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The analysis of an identification: from samples to everything that is said about a grasp."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

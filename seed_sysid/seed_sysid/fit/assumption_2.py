@@ -5,8 +5,6 @@ A full symmetric 6x6 K (21 numbers per hand, the diagonal scaled per grip) is fi
 off-diagonal parts, divided by the root of the two diagonals they join, are couplings between -1 and 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Refusals of data that cannot be fitted, and of fits that make no sense: each says what is wrong and what to do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ The tool is held fast, so that arm and cameras watch the same motion: the offset
 agree best. Gain and bias of each axis are free, hence a wrong estimate that is only wrong in size does not matter.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

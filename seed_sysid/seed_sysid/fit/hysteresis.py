@@ -6,8 +6,6 @@ two samples each coordinate runs straight, so the state at the samples is exact.
 the data want its h: clearly away from zero, and not small beside what the axis carries.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -11,8 +11,6 @@ itself estimated from the residuals, apart for poses along one axis and for comb
 4. standard deviations from that covariance, intervals by Student's t.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ The paper found forces and one torque to grow about linearly with pressure, and 
 trend is therefore only claimed where its interval excludes zero, and the band shown is as wide as the data make it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

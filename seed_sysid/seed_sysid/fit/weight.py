@@ -6,8 +6,6 @@ through its own numbers, xi_j = (B^-1 w)_j / k_j + xi0_j; xi0 is how the grasp s
 stiffness only where the weight loads it: a weight whose centre of mass lies at T gives the forces alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of the report, each as a self-contained SVG; the first redoes the paper's Fig. 2."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from typing import Any

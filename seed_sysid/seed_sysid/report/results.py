@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files that an identification leaves: stiffness.yaml, summary.json and report.html, a page without links."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from html import escape

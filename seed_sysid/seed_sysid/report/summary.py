@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of an analysis: all figures as plain data, and stiffness.yaml as the controller loads it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

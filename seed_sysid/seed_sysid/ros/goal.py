@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One goal of the action ~/identify_stiffness: poses are visited, then analysed in a thread, then results written."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from datetime import UTC, datetime

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification as a ROS node with the action ~/identify_stiffness, on simulated and real cells."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -4,8 +4,6 @@
 The first pose, C at the grasp, is remembered in the file's header, so that a resumed run refers to the same grasp.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections import deque
 from dataclasses import dataclass, field, replace

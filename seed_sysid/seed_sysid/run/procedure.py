@@ -6,8 +6,6 @@ until the wrench has come to rest, averages, and hands over a sample. Limits are
 the wrench meets one, the pose is drawn back and tried once more; when the tool slips, the run ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rest detector: tells from the wrenches themselves when a pose has come to rest."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed bench: figures of speed on this machine."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

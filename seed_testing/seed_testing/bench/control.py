@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of a control step that presses with force, torque and position at once, and how evenly its node runs."""
 
-from __future__ import annotations
-
 import gc
 import time
 import tracemalloc

@@ -4,8 +4,6 @@
 `run()` returns the figures; `python -m seed_testing.bench.driver` prints them as JSON (about two minutes).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

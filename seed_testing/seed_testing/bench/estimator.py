@@ -4,8 +4,6 @@
 CPU time of this process on one core, over the same pairs of rendered images.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`./seed reproduce fig4|fig6|fig7`: the paper's figures as figures and tables, from simulation."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

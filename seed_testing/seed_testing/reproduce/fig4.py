@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 4: relative pose of a long cylinder, truth and the estimates of both methods, over all six axes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from seed_core.command_line import to_json

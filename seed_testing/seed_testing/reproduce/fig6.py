@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 6: force along z and torque about x of a squeegee under SEED, along a taught path, and bolted to the gripper."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ Once also with the published estimator: it is blind along the hand's z, so the p
 lies along the hand's y, which that estimator sees (Sec. VIII-B).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ a = (3 F R / (4 E))^(1/3), and the line is as wide as the circle. Ink flows with
 saturates: darkness = 1 - exp(-p / p0), p = F / (pi a^2).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import pi
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text tables and files of the reproduced figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

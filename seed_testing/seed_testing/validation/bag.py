@@ -5,8 +5,6 @@ The truth says when nothing is held (not valid) and when the grasp begins (valid
 the reference, those right after it the grasp.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections import defaultdict
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The suite's calibration of range and cameras, from rendered captures: free membranes, a cylinder held in poses."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ seed validate estimator --method rigid_fit --from BAG
 seed validate slip --seed 7 [--json]
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Truth and estimate of each axis over time, drawn as in the paper's Fig. 4."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

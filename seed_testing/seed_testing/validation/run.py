@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One run of an estimator: reference, grasp and motion, all rendered, with the truth beside every estimate."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

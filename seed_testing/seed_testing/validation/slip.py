@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gross slip with ground truth: the tool is pulled until friction gives way; the estimator should say so at once."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

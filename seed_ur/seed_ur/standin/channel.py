@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One connection to the stand-in, what it receives and sends without ever blocking, and the faults of its network."""
 
-from __future__ import annotations
-
 import random
 import socket
 import time

@@ -4,8 +4,6 @@
 Doubles d0.. are input_double_registers, integers i1.. input_int_registers, both from the program's offset on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """State of the stand-in controller: power, safety, program, registers, wrench. One `tick` is one 2 ms cycle."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@
 Source: Universal Robots, "Dashboard Server e-Series".
 """
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable
 

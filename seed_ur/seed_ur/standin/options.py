@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options, faults and ports of a stand-in, and the numbers that UR gives to modes and states."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, field

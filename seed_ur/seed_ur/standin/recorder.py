@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of what a stand-in received and how its arm moved, for tests and benchmarks."""
 
-from __future__ import annotations
-
 from array import array
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence

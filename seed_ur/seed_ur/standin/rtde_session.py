@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Port 30004: one client's RTDE conversation, its set-up requests answered, data packages taken, outputs sent."""
 
-from __future__ import annotations
-
 import socket
 import struct
 from collections import deque

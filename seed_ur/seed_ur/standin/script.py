@@ -6,8 +6,6 @@ handshake in output_int_register_0 (+ offset): 1 ready, 2 done. Commands in CONT
 that they stay in the register, and answered "ready" at once.
 """
 
-from __future__ import annotations
-
 import re
 import time
 

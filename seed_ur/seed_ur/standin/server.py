@@ -5,8 +5,6 @@ Ports: 30004 RTDE, 30001 to 30003 scripts, 29999 dashboard (not for PolyScope X)
 30098 UDP for a plant that wants the flange's pose and gives the wrench.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json

@@ -4,8 +4,6 @@
 Requests are {"do": NAME, ...}; replies {"ok": true, ...} or {"ok": false, "error": TEXT}. See docs/ur_controller.md.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -5,8 +5,6 @@ A second process of this module is the cell around the node: flange poses at the
 and a set-point in motion.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

@@ -4,8 +4,6 @@
 Sending them costs what a camera's driver costs; drawing them, which real cameras do not need, is done before.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 
