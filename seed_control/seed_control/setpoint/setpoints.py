@@ -116,12 +116,8 @@ class HybridSetpoint:
         """Whether the other asks for the same load and rotation, so that neither need be judged again."""
         if other is None or not np.array_equal(self.X_W_tip[:3, :3], other.X_W_tip[:3, :3]):
             return False
-        if (
-            self.wrench is other.wrench
-            and self.force_projector is other.force_projector
-            and self.R_W_task is other.R_W_task
-        ):
-            return True  # one moved from the other
+        if self.wrench is other.wrench:  # each set-point has a copy of its own: one was moved from the other
+            return True
         return (
             (self.task_frame, self.torque_axes, self.approach_speed)
             == (other.task_frame, other.torque_axes, other.approach_speed)

@@ -13,7 +13,6 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
 
 Vector = tuple[float, float, float]
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 CONDITIONS = ("arrived", "contact", "settled")
 _NO_VECTOR: Vector = (0.0, 0.0, 0.0)
 
@@ -50,7 +49,7 @@ class Control:
     def __post_init__(self) -> None:
         for name in ("force_directions", "torque_axes", "contact_resists"):
             for axis in getattr(self, name):
-                if axis not in AXES:
+                if axis not in ("x", "y", "z"):
                     raise ConfigError(f"{name} has '{axis}'; known: x, y, z")
         for i, axis in enumerate("xyz"):
             if self.force[i] != 0.0 and axis not in self.force_directions:
