@@ -214,10 +214,10 @@ class Controller:
         """The state after the last step."""
         return self._state
 
-    def _mode(self) -> Mode:
+    def _mode(self, held: str) -> Mode:
         if not self._guard.enabled:
             return "disabled"
-        if self._guard.held:
+        if held:
             return "holding"
         if self._setpoint is None:
             return "idle"
@@ -226,8 +226,8 @@ class Controller:
         return "contact" if self.law.contact.made else "approach"
 
     def _describe(self, t: float, limits: tuple[str, ...] = ()) -> ControllerState:
-        law, plan, mode, asked = self.law, self.law.plan, self._mode(), self._setpoint
-        m, hybrid = law.measured, law.setpoint
+        law, plan, held, asked = self.law, self.law.plan, self._guard.held, self._setpoint
+        mode, m, hybrid = self._mode(held), law.measured, law.setpoint
         return ControllerState(
             stamp=t,
             mode=mode,
@@ -241,7 +241,7 @@ class Controller:
             X_W_tip=law.X_W_tip,
             R_W_task=plan.R_W_task,
             limits_hit=limits,
-            reason=self._guard.held or self._counting.remark,
+            reason=held or self._counting.remark,
             in_contact=law.contact.made,
             settled=mode == "contact" and law.settled,
             image_age=t - m.stamp if m is not None else inf,

@@ -18,6 +18,7 @@ class PoseHistory:
 
     def __init__(self, capacity: int = 512) -> None:
         self._entries: deque[tuple[float, Array]] = deque(maxlen=capacity)
+        self.newest_stamp = -inf  # [s]; minus infinity while empty
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -26,11 +27,6 @@ class PoseHistory:
     def oldest_stamp(self) -> float:
         """Stamp of the oldest pose still held [s]; infinity while empty."""
         return self._entries[0][0] if self._entries else inf
-
-    @property
-    def newest_stamp(self) -> float:
-        """Stamp of the newest pose [s]; minus infinity while empty."""
-        return self._entries[-1][0] if self._entries else -inf
 
     def newest(self) -> Array:
         """The newest pose (4, 4)."""
@@ -41,6 +37,7 @@ class PoseHistory:
         if stamp <= self.newest_stamp:
             return False
         self._entries.append((stamp, X.copy()))
+        self.newest_stamp = stamp
         return True
 
     def at(self, stamp: float) -> Array | None:
