@@ -40,7 +40,7 @@ class SurfaceObserver:
 
     def __init__(self, parameters: ControllerParameters) -> None:
         p = parameters
-        self._height_walk, self._slope_walk = 1e-3 * p.surface_noise, p.slope_noise  # [m/sqrt(s)], [1/sqrt(s)]
+        self._walk = np.diag(np.square([1e-3 * p.surface_noise, *[p.slope_noise] * 3, 0.0]))  # of x, per second
         self._prior = np.square([_HEIGHT_PRIOR, *[p.slope_prior] * 3, p.compliance_prior])
         self.x = np.zeros(5)
         self.P = np.eye(5)
@@ -93,8 +93,7 @@ class SurfaceObserver:
         self.x[0] = F[0] @ self.x - rise
         self._c0 -= rise
         self.P = F @ self.P @ F.T
-        self.P[0, 0] += self._height_walk**2 * dt
-        self.P[[1, 2, 3], [1, 2, 3]] += self._slope_walk**2 * dt
+        self.P += dt * self._walk
         self.anchor = tip.copy()
         self._last = t
 
