@@ -153,10 +153,10 @@ class Controller:
         """One control step at time t [s]."""
         dt = 1.0 / self.parameters.rate if self._now == -inf else min(max(t - self._now, 1e-4), 0.05)
         self._now = t
-        if not len(self._inputs.history):
-            self._state = self._describe(t)
-            return ControlOutput(None, self._state)
         if not self._command.started:
+            if not len(self._inputs.history):
+                self._state = self._describe(t)
+                return ControlOutput(None, self._state)
             self._command.start_from(self._inputs.history.newest())
         self._take_image(t)
         self.wrench_estimator.advance(t)
