@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A task of one's own: a text with units, checked line by line, and played in simulation without ROS.
 
-On the robot the same text, in a file, is played by `ros2 run seed_control play_task FILE`. Needs the simulator:
+On the robot the same text, in a file, is played by `./seed play FILE`. Needs the simulator:
     pip install ./seed_{core,ur,estimation,control,sysid,sim}
 """
 

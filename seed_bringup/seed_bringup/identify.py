@@ -33,7 +33,7 @@ def main(argv: list[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     out = argparse.ArgumentParser(prog="seed identify", description=__doc__, formatter_class=Help)
-    out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sysid/config/identify")
+    out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sim/config/identify")
     out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
     out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
     out.add_argument(

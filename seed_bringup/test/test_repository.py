@@ -79,6 +79,15 @@ def test_products_import_neither_the_simulator_nor_the_instruments(package: str)
     assert "seed_testing" not in {n for f in (ROOT / "seed_bringup").glob("seed_bringup/**/*.py") for n in imported(f)}
 
 
+def test_packages_import_only_those_above_them_in_the_table_of_the_architecture() -> None:
+    order = re.findall(r"^\| `(seed_\w+)` \|", (ROOT / "docs/architecture.md").read_text(), re.MULTILINE)
+    assert set(order) == SUITE
+    for file in sorted(ROOT.glob("seed_*/seed_*/**/*.py")):
+        package = file.relative_to(ROOT).parts[0]
+        higher = set(order[order.index(package) + 1 :]) & set(imported(file))
+        assert not higher, f"{file.relative_to(ROOT)} imports {sorted(higher)}"
+
+
 def imported_modules(file: Path, known: dict[str, Path]) -> Iterator[str]:
     """Modules of the suite that a file imports anywhere, but for what only a type checker reads."""
     tree = ast.parse(file.read_text())

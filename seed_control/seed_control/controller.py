@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller: Algorithm 2 and hybrid control in a loop that knows when to stop.
 
-A set-point goes checks -> law -> limiter -> command, an image goes inputs -> wrench estimate -> law.
+A set-point goes checks -> law -> flange command (which owns the limiter), an image inputs -> wrench estimate -> law.
 
 Inputs come with their own stamps, time comes as an argument, and nothing moves before `enable`. When the estimate or
 the kinematics go stale or invalid it decelerates to a hold, latched with the reason, until it is enabled again.
@@ -30,7 +30,9 @@ from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
 
-LAWS: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
+# The laws that `parameters.LAWS` names. The default `seed` is HybridLaw with the surface observer, `plain` the same
+# without it. (The stiffness map's model 'plain' is something else: see seed_core/bushing.py.)
+LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 
 
 class ControlRefusedError(SeedError):
@@ -53,7 +55,7 @@ class Controller:
         """
         self.parameters = p = checked(parameters, "controller")
         self.tool, self._X_EC = tool, hand.X_EC
-        law = LAWS[p.law]
+        law = LAW_CLASSES[p.law]
         self._counting = Counting("not enabled yet")
         self._inputs = Inputs(p, law.synchronised, self._counting)
         self.wrench_estimator = WrenchEstimator(

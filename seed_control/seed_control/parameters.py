@@ -9,6 +9,7 @@ from seed_core.arm.limits import MotionLimits
 from seed_core.config import field, inherited
 from seed_core.vector3 import Vector3
 
+# Every law by name; the classes behind them are `LAW_CLASSES` of controller.py.
 LAWS = ("seed", "plain", "published")
 
 

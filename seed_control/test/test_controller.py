@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DOWN, DT, PRESS_Z, Bench
 
-from seed_control.controller import ControllerParameters, ControlRefusedError
+from seed_control.controller import LAW_CLASSES, ControllerParameters, ControlRefusedError
+from seed_control.parameters import LAWS
 from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
@@ -86,6 +87,10 @@ def test_wrong_stiffness_gives_force_wrong_in_proportion() -> None:
     bench.run(4.0)
     weight = 0.2 * 9.81
     assert_allclose(bench.force - weight, (10.0 - weight) / 1.3, atol=0.05)
+
+
+def test_every_law_that_has_a_name_has_its_class() -> None:
+    assert tuple(LAW_CLASSES) == LAWS
 
 
 def test_nothing_moves_before_enable_and_setpoints_are_refused() -> None:

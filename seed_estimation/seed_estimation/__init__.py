@@ -15,9 +15,10 @@ from seed_estimation.estimator import Estimator
 from seed_estimation.images.camera import CameraError, PinholeCamera
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import TactileImages
-from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.parameters import METHODS, EstimatorParameters
 
 __all__ = [
+    "METHODS",
     "CameraError",
     "ContactPatch",
     "Estimator",

@@ -32,6 +32,8 @@ from seed_estimation.rigid_fit.reference import finger_model
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
+# Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
+PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 
 
 class Estimator:
@@ -87,7 +89,7 @@ class Estimator:
         self._stamp = -np.inf  # [s] of the last images since the grasp
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
         self._covariance = Covariance()
-        self._published: PublishedMethod | None = None  # with a grasp and method published
+        self._patch_method: PublishedMethod | None = None  # with a grasp and a method of PATCH_METHODS
 
     def reconfigure(self, parameters: EstimatorParameters) -> None:
         """New parameters; reference and grasp are kept where they do not depend on what changed."""
@@ -143,10 +145,10 @@ class Estimator:
                     f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
                     "close the gripper"
                 )
-        if p.method == "published":
+        if p.method in PATCH_METHODS:
             if len(self.fingers) < 2:
-                raise EstimatorError("the published method needs both bubbles; use method 'rigid_fit' with one")
-            self._published = PublishedMethod(self.patches, ir, self._X_CX, p.curl_gain, p.flow_window)
+                raise EstimatorError(f"the {p.method} method needs both bubbles; use method 'rigid_fit' with one")
+            self._patch_method = PATCH_METHODS[p.method](self.patches, ir, self._X_CX, p)
         else:
             models = [finger_model(s, depth[f], ir[f], self.masks[f], p) for f, s in self._finders.items()]
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip)
@@ -163,7 +165,7 @@ class Estimator:
         }
 
     def _forget_grasp(self) -> None:
-        self._tracker, self._published, self._covariance = None, None, Covariance()
+        self._tracker, self._patch_method, self._covariance = None, None, Covariance()
         self._stamp = -np.inf
 
     # -- at the frame rate -----------------------------------------------------------------------------------------
@@ -189,14 +191,15 @@ class Estimator:
         self._images = {f: images[f].reduced(p.decimate, self._correction[f]) for f in self.fingers}
 
         # Contact patches, Sec. VII-A: contact/patch.py
-        for f, finder in (self._quick if self._published is None else self._finders).items():
+        for f, finder in (self._quick if self._patch_method is None else self._finders).items():
             self.masks[f], self.patches[f] = finder.find(self._images[f].depth, p)
         touching = [f for f in self.fingers if self.patches[f].in_contact]
 
         # The paper's method, Sec. VII-B and C: published.py
-        if self._published is not None:
-            X_CT, reason = self._published.pose(self.patches, self._images, self.masks)
-            return self._invalid(stamp, reason) if X_CT is None else report.published(stamp, X_CT)
+        method = self._patch_method
+        if method is not None:
+            X_CT, reason = method.pose(self.patches, self._images, self.masks)
+            return self._invalid(stamp, reason) if X_CT is None else report.by_patches(stamp, X_CT, method, p.method)
 
         # Fit of one rigid motion to all images, micro-slip and gross slip: tracker.py
         tracker = self._tracker

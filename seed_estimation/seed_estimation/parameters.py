@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field
 
+# Every method by name; those that work on the contact patches have their classes in `PATCH_METHODS` of estimator.py.
+METHODS = ("rigid_fit", "published")
+
 
 @dataclass(frozen=True)
 class EstimatorParameters:
@@ -13,7 +16,7 @@ class EstimatorParameters:
     Lengths in pixels are meant for an image about 224 px wide: use `decimate` for larger ones.
     """
 
-    method: str = field("rigid_fit", choices=("rigid_fit", "published"), doc="which estimator gives relative_pose")
+    method: str = field("rigid_fit", choices=METHODS, doc="which estimator gives relative_pose")
     calibration: str = field("", doc="file written by ./seed calibrate; without it the hand's drawing and raw range")
     decimate: int = field(1, low=1, high=8, doc="use every n-th pixel and line")
 

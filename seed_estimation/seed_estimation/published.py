@@ -23,31 +23,37 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Image, Mask, TactileImages
+from seed_estimation.parameters import EstimatorParameters
 
-# x, y, z, roll, pitch, yaw. Sec. VIII-B works with roll as well, but that of a long handle has the wrong sign
-OBSERVED = (False, True, False, False, True, False)
-# What the method misses by, as deviations: roll, pitch, yaw [rad], x, y, z [m]; measured on rendered bubbles
-DEVIATION = (0.15, 0.08, 0.16, 2.0e-3, 6.0e-4, 3.0e-3)
 # Farneback's settings in the public soft-bubble kit; its window is the parameter `flow_window`
 PYRAMID, LEVELS, ITERATIONS, POLY_N, POLY_SIGMA = 0.5, 30, 5, 7, 1.5
 
 
 class PublishedMethod:
-    """Sec. VII, from the moment of grasp on."""
+    """Sec. VII, from the moment of grasp on.
+
+    Attributes:
+        observed: x, y, z, roll, pitch, yaw. Sec. VIII-B works with roll as well, but that of a long handle has the
+            wrong sign.
+        deviation: by which the method errs: roll, pitch, yaw [rad], x, y, z [m]; measured on rendered bubbles.
+    """
+
+    observed = (False, True, False, False, True, False)
+    deviation = (0.15, 0.08, 0.16, 2.0e-3, 6.0e-4, 3.0e-3)
 
     def __init__(
         self,
         patches: Mapping[str, ContactPatch],
         ir: Mapping[str, Image],
         X_CX: Mapping[str, Array],
-        curl_gain: float,
-        flow_window: int,
+        parameters: EstimatorParameters,
     ) -> None:
         """patches, ir (H, W) [counts] and X_CX (poses of the optical frames in C) of 'left' and 'right' at the grasp.
 
-        curl_gain: pitch over mean curl, the paper's normalisation constant; flow_window: side of Farneback's [px].
+        parameters: `curl_gain`, pitch over mean curl, is the paper's normalisation constant; `flow_window` is
+            Farneback's.
         """
-        self._gain, self._window = curl_gain, flow_window
+        self._gain, self._window = parameters.curl_gain, parameters.flow_window
         self._before = {finger: eight_bit(image) for finger, image in ir.items()}
         self._sign = {finger: float(np.sign(X_CX[finger][1, 2])) for finger in ir}  # optical axis along +-y_C
         X_CP = patch_frame(patches["left"].centroid_C, patches["right"].centroid_C, 0.0)
@@ -61,7 +67,7 @@ class PublishedMethod:
         if silent:
             return None, f"{' and '.join(silent)} bubble touches nothing"
         pitches = [
-            self._sign[f] * self._gain * mean_curl(dense_flow(before, eight_bit(images[f].ir), self._window), masks[f])
+            pitch_from_curl(before, eight_bit(images[f].ir), masks[f], self._sign[f] * self._gain, self._window)
             for f, before in self._before.items()
         ]
         X_CP = patch_frame(patches["left"].centroid_C, patches["right"].centroid_C, float(np.mean(pitches)))
@@ -75,15 +81,28 @@ def patch_frame(p_L: Array, p_R: Array, pitch: float) -> Array | None:
 
     None when the centroids coincide or stand along z.
     """
-    y = p_L - p_R
+    y = p_L - p_R  # Sec. VII-B, step 1: the axis between the patches, normalised below
     length, across = float(np.linalg.norm(y)), float(np.hypot(y[0], y[1]))
     if not across > 1e-3 * max(length, 1e-6):
         return None
-    x = np.array((y[1], -y[0], 0.0)) / across
+    x = np.array((y[1], -y[0], 0.0)) / across  # steps 2 and 3: across y, without z component, which is zero pitch
     y = y / length
+    z = np.cross(x, y)  # step 4
     c, s = cos(pitch), sin(pitch)
-    R = np.column_stack((x, y, np.cross(x, y))) @ np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
-    return make_pose(R, 0.5 * (p_L + p_R))
+    R = np.column_stack((x, y, z)) @ np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))  # pitch about y, Sec. VII-C
+    return make_pose(R, 0.5 * (p_L + p_R))  # the frame's origin: the average of the two patches
+
+
+def pitch_from_curl(before: NDArray[np.uint8], now: NDArray[np.uint8], mask: Mask, gain: float, window: int) -> float:
+    """Pitch [rad] of one finger's patch (Sec. VII-C): theta = gain * mean curl of the optical flow since the grasp.
+
+    Args:
+        before, now: 8-bit infrared (H, W) at the grasp and now.
+        mask: (H, W) contact patch now.
+        gain: pitch over mean curl, with the sign of the finger's optical axis along y_C.
+        window: of Farneback's method [px].
+    """
+    return gain * mean_curl(dense_flow(before, now, window), mask)
 
 
 def mean_curl(flow: Image, mask: Mask) -> float:
@@ -108,7 +127,8 @@ def eight_bit(ir: Image) -> NDArray[np.uint8]:
 def fitted_gain(curls: Sequence[float], pitches: Sequence[float]) -> float:
     """The method's one constant, from known pitches.
 
-    A rigid turn seen sharply has 1/2; the patch's skirt, which does not turn, and the flow's window make it more.
+    A rigid turn seen sharply has 1/2; the rim of the patch, where the membrane does not turn with the tool, and the
+    flow's window make it more.
 
     Args:
         curls: mean curls, the sign of the finger's axis taken out.

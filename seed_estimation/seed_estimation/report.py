@@ -11,7 +11,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array
 from seed_estimation.images.tactile_images import Mask, TactileImages
 from seed_estimation.parameters import EstimatorParameters
-from seed_estimation.published import DEVIATION, OBSERVED, eight_bit
+from seed_estimation.published import PublishedMethod, eight_bit
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.tracker import Tracker
 
@@ -28,9 +28,9 @@ def invalid(stamp: float, reason: str, method: str, gross_slip: bool = False) ->
     )  # fmt: skip
 
 
-def published(stamp: float, X_CT: Array) -> RelativePoseEstimate:
-    """An estimate by the paper's method, with the deviations it was measured to have."""
-    return RelativePoseEstimate(stamp, X_CT, np.diag(np.square(DEVIATION)), OBSERVED, method="published")
+def by_patches(stamp: float, X_CT: Array, method: PublishedMethod, name: str) -> RelativePoseEstimate:
+    """An estimate from both contact patches, by the paper's method or another one, with the deviation it states."""
+    return RelativePoseEstimate(stamp, X_CT, np.diag(np.square(method.deviation)), method.observed, method=name)
 
 
 def rigid_fit(

@@ -7,6 +7,8 @@ from rendered import held
 
 from seed_core.errors import SeedError
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_from_rpy
+from seed_estimation.estimator import PATCH_METHODS
+from seed_estimation.parameters import METHODS
 from seed_estimation.published import dense_flow, fitted_gain, mean_curl, patch_frame
 from seed_sim.tactile.parameters import TactileParameters
 
@@ -79,3 +81,7 @@ def test_the_published_methods_constant_is_calibrated_from_known_pitches() -> No
     assert gain * curl(0.1, 1.0) == pytest.approx(0.1, rel=0.05)
     with pytest.raises(SeedError, match="turn the tool"):
         fitted_gain([0.0, 0.0], [0.1, -0.1])
+
+
+def test_every_method_that_has_a_name_has_its_class() -> None:
+    assert {"rigid_fit", *PATCH_METHODS} == set(METHODS)

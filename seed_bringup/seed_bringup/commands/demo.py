@@ -17,7 +17,9 @@ from seed_bringup.demo.plan import STANDIN, plan
 from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
+from seed_control.parameters import LAWS
 from seed_core.command_line import Help, command, number, seed_number
+from seed_estimation.parameters import METHODS
 
 BASELINES = ("open_loop", "welded")
 
@@ -28,8 +30,8 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--force", type=float, help="[N] size of every force in the task; the task's own if left out")
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table and all noise")
     p.add_argument("--scenario", help="what is simulated: a shipped scenario or a file; the task's own if left out")
-    p.add_argument("--estimator", default="rigid_fit", choices=("rigid_fit", "published", "truth"), help="of the pose")
-    p.add_argument("--law", default="seed", choices=("seed", "plain", "published"), help="control law")
+    p.add_argument("--estimator", default="rigid_fit", choices=(*METHODS, "truth"), help="of the pose")
+    p.add_argument("--law", default="seed", choices=LAWS, help="control law")
     p.add_argument("--out", type=Path, help="folder to write; default: results/TASK-TIME")
     p.add_argument("--images", action="store_true", help="record the cameras' images in the bag too (20 MB/s)")
     p.add_argument(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import Task, load_task
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
@@ -14,7 +15,7 @@ from seed_sim.closed_loop.run import Progress, SeedSteering, Steering, play, sta
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 
-LAWS = ("seed", "plain", "published", *BASELINES)
+LAWS = (*CONTROL_LAWS, *BASELINES)
 SCENARIO_OF_TASK = {"squeegee": "nominal", "write": "pen"}  # others have a scenario of their own name
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose, so3_exp
-from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation import METHODS, Estimator, EstimatorParameters
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
 
-FROM_IMAGES = ("published", "rigid_fit")  # methods of seed_estimation
+FROM_IMAGES = tuple(sorted(METHODS))
 ESTIMATORS = ("truth", "noisy", *FROM_IMAGES)
 _NOISE_DELAY, _IMAGE_DELAY = 0.05, 0.03  # [s] unless the scenario says otherwise
 _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5

@@ -4,10 +4,11 @@
 from pathlib import Path
 
 from seed_core.command_line import to_json
+from seed_estimation import METHODS
 from seed_sim import load_scenario
 from seed_testing.progress import Progress
 from seed_testing.validation.figure import draw
-from seed_testing.validation.run import FOLDERS, METHODS, run
+from seed_testing.validation.run import FOLDERS, run
 from seed_testing.validation.scores import scores
 
 SCENARIO = "long_cylinder"
@@ -16,7 +17,7 @@ SCENARIO = "long_cylinder"
 def reproduce(folder: Path, seed: int) -> tuple[str, list[Path]]:
     """Run both methods on the same images. Returns a title and the files."""
     scenario, runs = load_scenario(SCENARIO, *FOLDERS), {}
-    for method in METHODS:
+    for method in sorted(METHODS):
         progress = Progress(method)
         runs[method] = run(scenario, method, seed, progress)
         progress.done()

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.command_line import Help, command, number, seed_number, whole
+from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, shipped_scenarios
 from seed_testing.progress import Progress
 from seed_testing.validation import run, slip
@@ -34,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
-    one.add_argument("--method", choices=run.METHODS, default="rigid_fit", help="which estimator")
+    one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help="which estimator")
     one.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
     )

@@ -13,7 +13,6 @@ from seed_testing.progress import Progress
 from seed_testing.validation.calibrate import calibration
 from seed_testing.validation.scores import Series
 
-METHODS = ("published", "rigid_fit")  # of seed_estimation
 VALIDATE = ("seed_testing", "config/validate")
 FOLDERS = (VALIDATE, SHIPPED)  # of the scenarios that `./seed validate` knows by name
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
