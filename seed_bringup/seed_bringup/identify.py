@@ -3,7 +3,6 @@
 
 import argparse
 import json
-import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import import_module
@@ -158,7 +157,3 @@ def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
     if folder is not None:
         lines.append(f"left in {folder}: stiffness.yaml, report.html, summary.json")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

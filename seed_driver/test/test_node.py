@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,12 +18,17 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.quaternion import rotate, turned
+from seed_ros.qos import LATCHED
 from seed_testing.fault_bench.bench import leftover_processes
 from seed_testing.peer import Peer
 from seed_ur.standin_client import StandIn
@@ -55,12 +61,44 @@ def node(robot):
 
 @pytest.fixture(scope="module")
 def peer(node):  # noqa: ARG001
-    with Peer() as made:
+    with DriverPeer() as made:
         made.wait(lambda: running(made), 60.0, "driver ready")
         yield made
 
 
-def running(peer: Peer) -> bool:
+class DriverPeer(Peer):
+    """Hears what our driver says beyond the contract of an arm, and sets its parameters."""
+
+    TOPICS = {
+        "current_twist": (TwistStamped, 10),
+        "wrench": (WrenchStamped, 10),
+        "joint_states": (JointState, 10),
+        "driver/robot_mode": (Int8, LATCHED),
+        "driver/safety_mode": (UInt8, LATCHED),
+        "driver/robot_program_running": (Bool, LATCHED),
+        "driver/hold_reason": (String, LATCHED),
+    }
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.latest = {}
+        for topic, (kind, qos) in self.TOPICS.items():
+            keep = partial(self.latest.__setitem__, topic.removeprefix("driver/"))
+            self.node.create_subscription(kind, topic, keep, qos)
+
+    def hold(self, seconds: float) -> None:
+        """Stream where the arm is."""
+        here = self.pose()
+        self.stream(lambda _: here, seconds)
+
+    def set_parameter(self, name: str, value: object) -> tuple[bool, str]:
+        """Success and reason."""
+        message = Parameter(name, value=value).to_parameter_msg()
+        result = self.call("set_parameters", SetParameters, parameters=[message]).results[0]
+        return result.successful, result.reason
+
+
+def running(peer: DriverPeer) -> bool:
     return "robot_program_running" in peer.latest and peer.latest["robot_program_running"].data
 
 
@@ -254,7 +292,7 @@ def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> No
     assert "robot_ip is fixed while the driver is configured" in peer.set_parameter("robot_ip", "127.0.0.1")[1]
 
 
-def transit(peer: Peer, *labels: str) -> None:
+def transit(peer: DriverPeer, *labels: str) -> None:
     for label in labels:
         assert peer.call("change_state", ChangeState, transition=Transition(label=label)).success
 

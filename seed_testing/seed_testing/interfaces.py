@@ -3,22 +3,20 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.action import get_action_server_names_and_types_by_node
-from rclpy.context import Context
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
 from seed_driver.ros.node import DriverNode
 from seed_driver.ros.target_guard import GuardNode
 from seed_estimation.ros.node import EstimatorNode
+from seed_ros.testing import Bench
 from seed_sim.ros.identification_cell import CellNode
 from seed_sim.ros.node import SimNode
 from seed_sim.ros.tactile_cameras import TactileCamerasNode
@@ -45,13 +43,8 @@ Entry = tuple[str, str, str]  # what, name, type
 @contextmanager
 def alive(name: str, **given: Any) -> Iterator[Node]:
     """A node of NODES with these parameters, configured and active if it has a lifecycle and may be."""
-    context = Context()
-    rclpy.init(args=[], context=context)
-    with ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown, context=context)
-        overrides = [Parameter(key, value=value) for key, value in given.items()]
-        node = NODES[name][0](context=context, parameter_overrides=overrides)
-        stack.callback(node.destroy_node)
+    with closing(Bench()) as bench:
+        node = bench.add(NODES[name][0], **given)
         if given and isinstance(node, LifecycleNode):
             node.trigger_configure()
             node.trigger_activate()

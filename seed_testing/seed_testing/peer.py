@@ -1,33 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS node that plays the controller's part towards any arm: streams targets, listens, calls; for tests."""
+"""A ROS node that plays the controller's part towards any arm: streams targets, listens, calls."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.srv import SetParameters
+from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import Trigger
 
 from seed_core.errors import FailedError
 from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
-from seed_ros.qos import COMMAND, LATCHED
+from seed_ros.qos import COMMAND
 
 Pose = tuple[Vector3, Quaternion]
 Path = Callable[[float], Pose]  # a pose for each time [s]
-MEASUREMENTS = {"current_twist": TwistStamped, "wrench": WrenchStamped, "joint_states": JointState}
-STATE_WORDS = {"robot_mode": Int8, "safety_mode": UInt8, "robot_program_running": Bool, "hold_reason": String}
 
 
 class Peer:
@@ -41,14 +34,8 @@ class Peer:
         self.executor.add_node(self.node)
         self.driver, self.base, self.period = driver, base, 1.0 / rate
         self.poses: deque[tuple[float, PoseStamped]] = deque(maxlen=20_000)  # time of arrival, message
-        self.latest: dict[str, Any] = {}
         self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
-        listen = self.node.create_subscription
-        listen(PoseStamped, "current_pose", lambda message: self.poses.append((time.monotonic(), message)), 10)
-        for name, kind in MEASUREMENTS.items():
-            listen(kind, name, partial(self.latest.__setitem__, name), 10)
-        for name, kind in STATE_WORDS.items():
-            listen(kind, f"{driver}/{name}", partial(self.latest.__setitem__, name), LATCHED)
+        self.node.create_subscription(PoseStamped, "current_pose", self._on_pose, 10)
         self.targets = self.node.create_publisher(PoseStamped, "target_frame", COMMAND)
 
     def __enter__(self) -> Peer:
@@ -57,6 +44,9 @@ class Peer:
     def __exit__(self, *_: object) -> None:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self.poses.append((time.monotonic(), message))
 
     def spin(self, seconds: float) -> None:
         """Listen."""
@@ -102,11 +92,6 @@ class Peer:
             while (left := deadline - time.monotonic()) > 0:
                 self.executor.spin_once(timeout_sec=left)
 
-    def hold(self, seconds: float) -> None:
-        """Stream where the arm is."""
-        here = self.pose()
-        self.stream(lambda _: here, seconds)
-
     def call(self, name: str, kind: Any = Trigger, timeout: float = 10.0, **fields: Any) -> Any:
         """Call a service of the arm; its response."""
         client = self.node.create_client(kind, name if name.startswith("/") else f"{self.driver}/{name}")
@@ -116,9 +101,3 @@ class Peer:
         self.wait(future.done, timeout, f"answer of {client.srv_name}")
         self.node.destroy_client(client)
         return future.result()
-
-    def set_parameter(self, name: str, value: Any) -> tuple[bool, str]:
-        """Set a parameter of the arm's node: success and reason."""
-        message = Parameter(name, value=value).to_parameter_msg()
-        result = self.call("set_parameters", SetParameters, parameters=[message]).results[0]
-        return result.successful, result.reason

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bag files: described, and written as MCAP (a folder as `ros2 bag` makes it, or one file that ends in .mcap).
+"""Bag files: described, read, and written as MCAP (a folder as `ros2 bag` makes it, or one file that ends in .mcap).
 
 Needs no ROS but the definitions of the message types that are written.
 """
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
 
@@ -22,6 +23,21 @@ def open_bag(path: Path) -> Reader:
     try:
         return Reader(path)
     except (OSError, ReaderError) as error:
+        raise BagError(f"{path}: not a readable bag: {error}") from error
+
+
+def read_messages(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, str, Any]]:
+    """Topic, type and content of the messages on the wanted topics, in the order of the bag.
+
+    Raises:
+        BagError: no readable bag.
+    """
+    try:
+        with AnyReader([path]) as reader:
+            connections = [c for c in reader.connections if wanted(c.topic)]
+            for connection, _, data in reader.messages(connections) if connections else ():
+                yield connection.topic, connection.msgtype, reader.deserialize(data, connection.msgtype)
+    except (OSError, AnyReaderError) as error:
         raise BagError(f"{path}: not a readable bag: {error}") from error
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
 from scipy.spatial.transform import Rotation
 
+from seed_bringup.bags.files import read_messages
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose
 
@@ -46,19 +46,14 @@ def read_series(bag: Path, topics: dict[str, str]) -> dict[str, Series]:
     """Series by name of the topics given as name: topic. Poses become (4, 4), wrenches (6,) [torque, force].
 
     Raises:
-        SeriesError: no readable bag, or a topic without messages.
+        SeedError: no readable bag, or a topic without messages.
     """
     rows: dict[str, list[tuple[float, Array]]] = {topic: [] for topic in topics.values()}
-    try:
-        with AnyReader([bag]) as reader:
-            for connection, _, data in reader.messages([c for c in reader.connections if c.topic in rows]):
-                message: Any = reader.deserialize(data, connection.msgtype)
-                value = _value(message, connection.msgtype)
-                if value is not None:
-                    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                    rows[connection.topic].append((stamp, value))
-    except (OSError, AnyReaderError) as error:
-        raise SeriesError(f"{bag}: not a readable bag: {error}") from error
+    for topic, kind, message in read_messages(bag, rows.__contains__):
+        value = _value(message, kind)
+        if value is not None:
+            stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+            rows[topic].append((stamp, value))
     out = {}
     for name, topic in topics.items():
         if not rows[topic]:

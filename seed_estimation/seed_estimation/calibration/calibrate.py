@@ -12,7 +12,6 @@ Extrinsics: each camera sees one side of the cylinder; the axes that both sides 
 """
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -171,7 +170,3 @@ def main(argv: list[str]) -> int:
         )
     print(f"written to {options.out}; set the estimator's parameter `calibration` to it")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

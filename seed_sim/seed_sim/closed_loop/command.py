@@ -131,7 +131,3 @@ def _table(result: dict[str, Any]) -> str:
         numbers = f"{f['mean']:13.3f} N {f['p95']:7.3f} {f['max']:7.3f} {rms:9.2f} {most:9.2f}"
         lines.append(f"{name:18s} {numbers}  {c['failed'] or '-'}")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

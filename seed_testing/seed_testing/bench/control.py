@@ -4,7 +4,6 @@
 import gc
 import time
 import tracemalloc
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -82,19 +81,13 @@ def run(steps: int = 5000) -> dict[str, object]:
 
     The node needs ROS 2 and runs while one process per core keeps the machine busy.
     """
+    from seed_testing.bench.ros import control_rate
+
     loop = Pressing()
     spent = [loop.step() for _ in range(500 + steps)][500:]
     return {
         **figures("step_{}_us", spent, "median", "mean", "p99"),
         "mode": loop.controller.state.mode,
         "growth_bytes_per_1000_steps": growth(steps),
-        "node": _node(),
+        "node": control_rate.run(),
     }
-
-
-def _node() -> object:
-    if find_spec("rclpy") is None:
-        return "needs ROS 2"
-    from seed_testing.bench.ros import control_rate
-
-    return control_rate.run()

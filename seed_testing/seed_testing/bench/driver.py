@@ -1,52 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timing of the servo process against the stand-in, with another process loading a core.
+"""Timing of the servo process against the stand-in, with another process loading a core: about two minutes."""
 
-`run()` returns the figures; `python -m seed_testing.bench.driver` prints them as JSON (about two minutes).
-"""
-
-import argparse
 import json
 import math
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from seed_testing.bench.processes import BUSY, processes
 from seed_testing.fault_bench.bench import FaultBench
 from seed_testing.fault_bench.faults import FAULTS, run_fault
 
-BUSY = "while True: sum(range(10000))"
 PERIOD, TOLERANCE = 0.002, 0.0003  # [s] of a servo cycle
 
 
-def run(seconds: float = 60.0, load: bool = True, faults: bool = True) -> dict[str, Any]:
+def run(seconds: float = 60.0) -> dict[str, Any]:
     """Streaming figures over `seconds`, then report and recovery times of every fault."""
-    out = {"servo": servo(seconds, load)}
-    if faults:
-        out["faults"] = fault_times()
-    return out
-
-
-def servo(seconds: float, load: bool) -> dict[str, Any]:
-    """500 Hz streaming: periods, commands received, CPU share of the servo process, latency of targets."""
-    busy = subprocess.Popen([sys.executable, "-c", BUSY]) if load else None
-    try:
-        with FaultBench() as bench:
-            bench.ready()
-            bench.sway()
-            bench.run(1.0)
-            return _measure(bench, seconds)
-    finally:
-        if busy is not None:
-            busy.kill()
-            busy.wait()
+    with processes(BUSY), FaultBench() as bench:
+        bench.ready()
+        bench.sway()
+        bench.run(1.0)
+        servo = _measure(bench, seconds)
+    return {"servo": servo, "faults": fault_times()}
 
 
 def _measure(bench: FaultBench, seconds: float) -> dict[str, Any]:
+    """500 Hz streaming: periods, commands received, CPU share of the servo process, latency of targets."""
     periods = json.loads(bench.ask("periods").text)
     bench.robot.ask("reset_stats")
     sent, robot = bench.state.sent, bench.robot.process
@@ -116,17 +98,3 @@ def fault_times() -> dict[str, Any]:
             "report_bound_s": fault.report_within,
         }
     return out
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(prog="seed_testing.bench.driver", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="length of the streaming run (default %(default)s)")
-    parser.add_argument("--no-load", action="store_true", help="no other process loads a core")
-    parser.add_argument("--no-faults", action="store_true", help="streaming only")
-    given = parser.parse_args()
-    print(json.dumps(run(given.seconds, not given.no_load, not given.no_faults), indent=1))
-
-
-if __name__ == "__main__":
-    main()

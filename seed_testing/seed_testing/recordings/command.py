@@ -8,7 +8,6 @@ images are turned and shifted by known amounts and followed. Exit code 0 only if
 import argparse
 import json
 import os
-import sys
 from pathlib import Path
 
 from seed_core.command_line import Help, command
@@ -46,7 +45,3 @@ def folder() -> Path:
     """Where recordings lie: $SEED_DATA, else shared/data beside the checkout."""
     root = Path(os.environ.get("SEED_ROOT") or Path(__file__).resolve().parents[3])
     return Path(os.environ.get("SEED_DATA") or root.parent / "shared" / "data")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

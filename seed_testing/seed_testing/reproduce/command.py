@@ -2,7 +2,6 @@
 """`./seed reproduce fig4|fig6|fig7`: the paper's figures as figures and tables, from simulation."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from seed_core.command_line import Help, command, results_folder, seed_number
@@ -39,7 +38,3 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--text", default="SEED", help="what the pen writes (fig7)")
     parser.add_argument("--out", type=Path, help="folder; default: results/FIGURE")
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,6 @@ seed validate slip --seed 7 [--json]
 import argparse
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +104,3 @@ def _table(result: dict[str, Any]) -> str:
     if result.get("report"):
         lines.append(f"figure: {result['report']}")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

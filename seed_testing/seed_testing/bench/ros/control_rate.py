@@ -7,7 +7,6 @@ and a set-point in motion.
 
 import gc
 import os
-import subprocess
 import sys
 import time
 
@@ -24,26 +23,20 @@ from seed_core.hand import Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy
 from seed_ros import COMMAND, QUEUE, FixedRateLoop, SeedNode
 from seed_ros.conversions import estimate_to_message, fill_pose, pose_stamped, stamp_from_seconds
+from seed_testing.bench.processes import BUSY, processes
 from seed_testing.figures import figures
 
 NAMESPACE = "seed_bench"
-BUSY = "while True: sum(range(10000))"
 WITHIN = 1e-3  # [s]
 _READY, _WARM = 30.0, 2.0  # [s] of waiting for the set-point to be followed; then until it moves
 _IMAGES = 6  # steps between images
 
 
-def run(seconds: float = 10.0, busy: int | None = None) -> dict[str, object]:
-    """Periods of the node's loop over `seconds`; busy: number of loading processes, by default one per core."""
-    count = (os.cpu_count() or 1) if busy is None else busy
-    commands = [["-c", BUSY]] * count + [["-m", "seed_testing.bench.ros.control_rate"]]
-    processes = [subprocess.Popen([sys.executable, *arguments]) for arguments in commands]
-    try:
+def run(seconds: float = 10.0) -> dict[str, object]:
+    """Periods of the node's loop over `seconds`, with one loading process per core."""
+    count = os.cpu_count() or 1
+    with processes(*[BUSY] * count, ("-m", "seed_testing.bench.ros.control_rate")):
         return {"busy_processes": count, **_measured(seconds)}
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def _measured(seconds: float) -> dict[str, object]:

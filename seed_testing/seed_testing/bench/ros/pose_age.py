@@ -11,13 +11,11 @@ Twice, by the wall's clock, each node a process:
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,6 +36,7 @@ from seed_bringup.ros.session import Session, SessionError
 from seed_core.errors import FailedError
 from seed_ros import QUEUE, SENSOR, FixedRateLoop
 from seed_ros.conversions import seconds
+from seed_testing.bench.processes import processes
 from seed_testing.figures import figures
 
 TASK, TASK_PATIENCE = "squeegee", 75.0  # [s]
@@ -102,11 +101,8 @@ def run() -> dict[str, Any]:
 
 
 def _real() -> dict[str, Any]:
-    with ExitStack() as stack:
-        for module in (["seed_ur.ur_sim", "--host", ROBOT], ["seed_testing.bench.ros.played_cameras"]):
-            process = stack.enter_context(subprocess.Popen([sys.executable, "-m", *module], stdout=subprocess.DEVNULL))
-            stack.callback(process.terminate)
-        session = stack.enter_context(_cell({"robot": "ur", "robot_ip": "localhost"}))
+    robot, cameras = ("-m", "seed_ur.ur_sim", "--host", ROBOT), ("-m", "seed_testing.bench.ros.played_cameras")
+    with processes(robot, cameras), _cell({"robot": "ur", "robot_ip": "localhost"}) as session:
         session.trigger("cameras/release", patience=40.0)
         _prepare(session, "cameras/grasp", "driver/resend_robot_program")
         session.trigger("cameras/move")
