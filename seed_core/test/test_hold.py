@@ -61,6 +61,15 @@ def test_the_newest_reason_to_hold_is_told() -> None:
     assert latch.reason == "emergency stop"
 
 
+def test_an_error_without_words_is_a_hold_all_the_same() -> None:
+    latch = HoldLatch(PATIENCE)
+    latch.heard(0.0)
+    latch.hold(str(RuntimeError()))
+    latch.heard(0.01)
+    assert not latch.following
+    assert latch.reason
+
+
 EVENTS = st.lists(st.sampled_from(["heard", "refused", "check", "hold", "resume"]), max_size=30)
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The latched hold of an arm and of a controller: clauses 3 to 6 of docs/arm_contract.md."""
 
+UNTOLD = "held for a reason that was not told"
+
 
 class HoldLatch:
     """Targets are followed until something is wrong, then not any more until `resume`, whatever comes meanwhile.
@@ -51,8 +53,8 @@ class HoldLatch:
             self.refused(f"no target_frame for {self.patience:g} s")
 
     def hold(self, why: str) -> None:
-        """Follow nothing from now on; the newest reason is the one that is told."""
-        self.reason, self._heard = why, None
+        """Follow nothing from now on; the newest reason is the one that is told. An error without words holds, too."""
+        self.reason, self._heard = why or UNTOLD, None
 
     def resume(self) -> None:
         """Follow the targets that come from now on."""
