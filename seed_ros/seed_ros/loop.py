@@ -40,6 +40,7 @@ CLOCK_LOOK = 0.002  # [s] between two looks at a simulated clock
 CLOCK_PATIENCE = 5.0  # [s] of silence before it is said
 TURNED_BACK = 1.0  # [s] further than this from being due: the simulated clock was set back
 LATE = 5  # [periods] behind which deadlines start anew: what was missed is not made up for
+CLOSEST = 0.85  # [periods] from the end of a tick to the next, of a loop that makes up for nothing
 SERVICE_PERIOD = 0.1  # [s] between two looks at services, actions and slow timers
 BUSY_SERVICE_PERIOD = 0.02  # [s] while they are in use: for BUSY after the last call
 BUSY = 0.5  # [s]
@@ -109,6 +110,7 @@ class FixedRateLoop:
         eager: bool = False,
         priority: int = 0,
         service_period: float = SERVICE_PERIOD,
+        catch_up: bool = True,
     ) -> None:
         """A loop at `rate` [Hz].
 
@@ -117,9 +119,11 @@ class FixedRateLoop:
             eager: (and steady) polled messages reach their callbacks when they come, not at the next period.
             priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
             service_period: [s] between two looks at services, actions and slow timers while nobody uses them.
+            catch_up: make up for a few late periods; not when each tick is a step of an arm, which would take several
+                that come at once for one long step.
         """
         self.node, self.period, self._tick = node, 1.0 / rate, tick
-        self._eager = eager
+        self._eager, self._catch_up = eager, catch_up
         self.periods: deque[float] = deque(maxlen=PERIODS)  # [s] from one beginning to the next
         self.overruns = 0
         self._priority, self._service_period = priority, service_period
@@ -220,7 +224,8 @@ class FixedRateLoop:
         now = self._now()
         late = now - due - self.period
         self.overruns += late > 0.0
-        return due + self.period if -TURNED_BACK < late < LATE * self.period else now
+        regular = due + self.period if -TURNED_BACK < late < LATE * self.period else now
+        return regular if self._catch_up else max(regular, now + CLOSEST * self.period)
 
     def _serve_others(self) -> None:
         now = time.monotonic()

@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
@@ -114,3 +115,18 @@ def test_a_steady_loop_can_be_asked_for_a_period_between_the_regular_ones(contex
     node.destroy_node()
     _, between, regular = ticks
     assert asked <= between < started + 0.5 <= regular
+
+
+@pytest.mark.parametrize("catch_up", [True, False])
+def test_a_late_loop_makes_up_for_what_it_missed_only_where_that_is_wanted(context: Context, catch_up: bool) -> None:
+    node, ticks = Node("late", context=context), []
+
+    def tick() -> None:
+        ticks.append(time.monotonic())
+        if len(ticks) == 3:
+            time.sleep(3.5 * PERIOD)
+
+    FixedRateLoop(node, 1.0 / PERIOD, tick, catch_up=catch_up).run(lambda: len(ticks) >= 10)
+    node.destroy_node()
+    shortest = min(b - a for a, b in pairwise(ticks))
+    assert shortest < 0.5 * PERIOD if catch_up else shortest >= 0.8 * PERIOD

@@ -26,7 +26,7 @@ class GuardNode(SeedNode):
         self._reason_told: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)
         self._reason = self.create_publisher(String, "~/hold_reason", LATCHED)
-        self.loop = FixedRateLoop(self, self.guard.config.rate, self._step, service_period=0.0)
+        self.loop = FixedRateLoop(self, self.guard.config.rate, self._step, service_period=0.0, catch_up=False)
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
         self.serve(Trigger, "~/resend_robot_program", self._resume)
