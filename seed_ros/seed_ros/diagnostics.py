@@ -23,12 +23,14 @@ class Counters:
         """repeat: [s] the same cause is not logged earlier."""
         self._node, self._repeat = node, repeat
         self._counts: Counter[str] = Counter()
+        self._total = 0  # asked for in every period, while words with numbers in them make many causes
         self._logged: dict[str, float] = {}  # [s] when each cause was logged last
         self.last = ""
 
     def add(self, cause: str, reason: str) -> None:
         """One event of a cause (a word for diagnostics), with its reason in words."""
         self._counts[cause] += 1
+        self._total += 1
         self.last = reason
         now = self._node.get_clock().now().nanoseconds * 1e-9
         if not 0.0 <= now - self._logged.get(cause, float("-inf")) < self._repeat:
@@ -52,7 +54,7 @@ class Counters:
 
     def total(self) -> int:
         """All events."""
-        return self._counts.total()
+        return self._total
 
 
 def percentiles_ms(name: str, samples: Sequence[float], digits: int) -> dict[str, float]:

@@ -101,6 +101,13 @@ def test_refused_messages_are_counted_with_their_words_and_told_in_the_diagnosti
     assert [(v.key, v.value) for v in status.values] == [("words_refused", "2")]
 
 
+def test_the_total_counts_every_cause_once_per_event(bench: Bench) -> None:
+    node = bench.add(Answering)
+    for i in range(5):
+        node.counters.add(f"{i % 2} m off", "off")
+    assert node.counters.total() == 5 == sum(node.counters.values().values())
+
+
 def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace() -> None:
     process = subprocess.Popen([sys.executable, "-c", NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
