@@ -63,9 +63,10 @@ class DriverNode(SeedNode, LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the servo process; the link may come up later, see ~/hold_reason."""
         assert self.config is not None
-        self.supervisor = Supervisor(self.config)
-        self.supervisor.start(start_program=True)
-        self.requests.begin(self.supervisor, self.config.robot_ip)
+        supervisor = Supervisor(self.config)
+        supervisor.start(start_program=True)  # when this fails, the node is not active and nothing starts later
+        self.supervisor = supervisor
+        self.requests.begin(supervisor, self.config.robot_ip)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
