@@ -21,7 +21,7 @@ from seed_driver.motion.servo_motion import Motion
 from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
 from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above
 from seed_driver.process.shared_memory import CRASHED, LOST, ORPHANED, SharedMemory, Stage, State, TargetSlot
-from seed_driver.robot.connection import Robot
+from seed_driver.robot.connection import Robot, load_ur_rtde
 from seed_driver.robot.link import LinkError
 from seed_driver.session import WAITING, Session
 
@@ -51,6 +51,8 @@ class ServoProcess:
     def run(self) -> None:
         """Search, then stream until the process ends."""
         self.publish(Stage.STARTING)
+        with suppress(LinkError):  # the search tells it
+            load_ur_rtde()  # now: from a cold disk it takes longer than the search may go without a heartbeat
         robot = self._search()
         self.session.robot = robot
         self._version = "{}.{}.{}.{}".format(*robot.version)

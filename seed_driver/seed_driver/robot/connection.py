@@ -30,17 +30,22 @@ INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist fo
 SLIDER = rtde.Recipe.of(("speed_slider_mask", "speed_slider_fraction"), rtde.INPUTS)
 
 
+def load_ur_rtde() -> Any:
+    """Its class of the control interface; raises LinkError with the pip command when it is not installed."""
+    try:
+        from rtde_control import RTDEControlInterface
+    except ImportError as error:
+        raise LinkError(f"{INSTALL} [{error}]") from error
+    return RTDEControlInterface
+
+
 class Robot:
     """A stream of states and, once a program is wanted, ur_rtde's control interface."""
 
     def __init__(self, config: DriverConfig) -> None:
         """Raises LinkError with what is wrong and what to do."""
-        try:
-            from rtde_control import RTDEControlInterface
-        except ImportError as error:
-            raise LinkError(f"{INSTALL} [{error}]") from error
-        self._control_class = RTDEControlInterface
         self.config = config
+        self._control_class = load_ur_rtde()
         self.version = rtde_client.supported_version(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.version[0] == 3 else 500.0)
         self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
