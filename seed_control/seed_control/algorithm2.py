@@ -4,7 +4,8 @@
 The wanted wrench becomes a wanted displacement of the grasp by the inverse of its stiffness map, and the displacement
 a wanted pose of the gripper, which the arm's position controller reaches. Algorithm 1 is the one-dimensional case.
 
-The law `published` is this alone. Hybrid control (Sec. V-C) puts a partial inverse in the place of the whole one.
+The law `published` is Algorithm 2, hybrid by the partial inverses of Sec. V-C: they take the place of the whole inverse
+in line 5.
 """
 
 from __future__ import annotations

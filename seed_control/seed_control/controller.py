@@ -187,13 +187,13 @@ class Controller:
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""
-        command, law, asked, m = self._command, self.law, self._setpoint, self.law.measured
-        if not self._guard.following or asked is None or m is None:
+        command, law, setpoint, m = self._command, self.law, self._setpoint, self.law.measured
+        if not self._guard.following or setpoint is None or m is None:
             command.stop(dt)
             return ()
         command.compare(self._inputs.history.newest(), dt)
-        if isinstance(asked, RelativePoseSetpoint):
-            X_WC = gripper_pose(law.tool.X_WT, asked.X_TC)
+        if isinstance(setpoint, RelativePoseSetpoint):
+            X_WC = gripper_pose(law.tool.X_WT, setpoint.X_TC)
             command.turn_to(X_WC[:3, :3])
             return command.towards(as_vector3(X_WC[:3, 3]), dt, self.parameters.approach_speed)
         lead = command.lead
@@ -202,11 +202,11 @@ class Controller:
 
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:
         """What the set-point controls that the estimate does not observe: it would count as undeflected."""
-        law, asked = self.law, self._setpoint
-        if all(estimate.observed) or asked is None or self._guard.held:
+        law, setpoint = self.law, self._setpoint
+        if all(estimate.observed) or setpoint is None or self._guard.held:
             return ""
-        if isinstance(asked, RelativePoseSetpoint):
-            return unobserved_displacement(asked.X_TC, estimate)
+        if isinstance(setpoint, RelativePoseSetpoint):
+            return unobserved_displacement(setpoint.X_TC, estimate)
         assert law.measured is not None  # it is enabled with an estimate only
         assert law.setpoint is not None
         return unobserved_load(law.plan.normals, law.setpoint.torque_axes, estimate, law.measured.X_WC[:3, :3])
@@ -228,17 +228,17 @@ class Controller:
         return "contact" if self.law.contact.made else "approach"
 
     def _describe(self, t: float, limits: tuple[str, ...] = ()) -> ControllerState:
-        law, plan, held, asked = self.law, self.law.plan, self._guard.held, self._setpoint
+        law, plan, held, setpoint = self.law, self.law.plan, self._guard.held, self._setpoint
         mode, m, hybrid = self._mode(held), law.measured, law.setpoint
         return ControllerState(
             stamp=t,
             mode=mode,
             enabled=self._guard.enabled,
-            setpoint_kind=asked.kind if asked is not None else "",
+            setpoint_kind=setpoint.kind if setpoint is not None else "",
             desired=hybrid.wrench if hybrid is not None else None,
             estimated=law.estimated_task,
             filtered=law.filtered_task,
-            desired_X_TC=asked.X_TC if isinstance(asked, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
+            desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
             measured_X_CT=m.X_CT if m is not None else None,
             X_W_tip=law.X_W_tip,
             R_W_task=plan.R_W_task,

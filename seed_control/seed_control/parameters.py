@@ -20,8 +20,8 @@ class ControllerParameters(MotionLimits):
     law: str = field(
         "seed",
         choices=LAWS,
-        doc="seed: observer of the surface; plain: synchronised Algorithm 2 with "
-        "gravity; published: Algorithm 2 of the paper, plain bushing, no gravity",
+        doc="seed: HybridLaw with the surface observer; plain: the same without it; published: Algorithm 2 of "
+        "the paper, hybrid by its partial inverses, no gravity, the stiffness map's model 'plain'",
     )
     rate: float = field(250.0, unit="Hz", low=50.0, high=1000.0, doc="how often step is called")
     # motion limits

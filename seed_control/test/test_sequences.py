@@ -54,7 +54,7 @@ def do(bench: Bench, name: str) -> None:
     state = bench.run(0.1)
     law = bench.controller.law
     assert np.isfinite(bench.commands[-1]).all()
-    assert len(law.plan.normals) == len(law.plan.wanted) == len(law.reference._courses)
+    assert len(law.plan.normals) == len(law.plan.wanted) == len(law.reference._references)
     if law.setpoint is None:
         assert not law.regulates_force
         assert not state.in_contact

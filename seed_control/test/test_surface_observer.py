@@ -16,7 +16,7 @@ FRAME = 1.0 / 45.0
 
 def height(observer: SurfaceObserver, n: np.ndarray, tip: np.ndarray, deflection: float = -0.01) -> float:
     """Height [m] along n that the observer asks for with the tip at (3,)."""
-    offset, gradient = observer.course(as_vector3(n), deflection)
+    offset, gradient = observer.wanted_height(as_vector3(n), deflection)
     return offset + float(np.dot(gradient, tip))
 
 

@@ -94,11 +94,11 @@ class Bushing:
 
     def torque(self, rpy: Array) -> Array:
         """N(q)^T diag(k) q (3,) [N m] at q = rpy (3,) [rad]: the rotational half of Eq. 2, N of Eq. 3."""
-        r, p, y = float(rpy[0]), float(rpy[1]), float(rpy[2])
+        roll, pitch, yaw = float(rpy[0]), float(rpy[1]), float(rpy[2])
         kr, kp, ky = self.stiffness.rotation
-        c1, s1, c2, s2 = cos(p), sin(p), cos(y), sin(y)
-        a = (kr * r + s1 * ky * y) / c1
-        return np.array((a * c2 - s2 * kp * p, a * s2 + c2 * kp * p, ky * y))
+        c1, s1, c2, s2 = cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+        a = (kr * roll + s1 * ky * yaw) / c1
+        return np.array((a * c2 - s2 * kp * pitch, a * s2 + c2 * kp * pitch, ky * yaw))
 
     def energy(self, X_TC: Array) -> float:
         """Elastic energy [J] at X_TC: 1/2 q^T k q + 1/2 p^T K p, p written in B for the midpoint model."""
@@ -116,17 +116,17 @@ class Bushing:
         """
         kr, kp, ky = self.stiffness.rotation
         tx, ty, tz = float(torque[0]), float(torque[1]), float(torque[2])
-        y = tz / ky
-        c2, s2 = cos(y), sin(y)
-        p = (-s2 * tx + c2 * ty) / kp
-        r = (cos(p) * (c2 * tx + s2 * ty) - sin(p) * tz) / kr
-        for name, value, bound in (("yaw", y, pi), ("pitch", p, pi / 2), ("roll", r, pi)):
+        yaw = tz / ky
+        c2, s2 = cos(yaw), sin(yaw)
+        pitch = (-s2 * tx + c2 * ty) / kp
+        roll = (cos(pitch) * (c2 * tx + s2 * ty) - sin(pitch) * tz) / kr
+        for name, value, bound in (("yaw", yaw, pi), ("pitch", pitch, pi / 2), ("roll", roll, pi)):
             if not abs(value) < bound:
                 raise BushingError(
                     f"torque {np.round(torque, 3)} N m needs a {name} of {np.rad2deg(value):.0f} degrees; "
                     f"this grasp's map ends at {np.rad2deg(bound):.0f}: ask for less torque or a stiffer grip"
                 )
-        return np.array((r, p, y))
+        return np.array((roll, pitch, yaw))
 
     def pose(self, wrench: Wrench) -> Array:
         """Theorem 1, inverse: the displacement at which the spring's wrench on the tool is the one given.

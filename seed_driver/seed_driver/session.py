@@ -9,7 +9,7 @@ from seed_driver.motion.servo_motion import Motion
 from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import Sample
 from seed_driver.robot import link
-from seed_driver.robot.connection import Robot, demand
+from seed_driver.robot.connection import Robot, require
 from seed_driver.robot.link import LinkError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
@@ -167,7 +167,7 @@ class Session:
         """Zero the force/torque sensor while the arm stands."""
         robot = self._need_program()
         self._need_rest()
-        demand(robot.control.zeroFtSensor(), "zero the force/torque sensor")
+        require(robot.control.zeroFtSensor(), "zero the force/torque sensor")
         return "force/torque sensor zeroed"
 
     def set_freedrive(self, on: bool) -> str:
@@ -175,10 +175,10 @@ class Session:
         robot = self._need_program()
         if on and not self.freedrive:
             self._need_rest()
-            demand(robot.control.servoStop() and robot.control.freedriveMode(), "go into freedrive")
+            require(robot.control.servoStop() and robot.control.freedriveMode(), "go into freedrive")
             self.motion.hold("freedrive")
         elif not on and self.freedrive:
-            demand(robot.control.endFreedriveMode(), "leave freedrive")
+            require(robot.control.endFreedriveMode(), "leave freedrive")
             self._begin(robot)
             self.motion.hold("freedrive ended")
         self.freedrive = on

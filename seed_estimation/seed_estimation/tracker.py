@@ -55,7 +55,7 @@ class Tracker:
         self.slip = MicroSlip(max_slip)
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
         self._stamp = max(i.stamp for i in images.values())
-        self._watch = GrossSlip(models)
+        self._detector = GrossSlip(models)
         self._found = 0  # frames in a row since it was found again
         self._relocaliser: Relocaliser | None = None
         self._usual: dict[str, float] = {}  # [m] depth residual of each finger
@@ -82,9 +82,9 @@ class Tracker:
             share = quality(best)
         locked = share >= (p.lock + SURE if self.lost else p.lock)
         if locked or 0.0 < stamp - self._stamp <= SPAN:
-            self.gross_slip |= self._watch.slides(crops, best, stamp, self.slip.value, locked)
+            self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
         if share < p.lock and not self.lost:  # the markers may have sprung back, and the tool with them
-            best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._watch.places)], key=quality)
+            best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._detector.places)], key=quality)
             share = quality(best)
         if share >= p.lock and not self.lost:
             best = self._without_hidden_images(crops, best, touching, p.iterations)
@@ -166,7 +166,7 @@ class Tracker:
         self.X_CT, self._stamp, self.lost = found.X_CT, stamp, False
         self._learn_usual(found)
         if p.learn_slip and followed:
-            self.slip.update(found.slip_demand, dt)
+            self.slip.update(found.slip_information, dt)
 
     def _learn_usual(self, found: Fit) -> None:
         for f, rms in found.depth_rms.items():

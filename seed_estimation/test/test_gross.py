@@ -211,7 +211,7 @@ def test_a_pull_aside_is_no_springing_back() -> None:
 
 def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
     seen = observed([*PULLED, (0.0, 0.0, 3.2)])
-    together = [s._replace(depth=Depth(s.way, np.full(3, 5e-5))) for s in seen]
+    together = [s._replace(depth=Depth(s.displacement, np.full(3, 5e-5))) for s in seen]
     staying = [s._replace(depth=Depth(np.array((0.0, 0.0, 3.6e-3)), np.full(3, 5e-5))) for s in seen[-2:]]
     assert sprung_back(together, JITTER) == 0.0
     assert sprung_back([*together[:-2], *staying], JITTER) == MOST

@@ -34,9 +34,9 @@ class ContactDetector:
         active = np.abs(wanted) > 0.0
         if not active.any():
             return False
-        p, felt, size = self._parameters, (along * np.sign(wanted))[active], np.abs(wanted[active])
-        above = bool(np.any(felt > np.maximum(p.contact_share * size, _CERTAIN * deviation)))
-        below = bool(np.all(felt < p.lost_share * size))
+        p, along_wanted, size = self._parameters, (along * np.sign(wanted))[active], np.abs(wanted[active])
+        above = bool(np.any(along_wanted > np.maximum(p.contact_share * size, _CERTAIN * deviation)))
+        below = bool(np.all(along_wanted < p.lost_share * size))
         self._above, self._below = self._above + 1 if above else 0, self._below + 1 if below else 0
         if not self.made and self._above >= p.contact_images:
             self.made = True

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The full law: Algorithm 2 with what it takes to hold force, torque, position and angle on a real arm."""
+"""The full law: Algorithm 2 with what it takes to hold force, torque, position and angle on a real arm.
+
+The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
+"""
 
 from __future__ import annotations
 
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_observer import SurfaceObserver
-from seed_control.law.tip_reference import Course
+from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
@@ -22,7 +25,7 @@ class HybridLaw(PublishedLaw):
     """Algorithm 2 on the image's own kinematics, with gravity, a smoothed tool, and the tool instead of the gripper
     on the path: the deflection of what is held is fed forward.
 
-    In contact an observer per force direction tells where the surface will be (law 'seed'; 'plain' goes without).
+    In contact an observer per force direction tells where the surface will be (law `seed`; `plain` goes without).
     """
 
     synchronised = True
@@ -66,17 +69,17 @@ class HybridLaw(PublishedLaw):
         """The tool is where and how it is wanted: the gripper leads by the slowly filtered deflection."""
         return R_WT_des @ rotation_from_rpy(self.deflection.q), self.deflection.tip_to_C
 
-    def _course(self, s: HybridSetpoint, i: int) -> Course:
-        course = super()._course(s, i)
+    def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
+        reference = super()._height_reference(s, i)
         if self.parameters.law == "plain":
-            return course
+            return reference
         needed = abs(float(self.plan.wanted[i])) / self.wrench_estimator.mean_stiffness  # [m] of deflection
         if not self.contact.made:  # the grasp must not deflect further within a loop than wanted
-            return course._replace(reach=_APPROACH_SHARE * needed)
+            return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
-        offset, gradient = self.observers[i].course(course.normal, deflection)
-        speed = max(course.speed, min(self.parameters.press_speed, needed / _PRESS_TIME))
-        return Course(course.normal, offset, gradient, speed)
+        offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)
+        speed = max(reference.speed, min(self.parameters.press_speed, needed / _PRESS_TIME))
+        return HeightReference(reference.normal, offset, gradient, speed)
 
 
 def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:

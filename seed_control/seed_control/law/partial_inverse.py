@@ -40,7 +40,7 @@ def hybrid_force_position(force_projector: Array, K: Array, displacement: Array,
     """
     P = force_projector
     scale = float(K[0, 0])  # [N/m], makes both kinds of rows of about one size
-    M = np.eye(3) - P + P @ K / scale
+    M = np.eye(3) - P + P @ K / scale  # (S + P K / scale) d = S displacement + P force / scale
     return np.asarray(np.linalg.solve(M, displacement - P @ displacement + P @ force / scale))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's law: Algorithm 2 with the partial inverses of Sec. V-C, and nothing more."""
+"""The paper's law: Algorithm 2, hybrid by the partial inverses of Sec. V-C, and nothing more."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from seed_control.algorithm2 import force_control
 from seed_control.law.contact import ContactDetector
 from seed_control.law.directions import force_directions
 from seed_control.law.partial_inverse import PartialInverseError, hybrid_force_position, hybrid_torque_orientation
-from seed_control.law.tip_reference import Course, TipReference
+from seed_control.law.tip_reference import HeightReference, TipReference
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
@@ -44,7 +44,8 @@ class Plan(NamedTuple):
 
 
 class PublishedLaw:
-    """Algorithm 2 alone: kinematics of now, the plain bushing, no gravity, no filter, the gripper on the path.
+    """Algorithm 2, hybrid by the partial inverses of Sec. V-C: kinematics of now, no gravity, no filter, the gripper on
+    the path, and the stiffness map's model 'plain' (`seed_core/bushing.py`), which is not the law `plain`.
 
     For directions and axes that a set-point holds in position or angle, partial inverses stand in its line 5. Before
     contact angles are held, and the gripper goes along the force directions at approach speed.
@@ -165,8 +166,8 @@ class PublishedLaw:
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:
         """Algorithm 2 from the set-point and the newest image."""
         R_WT, limits = self.tool.R_WT, list[str]()
-        force, felt = R_W_task @ s.wrench.force, self.tool.on_environment.force
-        load = Wrench(R_W_task @ s.wrench.torque, P @ force + felt - P @ felt)  # no other force than is felt elsewhere
+        force, measured = R_W_task @ s.wrench.force, self.tool.on_environment.force
+        load = Wrench(R_W_task @ s.wrench.torque, P @ force + measured - P @ measured)  # off P as measured
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T
         R_WC_held, tip_to_C = self._held(R_WT_des)
 
@@ -225,13 +226,13 @@ class PublishedLaw:
 
     def _follow(self, s: HybridSetpoint) -> None:
         """What the reference moves along until the next image."""
-        courses = [self._course(s, i) for i in range(len(self.plan.normals))]
-        self.reference.follow(courses, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
+        references = [self._height_reference(s, i) for i in range(len(self.plan.normals))]
+        self.reference.follow(references, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
 
-    def _course(self, s: HybridSetpoint, i: int) -> Course:
+    def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
         """Along force direction i to where Algorithm 2 wants the gripper; along the path where nothing is wanted."""
         plan, speed = self.plan, s.approach_speed or self.parameters.approach_speed
         n = as_vector3(plan.normals[i])
         if plan.wanted[i] == 0.0 and not self.contact.made:
-            return Course(n, float(plan.normals[i] @ plan.to_undeflected), n, speed)
-        return Course(n, float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)), ZERO, speed)
+            return HeightReference(n, float(plan.normals[i] @ plan.to_undeflected), n, speed)
+        return HeightReference(n, float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)), ZERO, speed)

@@ -30,7 +30,7 @@ _JUMP_IMAGES = 2  # so many in a row on one side mean that the surface has stepp
 
 
 class SurfaceObserver:
-    """The filter along one direction. `start` at first contact, `update` and `course` per image.
+    """The filter along one direction. `start` at first contact, `update` and `wanted_height` per image.
 
     Attributes:
         x: (5,) height zeta [m], slope g (3): rise along n per metre of travel, and share beta.
@@ -72,7 +72,7 @@ class SurfaceObserver:
         self.P -= np.outer(gain, Ph)
         return innovation
 
-    def course(self, n: Vector3, deflection: float) -> tuple[float, Vector3]:
+    def wanted_height(self, n: Vector3, deflection: float) -> tuple[float, Vector3]:
         """Height c along n at which c - y is the deflection [m] wanted, wherever the tip is going to be.
 
         Returns offset [m] and gradient (3,): with the tip at (3,) in W, c = offset + gradient . tip.

@@ -13,7 +13,7 @@ from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus, plus_
 _SLOWEST = 1e-3  # [m/s]
 
 
-class Course(NamedTuple):
+class HeightReference(NamedTuple):
     """Along one force direction: wanted height of the undeflected tip, and the bounds on its speed.
 
     Attributes:
@@ -31,7 +31,7 @@ class Course(NamedTuple):
 
 
 class TipReference:
-    """Moves the undeflected tip along its courses; elsewhere it follows the path.
+    """Moves the undeflected tip along its height references; elsewhere it follows the path.
 
     Attributes:
         undeflected: commanded place of the tip if the grasp were not deflected [m].
@@ -40,20 +40,20 @@ class TipReference:
     def __init__(self) -> None:
         self.undeflected = self._to_undeflected = self._lever = ZERO
         self._tip = self._velocity = ZERO
-        self._courses: Sequence[Course] = ()
+        self._references: Sequence[HeightReference] = ()
 
     def lead(self, X_W_tip: Array, velocity: Array) -> None:
         """Where the path is now: wanted tip (4, 4), and its velocity (3,) [m/s], in W."""
         self._tip, self._velocity = as_vector3(X_W_tip[:3, 3]), as_vector3(velocity)
 
-    def follow(self, courses: Sequence[Course], lever: Vector3, to_undeflected: Vector3) -> None:
-        """What an image settles: a course per force direction, and the grasp.
+    def follow(self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3) -> None:
+        """What an image settles: a height reference per force direction, and the grasp.
 
         Args:
             lever: from T's origin to the tip, in W [m].
             to_undeflected: from the wanted tip to the undeflected one, by the deflection that is fed forward [m].
         """
-        self._courses, self._lever, self._to_undeflected = courses, lever, to_undeflected
+        self._references, self._lever, self._to_undeflected = references, lever, to_undeflected
 
     def target(self, dt: float, lead: float, loop_time: float) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
@@ -64,7 +64,7 @@ class TipReference:
         """
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
-        for n, offset, gradient, speed, reach in self._courses:
+        for n, offset, gradient, speed, reach in self._references:
             now = dot(n, self.undeflected)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             step = min(max(offset + dot(gradient, tip) - now, -bound), bound)

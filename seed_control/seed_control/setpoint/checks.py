@@ -45,8 +45,10 @@ class SetpointChecks:
         self._check_deflection(s.X_TC)
 
     def as_hybrid(self, s: HybridSetpoint | WrenchSetpoint, m: Measurement) -> HybridSetpoint:
-        """The form that the law follows. A wrench (Algorithm 2 alone): every direction carries force, and angles are
-        torque where a contact resists them.
+        """The form that the law follows.
+
+        A wrench (Algorithm 2, not hybrid): every direction carries force, and angles are torque where a contact resists
+        them.
 
         Args:
             m: the newest measurement.

@@ -33,7 +33,7 @@ class SetpointError(SeedError):
 
 @dataclass(frozen=True, eq=False)
 class WrenchSetpoint:
-    """Algorithm 2 alone: all six components of the wrench of the tool on the environment, about the tip.
+    """Algorithm 2, not hybrid: all six components of the wrench of the tool on the environment, about the tip.
 
     Attributes:
         wrench: torque [N m] and force [N], written in `frame`.

@@ -107,7 +107,7 @@ class Robot:
             self._send_again()
         self._wait_until_playing()
         self.apply_tool(self.config)
-        demand(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
+        require(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
 
     def _wait_until_able(self) -> None:
         """A stop that was just unlocked takes a moment to be gone from the states."""
@@ -131,7 +131,7 @@ class Robot:
         self.states.poll()
         deadline = time.monotonic() + 1.5
         while self.states.values["runtime_state"] != link.PLAYING:
-            demand(time.monotonic() < deadline, "start our program")
+            require(time.monotonic() < deadline, "start our program")
             time.sleep(0.004)
             self.states.poll()
         time.sleep(3.0 / CONTROL_RATE)  # until ur_rtde knows it too: it refuses commands to a program that does not run
@@ -139,8 +139,8 @@ class Robot:
     def apply_tool(self, config: DriverConfig) -> None:
         """Send TCP, payload and speed slider to the controller."""
         self.config = config
-        demand(self.control.setTcp(list(config.tcp)), "take the TCP")
-        demand(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
+        require(self.control.setTcp(list(config.tcp)), "take the TCP")
+        require(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
         self._set_slider(config.speed_slider)
 
     def _set_slider(self, fraction: float) -> None:
@@ -175,7 +175,7 @@ def _split(pose: Sequence[float]) -> tuple[Vector3, Quaternion]:
     return (pose[0], pose[1], pose[2]), from_rotation_vector((pose[3], pose[4], pose[5]))
 
 
-def demand(done: bool, what: str) -> None:
+def require(done: bool, what: str) -> None:
     """Raise LinkError unless the robot has done what it was asked for."""
     if not done:
         raise LinkError(f"the robot does not {what}; look at the pendant")

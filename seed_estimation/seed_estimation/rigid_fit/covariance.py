@@ -42,7 +42,7 @@ class Covariance:
             self._excess = excess
         self._excess = self._excess + MEMORY * (excess - self._excess)
         C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
-        effect = fit.slip_demand.effect
+        effect = fit.slip_information.effect
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]

@@ -14,7 +14,7 @@ import numpy as np
 
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation.images.sampling import Crop
-from seed_estimation.rigid_fit.micro_slip import ShareDemand, micro_slip_demand
+from seed_estimation.rigid_fit.micro_slip import ShareInformation, micro_slip_information
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals, solved
 
@@ -44,10 +44,10 @@ class Fit:
     fingers: Sequence[FingerResiduals]
 
     @cached_property
-    def slip_demand(self) -> ShareDemand:
+    def slip_information(self) -> ShareInformation:
         """By how much the images ask to change the micro-slip."""
         images, J_along = [f.image for f in self.fingers], [f.points.J_along for f in self.fingers]
-        return micro_slip_demand(images, J_along, self.X_CT, self.H, self.g)
+        return micro_slip_information(images, J_along, self.X_CT, self.H, self.g)
 
 
 def fit(

@@ -25,15 +25,15 @@ WANDER = 0.02  # [1/sqrt(s)] how fast the share may change
 DOUBT = 20.0  # pixels are not independent: a frame's information counts this much less
 SYSTEMATIC = 0.02  # [1] what depth's own errors pretend, however sure the images are
 ALIKE = 0.25  # [s] over which those errors stay what they are: so much of the motion tells a share once
-LARGEST_STEP = 0.5  # [1] that one frame may ask for
+LARGEST_STEP = 0.5  # [1] that one frame may make
 
 
-class ShareDemand(NamedTuple):
-    """What the images ask of a share s of the motion that the membrane does not follow, the pose free to give way.
+class ShareInformation(NamedTuple):
+    """What images tell of a share s (0 to 1) of the motion that the membrane does not follow, the pose being free.
 
     Attributes:
-        gradient, information: of s [1]; gradient / information is the change that they ask for.
-        effect: (6,) d xi / d s, by how much the pose [rotation, translation] gives way.
+        gradient, information: of s [1]; gradient / information is the Gauss-Newton step of s.
+        effect: (6,) d xi / d s, by how much the pose [rotation, translation] changes with s.
     """
 
     gradient: float
@@ -41,7 +41,7 @@ class ShareDemand(NamedTuple):
     effect: Array
 
 
-def share_demand(images: Sequence[Residuals], columns: Sequence[Array32], H: Array, g: Array) -> ShareDemand:
+def share_information(images: Sequence[Residuals], columns: Sequence[Array32], H: Array, g: Array) -> ShareInformation:
     """The share's own information once the pose is eliminated (Schur's complement).
 
     images: residuals of the fingers' images; columns: (N,) d r / d s of each; H (6, 6), g (6,): of the pose.
@@ -54,18 +54,18 @@ def share_demand(images: Sequence[Residuals], columns: Sequence[Array32], H: Arr
         H_ss += float(column @ (image.w * column)) * image.scale
         g_s += float(column @ (image.w * image.r)) * image.scale
     effect = solved(H, H_s)
-    return ShareDemand(g_s - float(g @ effect), max(H_ss - float(H_s @ effect), 0.0), effect)
+    return ShareInformation(g_s - float(g @ effect), max(H_ss - float(H_s @ effect), 0.0), effect)
 
 
-def micro_slip_demand(
+def micro_slip_information(
     images: Sequence[Residuals], J_along: Sequence[Array32], X_CT: Array, H: Array, g: Array
-) -> ShareDemand:
-    """What the images ask of the micro-slip: residuals change with it by what the motion X_CT (4, 4) does sideways.
+) -> ShareInformation:
+    """What the images tell of the micro-slip: residuals change with it by what the motion X_CT (4, 4) does sideways.
 
     J_along: (6, N) Jacobian of each image with sideways motion; H, g: as above.
     """
     motion = motion_vector(X_CT).astype(np.float32)
-    return share_demand(images, [motion @ J for J in J_along], H, g)
+    return share_information(images, [motion @ J for J in J_along], H, g)
 
 
 @dataclass
@@ -83,14 +83,14 @@ class MicroSlip:
     variance: float = START_DEVIATION**2
     value: float = 0.0
 
-    def update(self, demand: ShareDemand, dt: float) -> None:
-        """Takes one frame's demand, asked at the present value; dt: since the frame before [s]."""
+    def update(self, evidence: ShareInformation, dt: float) -> None:
+        """Takes what one frame tells, about the present value; dt: since the frame before [s]."""
         self.variance = min(self.variance + WANDER**2 * max(dt, 0.0), START_DEVIATION**2)
-        step = demand.gradient / max(demand.information, 1e-9)
-        if dt <= 0.0 or demand.information <= 0.0 or not np.isfinite(step):
+        step = evidence.gradient / max(evidence.information, 1e-9)
+        if dt <= 0.0 or evidence.information <= 0.0 or not np.isfinite(step):
             return
         systematic = SYSTEMATIC**2 * max(ALIKE / dt, 1.0)
-        gain = self.variance / (self.variance + DOUBT / demand.information + systematic)
+        gain = self.variance / (self.variance + DOUBT / evidence.information + systematic)
         wanted = self.value + min(max(step, -LARGEST_STEP), LARGEST_STEP)
         self.estimate = max(self.estimate + gain * (wanted - self.estimate), 0.0)  # no membrane runs ahead of the tool
         self.variance *= 1.0 - gain

@@ -84,17 +84,17 @@ class _PatchTemplates:
 
 
 def _pose_from_points(before: Sequence[Array], after: Sequence[Array], R: Array) -> Array | None:
-    """X (4, 4) that turns by R and takes points (3,) from before to after; two tell how far R leans as well."""
+    """X (4, 4) that turns by R and takes points (3,) from before to after; with two, R is tilted to fit them."""
     if not before:
         return None
     if len(before) == 2:
         a, b = R @ (before[1] - before[0]), after[1] - after[0]
-        lean = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b) + 1e-12)
-        if lean < TILT:
+        cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b) + 1e-12)
+        if cosine < TILT:
             return None
         axis = np.cross(a, b)
         size = float(np.linalg.norm(axis))
-        R = so3_exp(axis / size * np.arccos(min(lean, 1.0))) @ R if size > 1e-12 else R
+        R = so3_exp(axis / size * np.arccos(min(cosine, 1.0))) @ R if size > 1e-12 else R
     return make_pose(R, np.mean(after, axis=0) - R @ np.mean(before, axis=0))
 
 

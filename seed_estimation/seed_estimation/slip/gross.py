@@ -8,7 +8,11 @@ breaks loose, sliding friction bears less than what it stuck with. Hence three s
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
-    torn          the lock has broken under a load, and no finger's markers are found as one body
+    torn          the track is lost under a load, and no finger's markers are found as one body
+
+A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
+markers' displacement loses within FALL_FRAMES; evidence counts falls in multiples of their threshold. A frame is locked
+when the rigid fit explains it; a track without such frames is lost (`tracker.py`).
 
 A tool that is set free lets the membrane spring back, too. But then the load is gone, and with it what a load does to a
 patch: it is one body again, without incipient slip, and as much of its image is explained as usual.
@@ -28,20 +32,20 @@ from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, M
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
-FALL, FALL_SHARE = 2e-4, 0.03  # [m], [1] by which markers must spring back, at least, and of their displacement
+FALL, FALL_SHARE = 2e-4, 0.03  # [m], [1] threshold of a fall: so much, and this share of the displacement
 FALL_SURE = 6.0  # deviations of noise
 SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slides, and of what it was before
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
-LEAST, MOST = 0.7, 1.5  # [least falls] of which a frame is evidence, and as how much at most
+LEAST, MOST = 0.7, 1.5  # [thresholds] of fall from which a frame is evidence, and as how much it counts at most
 SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
 MOSTLY = 0.95  # [1] of a direction that depth must see
-APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the way: all three together
-EVIDENCE = 1.25  # [least falls] of each finger's markers, over frames in a row, that raise the alarm
+APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the markers' travel: all three together
+EVIDENCE = 1.25  # [thresholds] of fall of each finger's markers, over frames in a row, that raise the alarm
 BROKEN = 0.035  # [s] after which markers that cannot be found as one body are taken for a slip
 
 
 class GrossSlip:
-    """Watches one grasp: `slides` is asked with every frame, locked or not."""
+    """The detector of one grasp: `slides` is called with every frame, locked or not."""
 
     def __init__(self, models: Sequence[FingerModel]) -> None:
         p = np.concatenate([m.p for m in models], axis=1)
@@ -50,7 +54,7 @@ class GrossSlip:
         # one bubble by itself mistakes yaw for x and roll for z, but not how far the markers of its patch have moved
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
-        self._evidence = 0.0  # [least falls]
+        self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
 
     @property
     def places(self) -> list[Array]:
@@ -65,14 +69,14 @@ class GrossSlip:
         depth = UNSEEN
         if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
             covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
-            way = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
-            depth = Depth(way, self._lever * np.sqrt(covariance.diagonal()))
+            displacement = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
+            depth = Depth(displacement, self._lever * np.sqrt(covariance.diagonal()))
         for markers in self._markers.values():
             markers.forget(stamp)
         held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
-        watched = held or fit.fingers  # a membrane that the tool leaves springs back, and has not let it go
+        judged = held or fit.fingers  # a membrane that the tool leaves springs back, and has not let it go
         falls = []
-        for finger in watched:
+        for finger in judged:
             markers = self._markers[finger.model.finger]
             near, known = (fit.X_CT, finger) if locked else (markers.X_CT, None)
             if markers.follow(crops[finger.model.finger], near, known, slip, stamp, depth):
@@ -80,7 +84,7 @@ class GrossSlip:
         if falls:  # markers that cannot be found say nothing either way
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
-        return self._evidence >= EVIDENCE * len(watched) or gone_on or (not locked and self._torn(stamp))
+        return self._evidence >= EVIDENCE * len(judged) or gone_on or (not locked and self._torn(stamp))
 
     def _torn(self, stamp: float) -> bool:
         """Whether the markers of a patch with incipient slip under its load have not been found for too long."""
@@ -90,17 +94,17 @@ class GrossSlip:
 
 
 def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
-    """By how many least falls the markers fell at once, without the tool, while the patch still slips; 0: they did not.
+    """The markers' sudden fall, without the tool and while the patch still slips, over its threshold; 0: none.
 
     seen: observations of one finger, the last one now; jitter: noise of their displacement [m].
     """
     now = seen[-1]
 
     def foretold(back: int) -> Array:
-        """The markers' way (3,) [m] now, had they kept the speed of so many frames ago."""
+        """The markers' displacement (3,) [m] now, had they kept the speed of so many frames ago."""
         before, top = seen[-3 - back], seen[-1 - back]
-        speed = (top.way - before.way) / (top.stamp - before.stamp)
-        return np.asarray(top.way + speed * (now.stamp - top.stamp))
+        speed = (top.displacement - before.displacement) / (top.stamp - before.stamp)
+        return np.asarray(top.displacement + speed * (now.stamp - top.stamp))
 
     frames = range(1, min(FALL_FRAMES, len(seen) - 3) + 1)
     loaded = {back: seen[-1 - back] for back in frames if seen[-1 - back].size >= LOADED}
@@ -115,29 +119,31 @@ def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
         return 0.0
     # A sheet that loses its load springs back against it; a sudden pull aside makes a displacement smaller, too.
     size = math.hypot(*expected)
-    along = float(now.way @ expected) / size
+    along = float(now.displacement @ expected) / size
     if math.sqrt(max(now.size**2 - along**2, 0.0)) > ASIDE * (size - along):
         return 0.0
     # Depth that sees the direction of the fall, by and large, tells whether the tool fell with the markers.
-    direction = (now.way - before.way) / max(math.hypot(*(now.way - before.way)), 1e-9)
+    change = now.displacement - before.displacement
+    direction = change / max(math.hypot(*change), 1e-9)
     direction[np.maximum(before.depth.deviation, now.depth.deviation) >= SEEN] = 0.0
-    stayed = -float(direction @ ((now.depth.way - now.way) - (before.depth.way - before.way)))
+    apart, apart_before = (s.depth.displacement - s.displacement for s in (now, before))
+    stayed = -float(direction @ (apart - apart_before))
     fell_too = math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
     return 0.0 if fell_too else min(share, MOST)
 
 
 def depth_went_on(observations: Iterable[Observation]) -> bool:
     """Whether depth has gone on without the markers of one finger, along an axis that it sees."""
-    seen = [s for s in observations if s.depth is not UNSEEN]  # in frames that were not locked its way is not known
+    seen = [s for s in observations if s.depth is not UNSEEN]  # while the track is lost depth says nothing
     before = len(seen) // 2
     if len(seen) < 5 or seen[0].depth.deviation.min() >= SEEN:
         return False
-    apart = np.array([s.depth.way for s in seen]) - np.array([s.way for s in seen])
+    apart = np.array([s.depth.displacement for s in seen]) - np.array([s.displacement for s in seen])
     change = np.abs(apart[-2:].mean(axis=0) - apart[:before].mean(axis=0))
     if change.max() <= APART:
         return False
-    way = np.abs(np.diff([s.way for s in seen], axis=0)).sum(axis=0)
+    travel = np.abs(np.diff([s.displacement for s in seen], axis=0)).sum(axis=0)
     deviation = np.median([s.depth.deviation for s in seen[:before]], axis=0)  # residuals grow when both part
     now = np.max([s.depth.deviation for s in seen[-2:]], axis=0)
-    large = change > APART + APART_SURE * deviation + APART_SHARE * way
+    large = change > APART + APART_SURE * deviation + APART_SHARE * travel
     return bool((large & (deviation < SEEN) & (now < 1.0)).any())

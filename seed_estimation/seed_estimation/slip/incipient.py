@@ -14,7 +14,7 @@ import numpy as np
 
 from seed_core.spatial import Array
 from seed_estimation.images.tactile_images import Array32
-from seed_estimation.rigid_fit.micro_slip import share_demand
+from seed_estimation.rigid_fit.micro_slip import share_information
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals
 
@@ -35,5 +35,5 @@ def incipient_slip(finger: FingerResiduals, motion: Array, creep: Array32, hold:
     if finger.image.r.size == 0:
         return 0.0
     column = (motion.astype(np.float32) @ finger.points.J_along) * creep[finger.index]
-    demand = share_demand([finger.image], [column], finger.image.H + hold, finger.image.g)
-    return demand.gradient / (demand.information + START**-2)
+    evidence = share_information([finger.image], [column], finger.image.H + hold, finger.image.g)
+    return evidence.gradient / (evidence.information + START**-2)

@@ -14,7 +14,7 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals, motion_vector, solved
 from seed_estimation.slip.incipient import creep_weights, incipient_slip
 
-SIDEWAYS = np.array((1, 3, 5))  # turn about y, way along x and z: what friction bears
+SIDEWAYS = np.array((1, 3, 5))  # turn about y, displacement along x and z: what friction bears
 THREE = np.ix_(SIDEWAYS, SIDEWAYS)
 # Keeps roll, yaw and y, which the markers of one finger hardly show
 HOLD = np.diag((1e9, 4.0, 1e9, 2.5e3, 1e12, 2.5e3))
@@ -28,9 +28,9 @@ FOUND, CLEAR = 0.5, 0.8  # [1] of the image that the markers must explain; from 
 
 
 class Depth(NamedTuple):
-    """Where depth alone would put the tool: way (3,) as that of the markers [m], and its deviation (3,) [m]."""
+    """Where depth alone would put the tool: displacement (3,) [m] like that of the markers, and deviation (3,) [m]."""
 
-    way: Array
+    displacement: Array
     deviation: Array
 
 
@@ -42,15 +42,15 @@ class Observation(NamedTuple):
 
     Attributes:
         stamp: of the frame [s].
-        way: (3,) since the grasp [m]: turn about y at the patch's reach, x, z.
-        size: of the displacement [m].
+        displacement: (3,) since the grasp [m]: turn about y at the patch's reach, along x, along z.
+        size: length of the displacement [m].
         depth: where depth would put the tool in this frame.
         incipient: incipient slip [1].
         doubtful: less of the image is explained than usual.
     """
 
     stamp: float
-    way: Array
+    displacement: Array
     size: float
     depth: Depth
     incipient: float
@@ -67,7 +67,7 @@ class Markers:
     """
 
     def __init__(self, model: FingerModel, lever: Array, centre: Array) -> None:
-        """lever (3,): from turn about y [rad] and way along x and z [m] to displacement [m]; centre: of `sideways`."""
+        """lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]; centre: see `sideways`."""
         self._model, self._lever, self._centre = model.without_depth(), lever, centre
         self._creep = creep_weights(model)
         self.seen: deque[Observation] = deque()
@@ -98,9 +98,11 @@ class Markers:
         self.X_CT = near
         # the image alone asks to change the three by H^-1 g, the other axes held
         step = solved(known.image.H[THREE] + FREE, known.image.g[SIDEWAYS])
-        way = self._lever * (sideways(near, self._centre) - step)
+        displacement = self._lever * (sideways(near, self._centre) - step)
         incipient = incipient_slip(known, motion_vector(near), self._creep, HOLD)
-        self.seen.append(Observation(stamp, way, math.hypot(*way), depth, incipient, self._doubts(explained)))
+        self.seen.append(
+            Observation(stamp, displacement, math.hypot(*displacement), depth, incipient, self._doubts(explained))
+        )
         self._learn(explained)
         return True
 
@@ -135,9 +137,9 @@ class Markers:
 
 
 def sideways(X_CT: Array, centre: Array) -> Array:
-    """Turn about y [rad] and way along x and z [m] (3,) of the tool's point `centre` (3,), on the y axis."""
-    way = X_CT[:3, :3] @ centre + X_CT[:3, 3] - centre
-    return np.array((so3_log(X_CT[:3, :3])[1], way[0], way[2]))
+    """Turn about y [rad] and shift along x and z [m] (3,) of the tool's point `centre` (3,), on the y axis."""
+    shift = X_CT[:3, :3] @ centre + X_CT[:3, 3] - centre
+    return np.array((so3_log(X_CT[:3, :3])[1], shift[0], shift[2]))
 
 
 def _explained(found: Fit) -> float:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The membrane around the tool: imprint, skirt, bulge, and which material sits where.
 
-Around an indenter the imprint decays exponentially (a recorded press decays by e in 8.5 mm on every side). The skirt's
-outline follows the tool with a lag; the air's volume is kept, so the rest of the dome bulges out.
+Around an indenter the imprint decays exponentially (a recorded press decays by e in 8.5 mm on every side). The skirt is
+the part of the membrane beside the tool that hangs free. Its outline follows the tool with a lag; the air's volume is
+kept, so the rest of the dome bulges out.
 """
 
 import math

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification fit: six stiffnesses per grip by robust nonlinear least squares, with intervals.
 
+It answers Sec. VI of the paper (System Identification), which names no formula: stiffness is the static sensitivity of
+the wrench to the pose, found by perturbing the grasp of a force/torque sensor.
+
 Minimised are the residuals of the load model (seed_sysid.fit.load_model), each divided by its channel's noise, which is
 itself estimated from the residuals, apart for poses along one axis and for combinations. The steps:
 
@@ -150,6 +153,7 @@ class _Fit:
         )
 
     def _residuals(self) -> Array:
+        # r = w(X_TC; stiffness and the other unknowns) - w_measured, by sample and channel
         return self.model.predict(Unknowns.from_vector(self.unknowns)) - self.problem.wrench
 
     def _jacobian(self) -> Array:
