@@ -101,7 +101,7 @@ class Controller:
         self._setpoint = None
         self.law.release()
         self._guard.enable(True)
-        self._inputs.bad_in_a_row = 0
+        self._inputs.count_from(t)
 
     def disable(self, t: float, reason: str) -> None:
         """Decelerate to rest and ignore set-points until enabled again."""

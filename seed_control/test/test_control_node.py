@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -205,6 +206,24 @@ def test_a_stream_that_falls_silent_makes_it_hold_until_it_is_enabled_again(cell
     assert cell.bench.until(lambda: cell.state.refused_setpoints == 1)
     assert cell.bench.call(SetBool, "controller/enable", SetBool.Request(data=True)).success
     assert cell.bench.until(lambda: cell.state.mode == "idle")
+
+
+def test_what_came_before_the_enabling_is_read_before_it(cell: Cell) -> None:
+    """A simulated clock may be late, too: these look as if they were taken after it."""
+    assert cell.bench.until(lambda: cell.states and not math.isnan(cell.state.estimate_age))
+
+    def invalid(message: RelativePose) -> None:
+        message.header.stamp, message.valid = stamp_from_seconds(cell.now() + 0.5), False
+
+    change, cell.change = cell.change, invalid
+    for _ in range(12):
+        cell._publish()
+    cell.change = change
+    time.sleep(0.1)  # they come, and nobody reads them
+    cell.node._enable(True)
+    assert cell.bench.until(lambda: cell.state.ignored_estimates >= 4)
+    cell.bench.spin(0.2)
+    assert cell.state.mode == "idle", cell.state.reason
 
 
 def test_invalid_or_foreign_estimates_are_counted_and_make_it_hold(cell: Cell) -> None:

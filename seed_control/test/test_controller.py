@@ -161,6 +161,44 @@ def test_single_invalid_estimates_are_bridged_and_counted_but_three_hold() -> No
     assert state.counters.estimates_invalid == 3
 
 
+def bad(stamp: float) -> RelativePoseEstimate:
+    return RelativePoseEstimate(stamp, np.eye(4), valid=False, reason="a new grasp is taken")
+
+
+def test_invalid_estimates_of_before_the_enabling_that_are_read_after_it_do_not_count() -> None:
+    bench = Bench().enabled()
+    enabled = bench.t - DT
+    for i in range(10):
+        assert not bench.controller.add_estimate(bad(enabled - 1e-3 * i))
+    bench.press(10.0)
+    state = bench.run(3.0)
+    assert state.mode == "contact"
+    assert state.counters.estimates_invalid + state.counters.estimates_out_of_order == 10
+    for i in range(3):
+        assert bench.state.mode != "holding"
+        bench.controller.add_estimate(bad(bench.t + 1e-4 * i))
+    assert bench.step().mode == "holding"
+
+
+@pytest.mark.parametrize("stamp", [-np.inf, np.inf, np.nan])
+def test_estimates_without_a_usable_stamp_count_whenever_it_was_enabled(stamp: float) -> None:
+    bench = Bench().enabled()
+    for _ in range(3):
+        bench.controller.add_estimate(bad(stamp))
+    assert bench.step().mode == "holding"
+
+
+def test_invalid_estimates_of_before_the_enabling_do_not_keep_it_from_holding_by_staleness() -> None:
+    bench = Bench().enabled()
+    enabled, bench.estimates = bench.t - DT, False
+    while bench.state.mode != "holding":
+        bench.controller.add_estimate(bad(enabled))
+        bench.step()
+        assert bench.t - enabled < 0.25
+    assert "relative_pose is stale" in bench.state.reason
+    assert "a new grasp is taken" in bench.state.reason
+
+
 def test_bad_inputs_are_counted_and_never_used() -> None:
     bench = Bench().enabled()
     controller = bench.controller

@@ -131,6 +131,7 @@ class ControllerNode(SeedNode):
 
     def _enable(self, on: bool) -> str:
         if on:
+            self.loop.take()  # what came before it must not be taken for news afterwards; nor must the clock be old
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"
         self.core.disable(self.now(), "disabled by ~/enable")

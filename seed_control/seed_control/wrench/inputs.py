@@ -19,7 +19,8 @@ class Inputs:
     """Takes in kinematics and estimates, each with its stamp, and matches the two.
 
     Attributes:
-        estimate: the newest good one. bad_in_a_row: how many since were invalid, and why_bad: why the last was.
+        estimate: the newest good one. bad_in_a_row: how many since, and since `count_from`, were invalid; why_bad: why
+            the last one was, '' after a good one.
         arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
     """
 
@@ -30,6 +31,7 @@ class Inputs:
         self.estimate: RelativePoseEstimate | None = None
         self.pending: RelativePoseEstimate | None = None  # not matched yet
         self.bad_in_a_row, self.why_bad = 0, ""
+        self._counted_from = -inf  # [s]
         self.arrived = self.image_stamp = -inf
 
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
@@ -54,12 +56,17 @@ class Inputs:
         why = _why_unusable(estimate) or unobserved
         if why:
             self._counting.count("estimates_invalid", why)
-            self.bad_in_a_row += 1
             self.why_bad = why
+            if not -inf < estimate.stamp <= self._counted_from:
+                self.bad_in_a_row += 1
             return False
         self.estimate = self.pending = estimate
-        self.bad_in_a_row = 0
+        self.bad_in_a_row, self.why_bad = 0, ""
         return True
+
+    def count_from(self, t: float) -> None:
+        """Count invalid estimates anew. Those of images up to t [s] that are still to be read are passed over."""
+        self.bad_in_a_row, self.why_bad, self._counted_from = 0, "", t
 
     def match(self, t: float) -> tuple[RelativePoseEstimate, Array] | None:
         """The newest estimate with X_WE (4, 4) of its moment, once; it waits while kinematics are still to come."""
@@ -80,7 +87,7 @@ class Inputs:
     def staleness(self, t: float) -> str:
         """Why the inputs must not be used any more; empty while they may."""
         p, newest = self._parameters, self.history.newest_stamp
-        last = f"; the last one was not used: {self.why_bad}" if self.bad_in_a_row else ""
+        last = f"; the last one was not used: {self.why_bad}" if self.why_bad else ""
         if t - newest > p.kinematics_timeout:
             return f"current_pose is stale: {t - newest:.3f} s old, at most {p.kinematics_timeout:g} s"
         if self.arrived == -inf:
