@@ -144,7 +144,6 @@ def _prepare(session: Any, images: bool) -> None:
     if images:
         session.spin(0.3)
         session.trigger("estimator/initialize_grasp")
-        session.spin(0.3)  # a busy controller may still have to read poses that were told before the answer
     say("tool grasped")
 
 
