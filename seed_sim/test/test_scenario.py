@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import seed_sim
 from seed_core.config import ConfigError
 from seed_sim.plant.table import draw_surface
 from seed_sim.scenario import COLUMNS, SHIPPED, Scenario, load_scenario, scenario_file, shipped_scenarios
@@ -48,6 +49,16 @@ def test_the_public_face_waits_with_drake_until_a_plant_is_made():
     words = "import sys, seed_sim; print(callable(seed_sim.evaluate), 'pydrake' in sys.modules, 'rclpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True", "False", "False"]
+
+
+def test_the_public_face_imports_each_name_when_it_is_asked_for():
+    words = "import sys, seed_sim.scenario; print('seed_control' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
+    assert all(hasattr(seed_sim, name) for name in seed_sim.__all__)
+    assert seed_sim.load_scenario is load_scenario
+    with pytest.raises(AttributeError, match="'seed_sim' has no attribute 'simulate'"):
+        _ = seed_sim.simulate
 
 
 def test_unknown_name_lists_what_there_is():
