@@ -3,6 +3,7 @@
 
 import shlex
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,3 +113,9 @@ def test_a_command_whose_package_is_missing_says_what_to_install(
     monkeypatch.setattr(sys, "argv", sys.argv)
     assert main(["bench"]) == 1
     assert capsys.readouterr().err.startswith(remedy)
+
+
+def test_a_task_is_played_on_a_real_cell_without_the_simulator() -> None:
+    words = "import sys; sys.modules['seed_sim'] = None; import seed_bringup.commands.play"
+    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

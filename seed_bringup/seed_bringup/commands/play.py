@@ -7,7 +7,6 @@ import sys
 from contextlib import closing
 from typing import Any
 
-from seed_bringup.demo.plan import goal
 from seed_bringup.demo.terminal import Bar
 from seed_control.tasks import load_task
 from seed_core.command_line import Help, command, leaving_at_once
@@ -34,7 +33,7 @@ def main(argv: list[str]) -> int:
             bar.show(feedback.phase, feedback.progress, session.pressing_force)
 
         try:
-            result = session.play(*goal(options.task, options.force), tell, patience=math.inf).result
+            result = session.play(options.task, options.force, tell, patience=math.inf).result
         except KeyboardInterrupt:
             print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
             session.cancel()

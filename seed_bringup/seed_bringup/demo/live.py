@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from seed_bringup.bags.recording import recording
-from seed_bringup.demo.plan import Plan, goal
+from seed_bringup.demo.plan import Plan
 from seed_bringup.demo.report import Picture
 from seed_bringup.demo.score import TOPICS, Phase
 from seed_bringup.demo.terminal import Bar, say
@@ -165,7 +165,7 @@ def _play_task(session: Any, asked: Plan) -> list[Picture]:
 
     session.enable("driver/resend_robot_program" if asked.robot["robot"] == "ur" else "")
     try:
-        session.play(*goal(str(asked.options.task), asked.options.force), tell, TASK_PATIENCE)
+        session.play(str(asked.options.task), asked.options.force, tell, TASK_PATIENCE)
     finally:
         bar.close()
     for reason in session.holds:

@@ -63,9 +63,3 @@ def robot_arguments(words: list[str]) -> dict[str, str]:
     if robot == "ur" and not address.startswith("127."):
         raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
     return {"robot": robot, "robot_ip": address}
-
-
-def goal(task: str, force: float | None) -> tuple[str, str]:
-    """Task and overrides as the action takes them: a file by its full path, for the controller runs elsewhere."""
-    file = Path(task)
-    return str(file.resolve()) if file.is_file() else task, "" if force is None else f"force: {force}"

@@ -4,6 +4,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -125,8 +126,14 @@ class Session:
             else:
                 return
 
-    def play(self, task: str, overrides: str, tell: Callable[[Any], None], patience: float) -> Played:
-        """Play a task to its end; `tell` gets each feedback."""
+    def play(self, task: str, force: float | None, tell: Callable[[Any], None], patience: float) -> Played:
+        """Play a task to its end; `tell` gets each feedback.
+
+        task: name or file; force: [N] size of every force in it, its own if None.
+        """
+        file = Path(task)
+        task = str(file.resolve()) if file.is_file() else task  # the controller runs elsewhere
+        overrides = "" if force is None else f"force: {force}"
         client = ActionClient(self.node, FollowSetpoints, "controller/follow_setpoints")
         self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
 

@@ -119,7 +119,7 @@ def _simulated() -> dict[str, Any]:
         with _cell({"task": TASK, "camera_latency": "0.0", **rates}) as session:
             _prepare(session, "sim/grasp")
             with _Listener() as heard:
-                played = session.play(TASK, "", lambda _: None, TASK_PATIENCE)
+                played = session.play(TASK, None, lambda _: None, TASK_PATIENCE)
     if not played.result.success:
         raise SessionError(f"the task ended early: {played.result.message}")
     return _summary(heard) | {"camera_rate_hz": camera_rate or "the scenario's", "control_rate_hz": loop_rate}
