@@ -49,6 +49,12 @@ def of_ros(name: str) -> bool:
     return name in ("rclpy", "seed_ros", "tf2_ros", "cv_bridge") or name.endswith(("_msgs", "_srvs", "_interfaces"))
 
 
+def test_where_a_checkout_lies_makes_no_module_an_edge() -> None:
+    assert not is_edge(Path("/home/me/ros/seed_core/seed_core/errors.py"))
+    assert is_edge(Path("seed_sim/seed_sim/ros/node.py"))
+    assert is_edge(Path("seed_ros/seed_ros/images/arrays.py"))
+
+
 @pytest.mark.parametrize("package", sorted(SUITE - {"seed_msgs", "seed_ros", "seed_testing"}))
 def test_cores_import_neither_ros_nor_what_lies_above_them(package: str) -> None:
     files = [ROOT / f for f in cores(ROOT) if f.parts[0] == package]

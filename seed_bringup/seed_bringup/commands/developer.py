@@ -86,7 +86,7 @@ def cores(root: Path) -> list[Path]:
 
 def is_edge(file: Path) -> bool:
     """Whether a module may know ROS: ros/, bags/, seed_ros, and modules named after a node or a bag."""
-    return bool({"ros", "bags", "seed_ros"} & set(file.parts[-4:-1])) or file.stem.split("_")[-1] in ("node", "bag")
+    return bool({"ros", "bags", "seed_ros"} & set(file.parts[-3:-1])) or file.stem.split("_")[-1] in ("node", "bag")
 
 
 @command("seed shell")
