@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -25,6 +26,7 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from seed_bringup.bags import BagError  # noqa: E402
 from seed_bringup.bags.files import BagWriter  # noqa: E402
+from seed_bringup.bags.play import Player  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
 from seed_bringup.bags.types import InstalledTypes, definition_file  # noqa: E402
 
@@ -156,6 +158,19 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         BagWriter(tmp_path / "one.mcap")
     with pytest.raises(BagError, match="'no_msgs/msg/Nothing' is not installed"):
         definition_file("no_msgs/msg/Nothing")
+
+
+def test_a_bag_of_a_release_without_hashes_needs_no_definitions_to_be_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with BagWriter(tmp_path / "one.mcap") as writer:
+        connection = writer.add_topic("/force", "std_msgs/msg/Float32")
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    player = SimpleNamespace(create_publisher=lambda *given: given[:2])
+    types = InstalledTypes()
+    assert Player._publisher(player, connection._replace(digest=""), "/played", types) == (Float32, "/played")
+    with pytest.raises(BagError, match="'std_msgs/msg/Float32' is not installed"):
+        Player._publisher(player, connection, "/played", types)
 
 
 def test_a_recorder_that_had_hardly_begun_does_not_hide_why_the_run_ended(tmp_path: Path) -> None:

@@ -44,8 +44,7 @@ class Player(Node):
         self.published = 0
 
     def _publisher(self, connection: Connection, topic: str, types: InstalledTypes) -> Any:
-        installed = types.hash(connection.msgtype)
-        if connection.digest and connection.digest != installed:
+        if connection.digest and connection.digest != (installed := types.hash(connection.msgtype)):
             # Bytes of another version of a type would arrive as nonsense.
             raise BagError(
                 f"{connection.topic}: the bag's {connection.msgtype} differs from the installed one "
