@@ -16,8 +16,9 @@ from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.data.dataset import Header
 from seed_sysid.parameters import Procedure
+from seed_sysid.run.excitation import Target
 from seed_sysid.run.live import MOST, Live, Streams
-from seed_sysid.run.procedure import Command, Reading, Run
+from seed_sysid.run.procedure import Command, Reading, Run, average
 
 K = DEFAULT_STIFFNESS.vector()
 
@@ -33,6 +34,14 @@ def test_a_whole_run_is_short_settled_and_within_its_limits() -> None:
     assert min(s.settle for s in data.samples) >= 1.0
     forces = np.linalg.norm([s.wrench[3:] for s in data.samples], axis=1)
     assert forces.max() < limits.force + 0.5  # [N] one reading's travel beyond the limit, and noise
+
+
+def test_a_bubble_that_reports_its_pressure_late_does_not_end_the_run() -> None:
+    home = Target("000-home", "home", (0.0,) * 6)
+    told = [(), (1030.0,), (1030.0, 1028.0), (1032.0, 1028.0)]
+    readings = [Reading(0.1 * i, np.eye(4), np.zeros(6), 0.02, pressures) for i, pressures in enumerate(told)]
+    assert average(home, 0, readings, 1.0, False).pressures == (1031.0, 1028.0)
+    assert average(home, 0, readings[:1], 1.0, False).pressures == ()
 
 
 def test_slip_ends_the_run() -> None:

@@ -220,6 +220,8 @@ def average(
     """One sample from the readings of one pose at rest."""
     wrenches = np.array([r.wrench for r in readings])
     estimated = [r.X_TC_estimated for r in readings if r.X_TC_estimated is not None]
+    known = len(readings[-1].pressures)  # a bubble may begin to report its own meanwhile
+    pressures = [r.pressures for r in readings if len(r.pressures) == known]
     return Sample(
         name=target.name,
         kind=target.kind,
@@ -229,7 +231,7 @@ def average(
         estimator=_mean_pose(estimated) if estimated else None,
         wrench=tuple(wrenches.mean(axis=0).tolist()),
         wrench_std=tuple(wrenches.std(axis=0).tolist()),
-        pressures=tuple(np.mean([r.pressures for r in readings], axis=0).tolist()),
+        pressures=tuple(np.mean(pressures, axis=0).tolist()),
         width=float(np.mean([r.width for r in readings])),
         settle=round(settle, 3),
         readings=len(readings),
