@@ -88,7 +88,7 @@ class Guard:
             self._free_from = p_WC
         travel = normals @ minus(p_WC, self._free_from)
         bound = self._parameters.max_free_travel
-        if float(np.sqrt(travel @ travel)) > bound:
+        if not float(np.sqrt(travel @ travel)) <= bound:  # nor when it is no number
             self.hold(
                 f"no contact within max_free_travel = {1e3 * bound:.0f} mm: start nearer to the surface, or check the "
                 "estimate"
