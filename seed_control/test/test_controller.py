@@ -359,6 +359,19 @@ def test_a_surface_that_turns_a_little_keeps_contact_and_one_that_turns_far_is_s
     assert bench.step().mode == "approach"
 
 
+def test_contact_is_sought_anew_along_a_direction_that_an_image_turns_far() -> None:
+    """What was learnt of the surface belongs to the direction before."""
+    bench = Bench(parameters=ControllerParameters(rotation_filter=0.0)).enabled()
+    force = Wrench(np.zeros(3), np.array((0.0, 0.0, 6.0)))
+    bench.controller.set_setpoint(HybridSetpoint(bench.start, force, PRESS_Z, task_frame="tool"), bench.t)
+    for angle, keeps in ((0.0, True), (20.0, True), (-25.0, False)):
+        bench.run(2.0)
+        assert bench.state.mode == "contact"
+        bench.X_TT_new = pose_from_rpy((np.deg2rad(angle), 0.0, 0.0), np.zeros(3))
+        modes = {bench.step().mode for _ in range(round((bench.delay + 1.0 / bench.image_rate) / DT) + 1)}
+        assert modes == ({"contact"} if keeps else {"contact", "approach"})
+
+
 def test_regulated_error_counts_the_torque_axes_of_T_not_of_the_tip() -> None:
     """The tip's axes are turned by 90 degrees about z: T's x is minus the tip's y."""
     tool = Tool(T_tip=Frame((0.0, 0.0, 0.12), (0.0, 0.0, 90.0)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.spatial import Array
 
-_SAME = 0.7  # cosine: a direction that has turned further than 45 degrees is another one
+_SAME = 0.7  # square of the cosine: a direction that has turned further than 33 degrees is another one
 
 
 def force_directions(P: Array, before: Array | None) -> tuple[Array, bool]:

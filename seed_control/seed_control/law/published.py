@@ -124,7 +124,9 @@ class PublishedLaw:
         self.X_W_tip = m.X_WT @ self.wrench_estimator.tool.X_Ttip
         if self.setpoint is not None:
             R_W_task, P = self._task_axes(self.setpoint)
-            normals, _ = force_directions(P, self.plan.normals)
+            normals, going_on = force_directions(P, self.plan.normals)
+            if not going_on:
+                self.contact.reset()
             self._solve(self.setpoint, R_W_task, P, normals)
             self._observe(m)
             self._follow(self.setpoint)
