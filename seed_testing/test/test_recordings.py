@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seed_estimation import ContactPatch
+from seed_estimation import ContactPatch, PinholeCamera, TactileImages
 from seed_testing.recordings import command as recordings
-from seed_testing.recordings.press import TOUCHED, UNTOUCHED, findings
+from seed_testing.recordings.press import TOUCHED, UNTOUCHED, Press, findings
 
 PRESS = recordings.folder() / recordings.PRESS
 
@@ -51,3 +51,26 @@ def test_a_contact_that_is_lost_again_is_not_held() -> None:
 def test_a_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert recordings.main(["--only", "press", "--press", str(tmp_path / "none.npz")]) == 2
     assert "none.npz: not a recorded press" in capsys.readouterr().err
+
+
+def test_a_press_becomes_a_bag_with_the_same_images(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    from seed_bringup.bags.files import read_messages
+    from seed_ros.images import depth_from_message, gray_from_message
+    from seed_testing.recordings.press_bag import START, write
+
+    camera = PinholeCamera(16, 12, np.array(((5.0, 0.0, 1.5), (0.0, 5.0, 1.0), (0.0, 0.0, 1.0))))
+    depths = [np.full((12, 16), 0.08 + 0.001 * i, np.float32) for i in range(3)]
+    images = [TactileImages(d, np.full((12, 16), 10.0 * i, np.float32), 7.0 + 0.5 * i) for i, d in enumerate(depths)]
+    depths[1][0, 0] = np.nan
+    write(Press(camera, images, np.zeros((3, 6))), tmp_path / "press.mcap", "right")
+    found = list(read_messages(tmp_path / "press.mcap", lambda topic: topic.startswith("/bubble_right/")))
+    seen = [m for topic, _, m in found if topic.endswith("depth/image_rect_raw")]
+    grey = [m for topic, _, m in found if topic.endswith("ir/image_rect_raw")]
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in seen]
+    np.testing.assert_allclose(stamps, [START, START + 0.5, START + 1.0])
+    np.testing.assert_array_equal([depth_from_message(m) for m in seen], depths)
+    np.testing.assert_array_equal([gray_from_message(m) for m in grey], [i.ir for i in images])
+    cameras = [m for topic, _, m in found if topic.endswith("camera_info")]
+    assert all(list(m.k) == camera.K.ravel().tolist() for m in cameras)
+    assert len(found) == 9

@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from seed_control.tasks import load_task
 from seed_core.command_line import Help, command, results_folder, seed_number, to_json, whole
 from seed_sim.closed_loop.evaluate import LAWS, evaluate
+from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
@@ -63,13 +62,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _one(args: argparse.Namespace) -> int:
     how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario")}
-    quiet = not sys.stderr.isatty()
-    with tqdm(total=100, bar_format="{l_bar}{bar}| {postfix}", leave=False, disable=quiet) as bar:
-
-        def progress(share: float, phase: str) -> None:
-            bar.n = round(100 * share)
-            bar.set_postfix_str(phase)
-
+    with progress_bar() as progress:
         result = evaluate(args.task, progress=progress, **how).result
     print(to_json(result) if args.json else _text(result))
     return 0 if result["finished"] else 1

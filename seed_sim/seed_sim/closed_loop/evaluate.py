@@ -10,8 +10,9 @@ from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import Task, load_task
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
-from seed_sim.closed_loop.run import Progress, SeedSteering, Steering, play, start_pose
+from seed_sim.closed_loop.run import SeedSteering, Steering, play, start_pose
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One task against the plant, step by step, and SEED's controller in that loop. Deterministic: it reads no clock."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +12,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.plant.plant import Plant
@@ -21,7 +21,6 @@ from seed_sim.scenario import Scenario
 START_HEIGHT = 0.03  # [m] of the tip above the nominal table
 MAX_DURATION = 120.0  # [s] of any run
 SETTLE = 0.6  # [s] of hanging still before the controller is enabled
-Progress = Callable[[float, str], None]  # share of the task, name of its phase
 
 
 class Steering(Protocol):

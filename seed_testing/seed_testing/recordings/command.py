@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed recordings: the estimator against recordings that no renderer made; they are no part of the project.
 
-The recorded press is turned into a bag and goes through the real estimator node, image by image; recorded infrared
+The recorded press goes through the real estimator node, image by image; recorded infrared
 images are turned and shifted by known amounts and followed. Exit code 0 only if all is within its bounds.
 """
 

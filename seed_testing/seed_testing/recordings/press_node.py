@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded press as a bag through the real estimator node, image by image: nothing is lost on a slow machine."""
+"""A recorded press through the real estimator node, image by image: nothing is lost on a slow machine."""
 
-import tempfile
-from collections.abc import Iterator
 from contextlib import closing
-from itertools import groupby
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,6 @@ from ament_index_python.packages import get_package_share_directory
 from seed_msgs.msg import ContactPatches
 from std_srvs.srv import Trigger
 
-from seed_bringup.bags.files import open_bag
-from seed_bringup.bags.types import message_class
 from seed_core.config import load_file
 from seed_core.errors import FailedError
 from seed_estimation import ContactPatch, EstimatorParameters
@@ -22,13 +18,13 @@ from seed_estimation.ros.node import EstimatorNode
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 from seed_testing.recordings.press import Findings, Press, findings
-from seed_testing.recordings.press_bag import START, write
+from seed_testing.recordings.press_bag import START, TOPICS, frames
 
 STILL = 15  # frames of the press that make the reference
 LEAD = 10.0  # [s] from the reference to the press
 PATIENCE = 10.0  # [s] for the node's answer to one frame
 
-Messages = list[tuple[str, str, bytes]]  # topic, type, message in CDR
+Messages = dict[str, Any]  # by topic
 
 
 def through_node(recording: Press) -> Findings:
@@ -38,21 +34,11 @@ def through_node(recording: Press) -> Findings:
         SeedError: the node does not answer.
     """
     file = Path(get_package_share_directory("seed_estimation"), "config", "d405.yaml")
-    with tempfile.TemporaryDirectory() as name, closing(Bench()) as bench:
-        still, pressed = Path(name, "still.mcap"), Path(name, "press.mcap")
-        write(recording, still, frames=STILL + 1)  # the first comes before camera_info
-        write(recording, pressed, start=START + LEAD)
+    with closing(Bench()) as bench:
         player = _Player(bench, load_file(file, EstimatorParameters).__dict__)
-        player.reference(frames(still))
-        found = [player.patch(frame) for frame in frames(pressed)]
+        player.reference([messages for _, messages in islice(frames(recording), STILL + 1)])
+        found = [player.patch(messages) for _, messages in frames(recording, start=START + LEAD)]
     return findings(found, recording.force())
-
-
-def frames(bag: Path) -> Iterator[Messages]:
-    """Messages of a bag that belong to one time."""
-    with open_bag(bag) as reader:
-        for _, frame in groupby(reader.messages(), key=lambda message: message[1]):
-            yield [(connection.topic, connection.msgtype, bytes(data)) for connection, _, data in frame]
 
 
 class _Player:
@@ -61,21 +47,19 @@ class _Player:
     def __init__(self, bench: Any, settings: dict[str, Any]) -> None:
         self._bench = bench
         self._node = bench.add(EstimatorNode, fingers="left", reference_frames=STILL, publish_tf=False, **settings)
-        self._outputs: dict[str, Any] = {}
-        self._answers: list[Any] = []
+        self._outputs = {
+            topic: bench.client.create_publisher(kind, f"bubble_left/{topic}", SENSOR) for topic, kind in TOPICS.items()
+        }
+        self._answers: list[ContactPatches] = []
         bench.client.create_subscription(ContactPatches, "contact_patches", self._answers.append, COMMAND)
+        bench.until(lambda: all(o.get_subscription_count() for o in self._outputs.values()), PATIENCE)
 
     def _publish(self, frame: Messages) -> None:
-        for topic, kind, _ in frame:
-            if topic not in self._outputs:
-                output = self._bench.client.create_publisher(message_class(kind), topic, SENSOR)
-                self._outputs[topic] = output
-                self._bench.until(lambda output=output: output.get_subscription_count() > 0, PATIENCE)
-        for topic, _, data in frame:
-            self._outputs[topic].publish(data)
+        for topic, message in frame.items():
+            self._outputs[topic].publish(message)
 
-    def reference(self, still: Iterator[Messages]) -> None:
-        """The frames as the reference without contact."""
+    def reference(self, still: list[Messages]) -> None:
+        """The frames as the reference without contact; the first comes before camera_info."""
         client = self._bench.client.create_client(Trigger, "estimator/capture_reference")
         self._bench.until(client.service_is_ready, PATIENCE)
         answer = client.call_async(Trigger.Request())

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from seed_sim import Evaluation, evaluate
-from seed_testing.progress import Progress
+from seed_sim.closed_loop.progress import progress_bar
 from seed_testing.reproduce.report import table, write
 
 
@@ -40,10 +40,10 @@ def reproduce(folder: Path, seed: int, force: float) -> tuple[str, list[Path]]:
     """Run every case on the same table. Returns the table and the files."""
     runs = {}
     for case in CASES:
-        progress = Progress(case.label)
-        how = {"law": case.law, "estimator": case.estimator}
-        runs[case.label] = evaluate("squeegee", seed=seed, force=force, progress=progress, **how)
-        progress.done()
+        with progress_bar(case.label) as progress:
+            runs[case.label] = evaluate(
+                "squeegee", law=case.law, estimator=case.estimator, seed=seed, force=force, progress=progress
+            )
     text = _table(runs, seed, force)
     files = write(folder, "fig6", text, {label: r.result for label, r in runs.items()})
     return text, [*files, _draw(runs, folder / "fig6.png", force)]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from seed_control import load_task
 from seed_core.files import shared_path
 from seed_sim import Evaluation, evaluate
-from seed_testing.progress import Progress
+from seed_sim.closed_loop.progress import progress_bar
 from seed_testing.reproduce.pen import Stroke, draw_strokes, strokes_of
 from seed_testing.reproduce.report import table, write
 
@@ -47,9 +47,9 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
     """Run every case, and write a text. Returns the tables and the files."""
     writing = load_task("write", text=text)  # first: what cannot be written is said before minutes have passed
     runs = {case.label: _run(case, seed) for case in CASES}
-    written, progress = f"writing '{text}', tactile images", Progress(f"writing '{text}'")
-    runs[written] = evaluate(writing, estimator="rigid_fit", seed=seed, progress=progress)
-    progress.done()
+    written = f"writing '{text}', tactile images"
+    with progress_bar(f"writing '{text}'") as progress:
+        runs[written] = evaluate(writing, estimator="rigid_fit", seed=seed, progress=progress)
     strokes = {label: strokes_of(run.recording) for label, run in runs.items()}
     words = _table(strokes, runs, seed)
     values = {
@@ -66,10 +66,8 @@ def reproduce(folder: Path, seed: int, text: str) -> tuple[str, list[Path]]:
 def _run(case: Case, seed: int) -> Evaluation:
     task = str(shared_path("seed_testing", ACROSS_TASK)) if case.across else "pen"
     scenario = shared_path("seed_testing", ACROSS_SCENARIO) if case.across else None
-    progress = Progress(case.label)
-    run = evaluate(task, law=case.law, estimator=case.estimator, seed=seed, scenario=scenario, progress=progress)
-    progress.done()
-    return run
+    with progress_bar(case.label) as progress:
+        return evaluate(task, law=case.law, estimator=case.estimator, seed=seed, scenario=scenario, progress=progress)
 
 
 def _table(strokes: dict[str, list[Stroke]], runs: dict[str, Evaluation], seed: int) -> str:

@@ -15,7 +15,6 @@ from typing import Any
 from seed_core.command_line import Help, command, number, seed_number, whole
 from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, shipped_scenarios
-from seed_testing.progress import Progress
 from seed_testing.validation import run, slip
 from seed_testing.validation.figure import draw
 from seed_testing.validation.scores import NAMED, scores
@@ -72,7 +71,7 @@ def _estimator(options: argparse.Namespace) -> int:
         series, name = run_bag(options.bag, options.method, scenario), str(options.bag)
         result = scores(series)
     else:
-        series = run.run(scenario, options.method, options.seed, Progress(options.method))
+        series = run.run(scenario, options.method, options.seed)
         result = scores(series, scenario.trajectory.score_from)
     result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
     if options.report is not None:
@@ -83,7 +82,7 @@ def _estimator(options: argparse.Namespace) -> int:
 
 def _slip(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, *run.FOLDERS)
-    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs, Progress("slips"))
+    result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs)
     print(json.dumps(result, indent=2))
     return 0
 

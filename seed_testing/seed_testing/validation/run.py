@@ -3,13 +3,13 @@
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from seed_core.config import from_mapping
 from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileRenderer
 from seed_sim.scenario import SHIPPED, Scenario, tactile_of
 from seed_sim.tactile.trajectory import poses
-from seed_testing.progress import Progress
 from seed_testing.validation.calibrate import calibration
 from seed_testing.validation.scores import Series
 
@@ -19,20 +19,18 @@ REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
 
 
-def run(scenario: Scenario, method: str, seed: int, progress: Progress | None = None) -> Series:
+def run(scenario: Scenario, method: str, seed: int) -> Series:
     """Truth and estimates of one trajectory; the same on every run of a seed but for the times.
 
     Raises:
         SeedError: the scenario's parameters of the estimator cannot be used, or it does not see the grasp.
     """
     cv2.setNumThreads(1)
-    section, series = scenario.trajectory, Series()
+    series = Series()
     renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
     estimator = estimator_for(scenario, method, renderer)
-    for stamp, X_CT in poses(section, seed):
+    for stamp, X_CT in tqdm(list(poses(scenario.trajectory, seed)), desc=method, unit="pair", disable=None):
         series.estimate(estimator, renderer.render(X_CT, stamp), stamp, X_CT)
-        if progress is not None:
-            progress(stamp / section.duration)
     return series
 
 

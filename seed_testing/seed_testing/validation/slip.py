@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from joblib import Parallel, delayed
+from tqdm import tqdm
 
 from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
@@ -17,7 +18,6 @@ from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
-from seed_testing.progress import Progress
 from seed_testing.validation.run import estimator_for
 
 IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
@@ -119,19 +119,14 @@ def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, i
     return alarms, valid, frames
 
 
-def alarms(
-    scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int = 1, progress: Progress | None = None
-) -> dict[str, Any]:
+def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int) -> dict[str, Any]:
     """Share of slips that raise the alarm within 100 ms, and false alarms, in so many processes."""
     pieces = max(1, math.ceil(minutes * 60.0 / _PIECE))
     duration = max(minutes * 60.0 / pieces, 1.0)
     work = [delayed(alarm_delay)(scenario, 1000 * seed + i) for i in range(slips)]
     work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
-    results: list[Any] = []
-    for result in Parallel(n_jobs=min(jobs, len(work)), return_as="generator")(work):
-        results.append(result)
-        if progress is not None:
-            progress(len(results) / len(work))
+    done = Parallel(n_jobs=min(jobs, len(work)), return_as="generator")(work)
+    results: list[Any] = list(tqdm(done, total=len(work), desc="slips", unit="run", disable=None))
     found, calm = results[:slips], np.array(results[slips:])
     delays = [delay for delay, _ in found if delay is not None]
     wrong, valid, frames = calm.sum(axis=0).tolist()
