@@ -44,7 +44,7 @@ class Recording:
 
     @property
     def contact_time(self) -> float | None:
-        """When the plant's contact force along the task's z was first felt [s]; None without contact."""
+        """When the plant's contact force along the task's z first exceeded CONTACT_FORCE [s]; None without contact."""
         touching = np.flatnonzero(np.abs(self["force"][:, 2]) > CONTACT_FORCE)
         return float(self["t"][touching[0]]) if len(touching) else None
 
