@@ -175,13 +175,10 @@ def _track(peer: Peer, since: float) -> Array:
 
 def _top_speed(track: Array) -> float:
     """Largest speed [m/s] over windows of 20 to 40 ms, so that jitter of arrival does not count."""
-    best, start = 0.0, 0
-    for i in range(len(track)):
-        while track[i, 0] - track[start, 0] > 0.04:
-            start += 1
-        if (dt := track[i, 0] - track[start, 0]) > 0.02:
-            best = max(best, math.dist(track[i, 1:], track[start, 1:]) / dt)
-    return best
+    start = np.searchsorted(track[:, 0], track[:, 0] - 0.04)
+    windows = track - track[start]
+    windows = windows[windows[:, 0] > 0.02]
+    return float(np.max(np.linalg.norm(windows[:, 1:], axis=1) / windows[:, 0], initial=0.0))
 
 
 CLAUSES: tuple[Clause, ...] = (

@@ -62,46 +62,37 @@ def scores(series: Series, score_from: float = 0.0) -> dict[str, Any]:
     out: dict[str, Any] = {"frames": len(kept), "valid_fraction": len(valid) / max(len(kept), 1)}
     cost = figures("{}", series.cpu_ms, "median", "p99") if series.cpu_ms else dict.fromkeys(("median", "p99"))
     if len(valid) < 3:
-        mm_deg, axes = dict.fromkeys(NAMED), dict.fromkeys(AXES)
-        return out | {
-            "rmse": mm_deg,
-            "bias": mm_deg,
-            "gain": axes,
-            "correlation": axes,
-            "nees": None,
-            "ms_per_pair": cost,
-        }
+        unknown = {"rmse": NAMED, "bias": NAMED, "gain": AXES, "correlation": AXES}
+        return out | {k: dict.fromkeys(names) for k, names in unknown.items()} | {"nees": None, "ms_per_pair": cost}
     e = np.array([errors(estimate, X_true) for estimate, X_true in valid])
     truth = np.array([components(X_true) for _, X_true in valid])
     found = np.array([components(estimate.X_CT) for estimate, _ in valid])
     lost = (np.linalg.norm(e[:, :3], axis=1) > LOST_MM) | (np.linalg.norm(e[:, 3:], axis=1) > LOST_DEG)
     gain, correlation = _regression(truth, found)
     return out | {
-        "rmse": _named(np.sqrt((e**2).mean(axis=0))),
-        "bias": _named(e.mean(axis=0)),
-        "max_abs_error": _named(np.abs(e).max(axis=0)),
-        "gain": gain,
-        "correlation": correlation,
+        "rmse": _by_name(NAMED, np.sqrt((e**2).mean(axis=0))),
+        "bias": _by_name(NAMED, e.mean(axis=0)),
+        "max_abs_error": _by_name(NAMED, np.abs(e).max(axis=0)),
+        "gain": _by_name(AXES, gain),
+        "correlation": _by_name(AXES, correlation),
         **_consistency(np.array([_normalised_square(k[0], error) for k, error in zip(valid, e, strict=True)])),
         "lost_but_valid_fraction": float(lost.mean()),
         "ms_per_pair": cost,
     }
 
 
-def _named(values: Array) -> dict[str, float]:
-    return dict(zip(NAMED, values.tolist(), strict=True))
+def _by_name(names: tuple[str, ...], values: Array) -> dict[str, float | None]:
+    """None where a value is not finite."""
+    return {name: float(v) if np.isfinite(v) else None for name, v in zip(names, values, strict=True)}
 
 
-def _regression(truth: Array, found: Array) -> tuple[dict[str, float | None], dict[str, float | None]]:
-    """Slope of estimate over truth and their correlation, by axis; None of an axis that rests."""
+def _regression(truth: Array, found: Array) -> tuple[Array, Array]:
+    """Slope of estimate over truth and their correlation, by axis (n,); NaN of an axis that rests."""
     a, b = truth - truth.mean(axis=0), found - found.mean(axis=0)
     saa, sbb, sab = (a * a).mean(axis=0), (b * b).mean(axis=0), (a * b).mean(axis=0)
-    moves = saa >= 1e-6
+    saa[saa < 1e-6] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
-        gain, correlation = sab / saa, sab / np.sqrt(saa * sbb)
-    gains = {n: float(gain[i]) if moves[i] else None for i, n in enumerate(AXES)}
-    told = moves & np.isfinite(correlation)
-    return gains, {n: float(correlation[i]) if told[i] else None for i, n in enumerate(AXES)}
+        return sab / saa, sab / np.sqrt(saa * sbb)
 
 
 def _normalised_square(estimate: RelativePoseEstimate, error: Array) -> float:
@@ -138,10 +129,6 @@ def _independent(values: Array) -> int:
     power = float(v @ v)
     if power <= 0.0:
         return 1
-    total = 1.0
-    for lag in range(1, len(v) // 2):
-        c = float(v[lag:] @ v[:-lag]) / power
-        if c <= 0.0:
-            break
-        total += 2.0 * c
-    return max(1, int(len(v) / total))
+    c = np.correlate(v, v, "full")[len(v) : len(v) + len(v) // 2 - 1] / power  # from a lag of 1 on
+    positive = np.logical_and.accumulate(c > 0.0)
+    return max(1, int(len(v) / (1.0 + 2.0 * c[positive].sum())))
