@@ -11,10 +11,9 @@ from seed_core.hand import Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation.calibration import calibrate as cal
 from seed_estimation.calibration import file
-from seed_estimation.contact.membrane import mean_depth
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
-from seed_testing.validation.calibrate import captures, known_shape
+from seed_testing.validation.calibrate import captures
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +23,7 @@ def bubbles() -> TactileRenderer:
 
 @pytest.fixture(scope="module")
 def shown(bubbles: TactileRenderer) -> dict:
-    c = captures(bubbles, frames=20, per_pose=4)
-    mean = {f: [mean_depth([i[f].depth for i in pose], 0.03, 0.15)[0] for pose in c.grasped] for f in bubbles.cameras}
-    return {
-        "cameras": bubbles.cameras,
-        "no_contact": {f: [i[f].depth for i in c.no_contact] for f in bubbles.cameras},
-        "grasped": {f: [m.astype(np.float32) for m in mean[f]] for f in mean},
-        "shape": known_shape(bubbles),
-        "radius": c.radius,
-    }
+    return captures(bubbles, frames=20, per_pose=4)
 
 
 def test_the_smooth_range_error_is_found(bubbles: TactileRenderer, shown: dict) -> None:
