@@ -54,9 +54,10 @@ def field(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def inherited(cls: type, name: str, default: Any) -> Any:
-    """The field `name` of the dataclass cls with another default, for a class that inherits from it."""
-    return dataclasses.field(default=default, metadata=cls.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
+def inherited(cls: type, name: str, default: Any, **bounds: float) -> Any:
+    """The field `name` of the dataclass cls with another default and narrower bounds, for a class that inherits it."""
+    metadata = cls.__dataclass_fields__[name].metadata  # type: ignore[attr-defined]
+    return dataclasses.field(default=default, metadata={**metadata, **bounds})
 
 
 class _Node:
