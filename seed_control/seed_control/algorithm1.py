@@ -7,8 +7,6 @@ deformation a motor position, and the position controller does the rest:
     d = f / k,    x_motor = x_load + d
 """
 
-from __future__ import annotations
-
 from seed_core.errors import SeedError
 
 

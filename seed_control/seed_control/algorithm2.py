@@ -8,8 +8,6 @@ The law `published` is Algorithm 2, hybrid by the partial inverses of Sec. V-C: 
 in line 5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from seed_core.spatial import Array, Wrench

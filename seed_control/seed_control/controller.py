@@ -7,8 +7,6 @@ Inputs come with their own stamps, time comes as an argument, and nothing moves 
 the kinematics go stale or invalid it decelerates to a hold, latched with the reason, until it is enabled again.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 from seed_control.algorithm2 import gripper_pose

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every parameter of the controller, with unit, bound and meaning; the ROS parameters are declared from this."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from seed_core.arm.limits import MotionLimits

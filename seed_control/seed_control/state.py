@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the controller tells about itself after each step."""
 
-from __future__ import annotations
-
 from math import inf
 from typing import Literal, NamedTuple
 

@@ -14,8 +14,6 @@ tipping G = 1 / (1 - F H / k) in it; the time constant is scaled by the same G, 
     L(s) = 1 / (T s) A(s) e^(-s D).
 """
 
-from __future__ import annotations
-
 from math import atan, pi, sqrt
 
 

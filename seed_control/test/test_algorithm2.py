@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Algorithm 2 line by line, against itself in one dimension, against Drake's adjoint, and as what the full law is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

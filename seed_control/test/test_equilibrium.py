@@ -4,8 +4,6 @@
 The tool leans, and neither its tip nor its centre of mass lies on an axis, so that every lever and every sign counts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever comes in whichever order: no exception, finite commands, and nothing left of the set-point before."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 

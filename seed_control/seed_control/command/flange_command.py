@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is sent to the arm: a flange pose that starts where the arm is and moves within the limits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.command.limiter import PoseLimiter, VectorLimiter

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the arm may move: it is enabled, and nothing has made it hold since."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

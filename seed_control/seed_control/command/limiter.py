@@ -5,8 +5,6 @@ The driver has a limiter of its own (seed_driver.motion.limiter), behind this on
 task wants, smoothly and with its lag known; that one guards the robot against whatever arrives there.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the tool touches: some images in a row above a share of each wanted force; lost after more below another."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.parameters import ControllerParameters

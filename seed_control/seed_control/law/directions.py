@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The directions that carry force, from the projector onto them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_core.spatial import Array

@@ -4,8 +4,6 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
-from __future__ import annotations
-
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference

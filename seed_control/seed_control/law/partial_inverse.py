@@ -7,8 +7,6 @@
 Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are tx-roll, ty-pitch, tz-yaw.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import asin, cos, isfinite, pi, sin
 

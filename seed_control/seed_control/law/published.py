@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's law: Algorithm 2, hybrid by the partial inverses of Sec. V-C, and nothing more."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

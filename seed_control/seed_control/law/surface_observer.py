@@ -15,8 +15,6 @@ which depends on where the tip will be, not on when: the image's age does not en
 that moves with the tip, so that a force direction that turns with a surface does no harm.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.parameters import ControllerParameters

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The gripper's wanted place at every step between two images: along the path, and with bounded speed along forces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple

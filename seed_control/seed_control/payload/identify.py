@@ -9,8 +9,6 @@ Both are linear, in m and in m com. Only the product of stiffness and deflection
 wrong mass in proportion. A known mass turns that around and checks the vertical stiffness.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

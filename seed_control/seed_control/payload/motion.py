@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of payload identification: lift off, hold the tool still in a few orientations, sample how it hangs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.payload.identify import Payload, PayloadError, PayloadFit

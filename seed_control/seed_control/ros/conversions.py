@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-point messages to the core's set-points, and the core's state to a ControllerState message."""
 
-from __future__ import annotations
-
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The action ~/follow_setpoints: plays a task through the controller, one step at a time, blocking nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

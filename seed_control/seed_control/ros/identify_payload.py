@@ -4,8 +4,6 @@
 It blocks nothing: each control step gives the set-point of its moment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from rclpy.callback_groups import ReentrantCallbackGroup

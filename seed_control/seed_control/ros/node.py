@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's ROS node: relative pose, kinematics and set-point in; flange pose out, at a fixed rate."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

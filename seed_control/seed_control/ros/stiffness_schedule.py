@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stiffness follows the grip: pressures or width in, a new stiffness for the controller out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -4,8 +4,6 @@
 Every set-point is judged before anything changes; whatever refuses raises SetpointError.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from seed_control.algorithm2 import wrench_about_T

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text as pen strokes, in the single-stroke fonts of Hershey (library Hershey-Fonts)."""
 
-from __future__ import annotations
-
 from seed_core.errors import SeedError
 
 Point = tuple[float, float]

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A polyline run through with a trapezoidal speed: position and velocity by time."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a task: set-points by time and by the controller's state. Cancelled or failed, it leaves the tool lifted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A task as a list of steps, and one step being played: its place on the path, its set-point, and when it is over."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

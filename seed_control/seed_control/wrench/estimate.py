@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wrench of the tool on the environment, from one image that has met the kinematics of its own moment."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

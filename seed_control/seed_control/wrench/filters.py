@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Low-passes of what the images say, each with the time constant of its purpose."""
 
-from __future__ import annotations
-
 from math import exp, inf
 
 import numpy as np

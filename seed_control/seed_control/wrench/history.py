@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses by time, with interpolation, so that an image finds the kinematics of its own moment."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 from math import inf

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the controller knows of arm and tool: kinematics by time, the newest estimate, and whether they are fresh."""
 
-from __future__ import annotations
-
 from math import inf, isfinite
 
 from seed_control.parameters import ControllerParameters

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stiffness in use: the one that belongs to the present grip, and a new one taken over without a jump."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
