@@ -160,10 +160,12 @@ class Controller:
             self._command.start_from(self._inputs.history.newest())
         self._take_image(t)
         self.wrench_estimator.advance(t)
-        if self._guard.following:
-            self._guard.hold(self._inputs.staleness(t))
-            seeking = self.law.regulates_force and not self.law.contact.made
-            self._guard.check_free_travel(self._command.p_WC, self.law.plan.normals, seeking)
+        guard, law = self._guard, self.law
+        if guard.following:
+            stale = self._inputs.staleness(t)
+            if stale:
+                guard.hold(stale)
+            guard.check_free_travel(self._command.p_WC, law.plan.normals, law.regulates_force and not law.contact.made)
         limits = self._move(t, dt)
         self._state = self._describe(t, limits)
         return ControlOutput(self._command.X_WE, self._state)

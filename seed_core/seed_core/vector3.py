@@ -24,7 +24,7 @@ def dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 def norm(a: Sequence[float]) -> float:
     """|a|"""
-    return hypot(a[0], a[1], a[2])
+    return hypot(*a)
 
 
 def plus(a: Sequence[float], b: Sequence[float]) -> Vector3:
@@ -49,10 +49,12 @@ def plus_scaled(a: Sequence[float], s: float, b: Sequence[float]) -> Vector3:
 
 def capped(a: Vector3, longest: float) -> Vector3:
     """a, shortened to the norm `longest` where it is longer."""
-    length = norm(a)
+    length = hypot(*a)
     return a if length <= longest else scaled(a, longest / length)
 
 
 def transformed(X: Rows, v: Sequence[float]) -> Vector3:
     """The point v in the frame of pose X, measured where X is."""
-    return dot(X[0], v) + X[0][3], dot(X[1], v) + X[1][3], dot(X[2], v) + X[2][3]
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = X
+    j, k, m = v
+    return a * j + b * k + c * m + x, d * j + e * k + f * m + y, g * j + h * k + i * m + z

@@ -36,10 +36,14 @@ class VectorLimiter:
     def advance(self, way: Vector3, dt: float, speed: float) -> Vector3:
         """Step (3,) of the point in dt [s] towards a target that lies `way` from it; speed [m/s] bounds it now."""
         distance, gain = norm(way), 0.5 * self.bandwidth
-        speed = min(self.speed, speed)
-        self.limited = gain * distance > speed
-        cap = min(speed, sqrt(1.4 * self.acceleration * distance))
-        return self._towards(scaled(way, gain if gain * distance <= cap else cap / distance), dt)
+        wanted = gain * distance
+        if self.speed < speed:
+            speed = self.speed
+        self.limited = wanted > speed
+        cap = sqrt(1.4 * self.acceleration * distance)
+        if speed < cap:
+            cap = speed
+        return self._towards(scaled(way, gain if wanted <= cap else cap / distance), dt)
 
     def stop(self, dt: float) -> Vector3:
         """Step (3,) of the point in dt [s] while it comes to rest."""
