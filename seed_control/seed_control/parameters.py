@@ -28,10 +28,10 @@ class ControllerParameters(MotionLimits):
     # (seed_bringup/config/driver.yaml). The box lies inside the driver's, so that no target is refused there. Force
     # control has no use for more than the bounds.
     max_speed: float = inherited(MotionLimits, "max_speed", 0.25, high=1.0)
-    max_acceleration: float = inherited(MotionLimits, "max_acceleration", 2.0, high=20.0)
+    max_acceleration: float = inherited(MotionLimits, "max_acceleration", 2.0, low=0.05, high=20.0)
     max_jerk: float = inherited(MotionLimits, "max_jerk", 200.0, high=5000.0)
     max_angular_speed: float = inherited(MotionLimits, "max_angular_speed", 0.5, high=3.0)
-    max_angular_acceleration: float = inherited(MotionLimits, "max_angular_acceleration", 6.0)
+    max_angular_acceleration: float = inherited(MotionLimits, "max_angular_acceleration", 6.0, low=0.1)
     max_angular_jerk: float = field(600.0, unit="rad/s^3", low=1.0, high=20000.0, doc="largest commanded angular jerk")
     workspace_low: Vector3 = inherited(MotionLimits, "workspace_low", (-1.3, -1.3, -0.2))
     workspace_high: Vector3 = inherited(MotionLimits, "workspace_high", (1.3, 1.3, 1.6))
