@@ -2,7 +2,7 @@
 """The tool's pose in the grasp as an estimator reports it (seed_msgs/RelativePose), and the pause at a new grasp."""
 
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, nan
 
 import numpy as np
 
@@ -11,6 +11,38 @@ from seed_core.spatial import Array
 LEAST = 10  # poses that are invalid; three in a row are enough
 LASTING = 0.3  # [s]; a controller holds after 0.15 s without a valid pose
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+DEFORMATIONS = 9  # of a patch: see MembraneMotion.deformation
+
+
+@dataclass(frozen=True)
+class MembraneMotion:
+    """What the membrane of one bubble does where it touches the tool, since the grasp.
+
+    The membrane is the spring: what its material does tells the wrench, whatever the tool does on it.
+
+    Attributes:
+        finger: 'left' or 'right'.
+        X_CM: (4, 4) rigid motion of the patch's material: a point p in C of it has moved to X_CM p.
+        covariance: (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
+        observed: whether its x, y, z, roll, pitch, yaw are seen, as in RelativePoseEstimate.
+        deformation: (9,) [m] motion along x and z of C beyond X_CM, over (u, v) = (x, z) from the patch's middle at the
+            grasp in units of its root mean square distance from there: stretch (u, 0), stretch (0, v), shear (v, u);
+            then u^2, u v, v^2 along x, and u^2, u v, v^2 along z. Empty where not told.
+        area: of the patch [m^2]. centroid: (3,) its middle in C [m]. indentation: mean depth of the imprint [m].
+        pressure: [hPa] in this bubble, absolute; not a number where nobody measures it.
+    """
+
+    finger: str
+    X_CM: Array
+    covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    observed: tuple[bool, bool, bool, bool, bool, bool] = (True,) * 6
+    deformation: Array = field(default_factory=lambda: np.zeros(0))
+    area: float = nan
+    centroid: Array = field(default_factory=lambda: np.full(3, nan))
+    indentation: float = nan
+    pressure: float = nan
 
 
 @dataclass(frozen=True)
@@ -26,6 +58,7 @@ class RelativePoseEstimate:
         valid: False means: do not use the pose; `reason` says why.
         slip: share of the tool's motion that the membrane does not follow, 0 (sticks) to 1.
         gross_slip: the tool has slid in the grasp since the last grasp; the pose is no longer relative to it.
+        membrane: what the membranes do at this time, by finger; empty where the estimator does not tell.
     """
 
     stamp: float
@@ -37,6 +70,7 @@ class RelativePoseEstimate:
     slip: float = 0.0
     gross_slip: bool = False
     method: str = ""
+    membrane: tuple[MembraneMotion, ...] = ()
 
     @property
     def observed_translation(self) -> tuple[bool, bool, bool]:

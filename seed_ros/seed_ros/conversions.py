@@ -9,10 +9,11 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped, TransformStamped, WrenchStamped
 from geometry_msgs.msg import Wrench as WrenchMsg
+from seed_msgs.msg import MembraneMotion as MembraneMotionMsg
 from seed_msgs.msg import RelativePose
 
 from seed_core.errors import SeedError
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import DEFORMATIONS, MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, pose_from_quaternion, quaternion_from_rotation
 
 _SWAP = [3, 4, 5, 0, 1, 2]  # rotation-first to translation-first and back
@@ -112,7 +113,44 @@ def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: s
     message.slip = float(estimate.slip)
     message.gross_slip = bool(estimate.gross_slip)
     message.method = estimate.method
+    message.membrane = [_motion_to_message(m) for m in estimate.membrane]
     return message
+
+
+def _motion_to_message(motion: MembraneMotion) -> MembraneMotionMsg:
+    message = MembraneMotionMsg(finger=motion.finger)
+    fill_pose(message.motion.pose, motion.X_CM)
+    message.motion.covariance = motion.covariance[np.ix_(_SWAP, _SWAP)].ravel()
+    message.observed = [bool(o) for o in motion.observed]
+    message.deformation = motion.deformation.tolist()
+    fill(message.centroid, motion.centroid)
+    for name in ("area", "indentation", "pressure"):
+        setattr(message, name, float(getattr(motion, name)))
+    return message
+
+
+def _motion_from_message(message: MembraneMotionMsg) -> MembraneMotion:
+    covariance = np.asarray(message.motion.covariance, dtype=float).reshape(6, 6)
+    deformation = np.asarray(message.deformation, dtype=float)
+    if not (np.isfinite(covariance).all() and np.isfinite(deformation).all()):
+        raise MessageError("relative_pose.membrane has a value that is not finite")
+    if deformation.size not in (0, DEFORMATIONS):
+        raise MessageError(
+            f"relative_pose.membrane.deformation has {deformation.size} values; {DEFORMATIONS} or none are wanted"
+        )
+    o = [bool(v) for v in message.observed]
+    c = message.centroid
+    return MembraneMotion(
+        finger=message.finger,
+        X_CM=pose_to_matrix(message.motion.pose, "relative_pose.membrane"),
+        covariance=covariance[np.ix_(_SWAP, _SWAP)],
+        observed=(o[0], o[1], o[2], o[3], o[4], o[5]),
+        deformation=deformation,
+        area=float(message.area),
+        centroid=np.array((c.x, c.y, c.z)),
+        indentation=float(message.indentation),
+        pressure=float(message.pressure),
+    )
 
 
 def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
@@ -136,6 +174,7 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
         slip=float(message.slip),
         gross_slip=bool(message.gross_slip),
         method=message.method,
+        membrane=tuple(_motion_from_message(m) for m in message.membrane) if message.valid else (),
     )
 
 

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a solve of the membranes gives: shape, contact, pressure and load, for plant, images and scores alike."""
+
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from seed_core.spatial import Array, Wrench
+
+
+class BubbleState(NamedTuple):
+    """One bubble at one time.
+
+    Attributes:
+        nodes: (n, 3) [m] in C. triangles: (m, 3) their indices, constant.
+        material: (n, 2) [m] x and z in C of each node on the flat, printed sheet, constant.
+        touching, sliding: (n,) bool, nodes in contact with the tool, and those of them that slide on it.
+        pressure: [Pa] above the ambient. volume: [m^3] enclosed with its dead volume.
+        wrench: load on the tool about T's origin, in T.
+    """
+
+    nodes: Array
+    triangles: NDArray[Any]
+    material: Array
+    touching: NDArray[Any]
+    sliding: NDArray[Any]
+    pressure: float
+    volume: float
+    wrench: Wrench
+
+
+class GraspState(NamedTuple):
+    """Both bubbles on the tool at one time.
+
+    Attributes:
+        X_CT: (4, 4) pose of the tool; identity at the grasp.
+        bubbles: by finger, 'left' and 'right'.
+        wrench: load of both on the tool about T's origin, in T.
+        tangent: (6, 6) d(torque, force) in T over a small motion of C relative to T (rotation vector, then translation
+            of C's origin, both written in T): positive for a spring that pulls the tool after the gripper.
+        iterations: of the solver. converged: whether its residual met the bound.
+    """
+
+    X_CT: Array
+    bubbles: dict[str, BubbleState]
+    wrench: Wrench
+    tangent: Array
+    iterations: int
+    converged: bool
+
+    @property
+    def sliding_share(self) -> float:
+        """Share of the touching nodes that slide."""
+        touching = sum(int(b.touching.sum()) for b in self.bubbles.values())
+        return sum(int(b.sliding.sum()) for b in self.bubbles.values()) / max(touching, 1)
