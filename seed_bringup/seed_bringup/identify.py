@@ -9,8 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from seed_core.command_line import Help, command, results_folder, seed_number
 from seed_core.errors import SeedError
+from seed_core.program.command_line import Help, command, results_folder, seed_number
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth

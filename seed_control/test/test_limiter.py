@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
-from seed_core.quaternion import as_quaternion
+from seed_core.arm.quaternion import as_quaternion
 from seed_core.spatial import make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_core.vector3 import as_vector3
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from seed_core.command_line import Help, command, number, results_folder, seed_number, to_json
 from seed_core.errors import FailedError, SeedError
+from seed_core.program.command_line import Help, command, number, results_folder, seed_number, to_json
 
 
 @pytest.mark.parametrize("text", ["-1", "x", "1.5", "", str(2**31), "99999999999999999999"])

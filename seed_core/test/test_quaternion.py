@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from seed_core.quaternion import (
+from seed_core.arm.quaternion import (
     IDENTITY,
     as_quaternion,
     from_rotation_vector,

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from seed_core.arm.limits import TargetLimits
+from seed_core.arm.quaternion import IDENTITY, from_rotation_vector
 from seed_core.arm.target_checks import Target, jump, refusal
-from seed_core.quaternion import IDENTITY, from_rotation_vector
 from seed_core.vector3 import ZERO
 
 LIMITS = TargetLimits()

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from seed_core.arm.hold import HoldLatch
 from seed_core.arm.limits import TargetLimits
+from seed_core.arm.quaternion import Quaternion
 from seed_core.arm.target_checks import Target, no_pose, refusal
 from seed_core.config import field
-from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 from seed_driver.motion.limiter import CommandLimiter
 

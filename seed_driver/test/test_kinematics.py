@@ -9,9 +9,9 @@ import yaml
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from seed_core.arm.quaternion import as_quaternion
 from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
-from seed_core.quaternion import as_quaternion
 from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import KEYS, LINKS, arm_kinematics, load_calibration, out_of_reach

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from seed_core.arm.limits import MotionLimits
-from seed_core.quaternion import from_rotation_vector, turn_between
+from seed_core.arm.quaternion import from_rotation_vector, turn_between
 from seed_driver.motion.limiter import CommandLimiter
 
 DT = 0.002

@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
-from seed_core.quaternion import rotate, turned
+from seed_core.arm.quaternion import rotate, turned
 from seed_ros.qos import LATCHED
 from seed_testing.fault_bench.bench import leftover_processes
 from seed_testing.peer import Peer

@@ -11,7 +11,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from seed_core.quaternion import from_rotation_vector, to_pose, turned
+from seed_core.arm.quaternion import from_rotation_vector, to_pose, turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import CLOSEST, Deadlines
 from seed_driver.process.shared_memory import Modes, Sample, SharedMemory, TargetSlot

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.quaternion import to_pose, turned
+from seed_core.arm.quaternion import to_pose, turned
 from seed_testing.fault_bench.bench import FaultBench
 from seed_ur.pose import pose_from_matrix
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from seed_core.quaternion import as_quaternion, to_pose, turned
+from seed_core.arm.quaternion import as_quaternion, to_pose, turned
 from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.quaternion import turned
+from seed_core.arm.quaternion import turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Stage
 from seed_driver.process.supervisor import Supervisor

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from seed_core.arm.quaternion import from_rotation_vector
 from seed_core.arm.target_checks import Target
-from seed_core.quaternion import from_rotation_vector
 from seed_driver.target_guard import GuardConfig, TargetGuard
 
 HERE = (-0.40610, -0.1333, 0.33155)

@@ -7,8 +7,8 @@ from typing import Any
 
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
-from seed_core.files import shared_path
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.program.files import shared_path
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection
 

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from seed_core.command_line import command
 from seed_core.errors import SeedError
+from seed_core.program.command_line import command
 from seed_testing.contract_clauses import CLAUSES, Clause, Limits
 from seed_testing.peer import Peer
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from seed_core.quaternion import turn_between, turned
+from seed_core.arm.quaternion import turn_between, turned
 from seed_core.spatial import Array
 from seed_core.vector3 import minus, norm, plus, plus_scaled, scaled
 from seed_ros.conversions import seconds

@@ -14,8 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from seed_core.arm.quaternion import Quaternion
 from seed_core.errors import FailedError
-from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 from seed_ros.qos import COMMAND
 

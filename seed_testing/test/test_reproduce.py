@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.tasks import load_task
-from seed_core.files import shared_path
+from seed_core.program.files import shared_path
 from seed_sim.closed_loop.recording import Recording
 from seed_sim.scenario import load_scenario
 from seed_testing.reproduce.command import main

@@ -8,8 +8,8 @@ import sys
 from functools import partial
 from math import radians
 
-from seed_core.command_line import Help, command, number
 from seed_core.errors import SeedError
+from seed_core.program.command_line import Help, command, number
 from seed_ur.models import MODELS
 from seed_ur.standin.options import HOME, Options
 from seed_ur.standin.server import Server

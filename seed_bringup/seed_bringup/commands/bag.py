@@ -6,8 +6,8 @@ import sys
 import time
 from pathlib import Path
 
-from seed_core.command_line import Help, command, number
 from seed_core.errors import SeedError
+from seed_core.program.command_line import Help, command, number
 
 
 @command("seed bag")

@@ -7,8 +7,8 @@ import argparse
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from seed_core.command_line import Help, command, leaving_at_once
 from seed_core.errors import FailedError, SeedError
+from seed_core.program.command_line import Help, command, leaving_at_once
 
 if TYPE_CHECKING:
     from seed_bringup.ros.session import Session

@@ -18,7 +18,7 @@ from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
 from seed_control.parameters import LAWS
-from seed_core.command_line import Help, command, number, seed_number
+from seed_core.program.command_line import Help, command, number, seed_number
 from seed_estimation.parameters import METHODS
 
 BASELINES = ("open_loop", "welded")

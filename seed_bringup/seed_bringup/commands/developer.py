@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from seed_core.command_line import command
 from seed_core.errors import SeedError
+from seed_core.program.command_line import command
 
 # pytest's exit codes
 PYTEST_USAGE, PYTEST_NOTHING_COLLECTED = 4, 5

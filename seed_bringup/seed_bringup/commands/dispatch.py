@@ -6,7 +6,7 @@ import os
 import sys
 
 from seed_bringup.command_table import offered, usage
-from seed_core.command_line import command, leaving_at_once
+from seed_core.program.command_line import command, leaving_at_once
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {

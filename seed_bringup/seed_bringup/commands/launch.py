@@ -13,7 +13,7 @@ from seed_bringup.launching.description import declared_arguments, describe
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.command_line import Help, command
+from seed_core.program.command_line import Help, command
 
 
 @command("seed launch")

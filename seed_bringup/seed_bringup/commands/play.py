@@ -9,8 +9,8 @@ from typing import Any
 
 from seed_bringup.demo.terminal import Bar
 from seed_control.tasks import load_task
-from seed_core.command_line import Help, command, leaving_at_once
 from seed_core.errors import FailedError
+from seed_core.program.command_line import Help, command, leaving_at_once
 
 
 @command("seed play")

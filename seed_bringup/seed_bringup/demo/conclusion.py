@@ -16,7 +16,7 @@ from seed_bringup.demo.report import Report, text_table
 from seed_bringup.demo.score import Phase, curve_of, recording_of, scored_stretch
 from seed_bringup.demo.series import Series
 from seed_bringup.demo.terminal import say
-from seed_core.command_line import to_json
+from seed_core.program.command_line import to_json
 from seed_core.spatial import rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 

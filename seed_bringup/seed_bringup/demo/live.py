@@ -15,9 +15,9 @@ from seed_bringup.demo.score import TOPICS, Phase
 from seed_bringup.demo.terminal import Bar, say
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.command_line import leaving_at_once
 from seed_core.config import to_mapping
 from seed_core.errors import FailedError, SeedError
+from seed_core.program.command_line import leaving_at_once
 from seed_sim.scenario import Scenario
 
 TASK_PATIENCE = 75.0  # [s]

@@ -7,8 +7,8 @@ from datetime import datetime
 from pathlib import Path
 
 from seed_control.tasks import Task, load_task
-from seed_core.command_line import results_folder
 from seed_core.errors import SeedError
+from seed_core.program.command_line import results_folder
 from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
 from seed_sim.scenario import Scenario, load_scenario
 

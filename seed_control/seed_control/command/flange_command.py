@@ -5,7 +5,7 @@ import numpy as np
 
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
 from seed_control.parameters import ControllerParameters
-from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose
+from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3, as_vector3, transformed
 

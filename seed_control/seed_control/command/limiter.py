@@ -7,7 +7,7 @@ task wants, smoothly and with its lag known; that one guards the robot against w
 
 from math import sqrt
 
-from seed_core.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
+from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled, transformed
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
 from seed_core.config import field, load_file, load_text
-from seed_core.files import shared_path
+from seed_core.program.files import shared_path
 
 MAX_TEXT = 100_000  # characters of a task sent as text
 

@@ -8,7 +8,7 @@ from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
 from seed_core.arm.limits import MotionLimits, TargetLimits
-from seed_core.quaternion import Quaternion, turn_between
+from seed_core.arm.quaternion import Quaternion, turn_between
 from seed_core.vector3 import Vector3, minus, norm
 
 UNIT_TOLERANCE = 1e-3  # a quaternion's length may be off by this

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint speeds: the flange slows down where a joint would be too fast (near singularities), and stops at the end."""
 
-from seed_core.quaternion import to_pose
+from seed_core.arm.quaternion import to_pose
 from seed_driver.motion.limiter import CommandLimiter
 from seed_ur.kinematics import KinematicsError, URKinematics
 

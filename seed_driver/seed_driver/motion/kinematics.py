@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from seed_core.arm.quaternion import to_pose
 from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
-from seed_core.quaternion import to_pose
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy
 from seed_driver.config import DriverConfig
 from seed_ur.kinematics import KinematicsError, URKinematics

@@ -15,7 +15,7 @@ from collections import deque
 from math import ceil, sqrt
 
 from seed_core.arm.limits import MotionLimits
-from seed_core.quaternion import Quaternion, turn_between, turned
+from seed_core.arm.quaternion import Quaternion, turn_between, turned
 from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled
 from seed_driver.motion.reference import Reference
 

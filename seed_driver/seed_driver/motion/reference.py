@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference: a path through the targets, which may come at any rate."""
 
-from seed_core.quaternion import Quaternion, turn_between, turned
+from seed_core.arm.quaternion import Quaternion, turn_between, turned
 from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled
 
 

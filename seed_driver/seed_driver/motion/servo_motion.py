@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from seed_core.arm.hold import HoldLatch
 from seed_core.arm.limits import MotionLimits
-from seed_core.quaternion import IDENTITY
+from seed_core.arm.quaternion import IDENTITY
 from seed_core.vector3 import ZERO
 from seed_driver.config import DriverConfig
 from seed_driver.motion.joint_speeds import JointSpeeds

@@ -15,7 +15,7 @@ from enum import IntEnum
 from itertools import islice
 from typing import Any, NamedTuple
 
-from seed_core.quaternion import IDENTITY, Quaternion
+from seed_core.arm.quaternion import IDENTITY, Quaternion
 from seed_core.vector3 import ZERO, Vector3
 
 _TARGET = struct.Struct("<Qd 3d 4d")  # the fields of TargetSlot in their order

@@ -12,9 +12,9 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+from seed_core.arm.quaternion import Quaternion
 from seed_core.config import to_mapping
 from seed_core.errors import SeedError
-from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.heartbeat import Heartbeat

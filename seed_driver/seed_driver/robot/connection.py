@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from seed_core.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
+from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample

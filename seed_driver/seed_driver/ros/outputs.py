@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Int8, String, UInt8
 from tf2_msgs.msg import TFMessage
 
-from seed_core.quaternion import inverse, rotate
+from seed_core.arm.quaternion import inverse, rotate
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Sample, Stage, State
 from seed_ros import LATCHED, TF, Diagnostics, SeedNode, diagnostics

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from seed_core.command_line import command
 from seed_core.config import field, from_mapping, load_file
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
+from seed_core.program.command_line import command
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
 from seed_estimation.contact.membrane import mean_depth, membrane_at_rest

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_control.tasks import load_task
-from seed_core.command_line import Help, command, results_folder, seed_number, to_json, whole
+from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
 from seed_sim.closed_loop.evaluate import LAWS, evaluate
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from seed_core.arm.quaternion import as_quaternion, to_pose
 from seed_core.bushing import Stiffness
 from seed_core.errors import FailedError
 from seed_core.hand import weight_about_T
-from seed_core.quaternion import as_quaternion, to_pose
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, so3_exp, so3_log
 from seed_sim.plant.arm import Arm
 from seed_sim.plant.grip import Grip, PlantError

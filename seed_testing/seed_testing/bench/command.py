@@ -6,8 +6,8 @@ import importlib
 import json
 from typing import Any
 
-from seed_core.command_line import Help, command
 from seed_core.errors import SeedError
+from seed_core.program.command_line import Help, command
 from seed_testing.figures import text
 
 BENCHES = {

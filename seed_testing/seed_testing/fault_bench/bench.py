@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from seed_core.arm.quaternion import Quaternion
 from seed_core.errors import SeedError
-from seed_core.quaternion import Quaternion
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import State

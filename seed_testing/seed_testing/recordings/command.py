@@ -10,7 +10,7 @@ import json
 import os
 from pathlib import Path
 
-from seed_core.command_line import Help, command
+from seed_core.program.command_line import Help, command
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
 

@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_bringup.bags.files import BagWriter
-from seed_core.command_line import command
+from seed_core.program.command_line import command
 from seed_ros.images import Intrinsics, camera_info, image_message
 from seed_testing.recordings.press import Press, load
 

@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from seed_core.command_line import Help, command, results_folder, seed_number
+from seed_core.program.command_line import Help, command, results_folder, seed_number
 from seed_testing.reproduce import fig4, fig6, fig7
 
 

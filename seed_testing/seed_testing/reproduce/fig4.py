@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from seed_core.command_line import to_json
+from seed_core.program.command_line import to_json
 from seed_estimation import METHODS
 from seed_sim import load_scenario
 from seed_testing.validation.figure import draw

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from seed_control import load_task
-from seed_core.files import shared_path
+from seed_core.program.files import shared_path
 from seed_sim import Evaluation, evaluate
 from seed_sim.closed_loop.progress import progress_bar
 from seed_testing.reproduce.pen import Stroke, draw_strokes, strokes_of

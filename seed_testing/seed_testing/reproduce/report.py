@@ -4,7 +4,7 @@
 from pathlib import Path
 from typing import Any
 
-from seed_core.command_line import to_json
+from seed_core.program.command_line import to_json
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:

@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from seed_core.command_line import Help, command, number, seed_number, whole
+from seed_core.program.command_line import Help, command, number, seed_number, whole
 from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, shipped_scenarios
 from seed_testing.validation import run, slip
