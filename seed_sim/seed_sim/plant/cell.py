@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drake's model of the cell: a gripper with prescribed motion, the bushing, the tool, the table and what stands on it.
+"""Drake's model of the cell: a gripper with prescribed motion, the grasp, the tool, the table and what stands on it.
 
 The gripper is a free body so heavy that no load moves it; its pose and velocity are set before each step. So the
 bushing's damper sees how the gripper moves, which a frame fixed in the world would hide.
@@ -39,14 +39,17 @@ _WOOD, _STEEL, _BLUE, _BUBBLE = (0.76, 0.6, 0.42, 1), (0.35, 0.4, 0.45, 1), (0.1
 
 
 class Cell:
-    """A finished Drake plant with its context. `bushing` is None when the tool is welded to the gripper.
+    """A finished Drake plant with its context.
+
+    Attributes:
+        bushing: Drake's; None when the tool is welded to the gripper, or the grasp's load comes from outside.
 
     Args:
         scenario: the simulated cell.
         surface: of the table, as the seed has drawn it.
         shape: of the tool.
         inertia: of the tool; None welds it to the gripper.
-        grip: constants of the bushing.
+        grip: constants of the bushing; None: there is none, the grasp's load comes from outside.
         step: [s].
         meshcat: a pydrake.geometry.Meshcat to draw in, or None.
     """
@@ -57,7 +60,7 @@ class Cell:
         surface: Surface,
         shape: ToolShape,
         inertia: ToolInertia | None,
-        grip: Grip,
+        grip: Grip | None,
         step: float,
         meshcat: Any,
     ) -> None:
@@ -92,6 +95,20 @@ class Cell:
         self.contact_forces = self.plant.get_generalized_contact_forces_output_port(tool_model)
         if inertia:
             self._apply_weight(inertia)
+        self._forces, self._tool_in_v = (
+            np.zeros(self.plant.num_velocities()),
+            self.tool.floating_velocities_start_in_v(),
+        )
+        self._applied: Any = None
+        if inertia and grip is None:
+            port = self.plant.get_applied_generalized_force_input_port()
+            self._applied = port.FixValue(self.context, self._forces)
+
+    def apply(self, torque: Array, force: Array) -> None:
+        """Load the tool with the grasp's torque and force, (3,) [N m], [N] about T's origin, in the world."""
+        i = self._tool_in_v
+        self._forces[i : i + 3], self._forces[i + 3 : i + 6] = torque, force
+        self._applied.GetMutableData().get_mutable_value().SetFromVector(self._forces)
 
     def set_bushing(self, grip: Grip) -> None:
         """Give the bushing the constants of the grip."""
@@ -106,13 +123,15 @@ class Cell:
         nq = self.plant.num_positions()
         return body.floating_positions_start(), nq + body.floating_velocities_start_in_v()
 
-    def _held_tool(self, model: Any, inertia: ToolInertia, grip: Grip) -> Any:
-        """A body with the bushing between it and the gripper; its weight is applied by itself."""
+    def _held_tool(self, model: Any, inertia: ToolInertia, grip: Grip | None) -> Any:
+        """A body, with the bushing between it and the gripper if there is one; its weight is applied by itself."""
         unit = inertia.about_T / inertia.moving_mass
         unit_inertia = dt.UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2])
         spatial_inertia = dt.SpatialInertia(inertia.moving_mass, inertia.moving_com, unit_inertia)
         body = self.plant.AddRigidBody("tool", model, spatial_inertia)
         self.plant.set_gravity_enabled(model, False)
+        if grip is None:
+            return body
         k, d, frames = grip.stiffness, grip.damping, (body.body_frame(), self.gripper.body_frame())
         bushing = dt.LinearBushingRollPitchYaw(*frames, k.rotation, d[0], k.translation, d[1])
         self.bushing = self.plant.AddForceElement(bushing)

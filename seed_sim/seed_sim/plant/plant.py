@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated cell in time: an arm that moves the gripper, Drake's bushing, a tool and a tilted table.
 
-LinearBushingRollPitchYaw acts with frame A = T and frame C = C, the convention of `seed_core.bushing`.
+LinearBushingRollPitchYaw acts with frame A = T and frame C = C, the convention of `seed_core.bushing`. Another grasp
+takes its place as a `GraspForce`, which is asked at every (sub-)step.
 """
 
-from math import hypot
 from typing import Any
 
 import numpy as np
 
-from seed_core.arm.quaternion import as_quaternion, to_pose
+from seed_core.arm.quaternion import as_quaternion
 from seed_core.bushing import Stiffness
 from seed_core.errors import FailedError
 from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, so3_exp, so3_log
 from seed_sim.plant.arm import Arm
+from seed_sim.plant.grasp_force import GraspForce, pose_in, relative
 from seed_sim.plant.grip import Grip, PlantError
 from seed_sim.plant.table import draw_surface
 from seed_sim.plant.tools import ToolInertia, ToolShape, inertia_of, shape_of
@@ -35,6 +36,7 @@ class Plant:
         X_WE: (4, 4) flange pose at the start.
         welded: the tool is bolted to the gripper (the baseline).
         meshcat: a pydrake.geometry.Meshcat to draw in, or None.
+        grasp_force: what the grasp does to the tool, with its damping; None: Drake's bushing.
 
     Raises:
         PlantError: no step is small enough for the tool in this grasp.
@@ -42,7 +44,15 @@ class Plant:
     """
 
     def __init__(
-        self, scenario: Scenario, seed: int, X_W_work: Array, X_WE: Array, *, welded: bool = False, meshcat: Any = None
+        self,
+        scenario: Scenario,
+        seed: int,
+        X_W_work: Array,
+        X_WE: Array,
+        *,
+        welded: bool = False,
+        meshcat: Any = None,
+        grasp_force: GraspForce | None = None,
     ) -> None:
         try:
             from seed_sim.plant.cell import Cell
@@ -57,8 +67,9 @@ class Plant:
         self._com = np.array(scenario.tool.center_of_mass)
         inertia = None if welded else self._tool_inertia(shape)
         self.grip = Grip(scenario.grasp, inertia, DT, scenario.name)
-        self._meshcat = meshcat
-        self._cell = Cell(scenario, self.surface, shape, inertia, self.grip, DT / self.grip.substeps, meshcat)
+        self._meshcat, self._grasp_force = meshcat, None if welded else grasp_force
+        bushing = self.grip if self._grasp_force is None else None
+        self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self.grip.substeps, meshcat)
         self._X_EC, self._p_Ttip = self.hand.X_EC, self.tool.X_Ttip[:3, 3]
         self._X_WC: Array = X_WE @ self._X_EC
         self._X_WT: Array | None = None  # until it is asked for
@@ -118,10 +129,15 @@ class Plant:
     def _simulate(self, motions: list[Array]) -> None:
         """One step of the plant for each motion of the gripper."""
         context, drake, state = self._cell.context, self._cell.plant, self._state
+        parts, force = self.grip.substeps, self._grasp_force
         for motion in motions:
             self._place_gripper(state, motion)
-            for _ in range(self.grip.substeps):
+            for i in range(parts):
                 context.SetDiscreteState(state)
+                if force is not None:
+                    to_C = relative(state, self._cell.tool_at, self._cell.gripper_at)
+                    load = force.wrench(to_C.X_TC, to_C.V_TC, (self._steps + i / parts) * DT)
+                    self._cell.apply(to_C.R_WT @ load.torque, to_C.R_WT @ load.force)
                 self._before = state
                 state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
             self._steps += 1
@@ -154,6 +170,9 @@ class Plant:
     def grasp(self, p_CT: Array = _ZERO) -> None:
         """Take the tool anew: T coincides with C, or lies at p_CT (3,) [m] in it, and rests relative to it."""
         self._X_WT = None
+        if self._grasp_force is not None:
+            self._grasp_force.reset()
+            self._cell.apply(_ZERO, _ZERO)
         if not self.welded:
             q, v = self._cell.tool_at
             X_WT = self._X_WC @ make_pose(None, p_CT)
@@ -185,10 +204,7 @@ class Plant:
         if self.welded:
             return self._X_WC
         if self._X_WT is None:
-            i = self._cell.tool_at[0]
-            w, x, y, z, *p = self._state[i : i + 7].tolist()
-            n = hypot(w, x, y, z)  # Drake's quaternion drifts from one
-            self._X_WT = to_pose((p[0], p[1], p[2]), (x / n, y / n, z / n, w / n))
+            self._X_WT = pose_in(self._state, self._cell.tool_at[0])
         return self._X_WT
 
     @property
@@ -206,9 +222,12 @@ class Plant:
 
     @property
     def bushing_wrench(self) -> Wrench:
-        """The spring's and damper's load on the tool about T, in T; zero when welded."""
+        """The grasp's load on the tool, spring and damper, about T, in T; zero when welded."""
         if self.welded:
             return Wrench.zero()
+        if self._grasp_force is not None:
+            to_C = relative(self._state, self._cell.tool_at, self._cell.gripper_at)
+            return self._grasp_force.wrench(to_C.X_TC, to_C.V_TC, self.time)
         self._cell.context.SetDiscreteState(self._state)
         F = self._cell.bushing.CalcBushingSpatialForceOnFrameA(self._cell.context)
         self._cell.context.SetDiscreteState(self._before)  # where contact_wrench is to be read
@@ -232,13 +251,13 @@ class Plant:
 
     @property
     def stiffness(self) -> Stiffness:
-        """Of the plant at the present width."""
+        """Of the bushing at the present width."""
         return self.grip.stiffness
 
     def set_gripper_width(self, width: float) -> None:
         """Close to width [m]. Raises PlantError, see `Grip.set_width`."""
         self.grip.set_width(width)
-        if not self.welded:
+        if self._cell.bushing is not None:
             self._cell.set_bushing(self.grip)
 
 
