@@ -9,6 +9,7 @@ from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
+from seed_core.vector3 import Vector3
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection
 
@@ -27,6 +28,13 @@ class GraspSection:
     damping_ratio: float = field(0.3, low=0.0, high=2.0, doc="on every axis")
     pad_mass: float = field(0.0, unit="kg", low=0.0, high=1.0, doc="of the gripper pads that move with the tool")
     pad_radius: float = field(0.02, unit="m", low=0.0, high=0.2, doc="radius of gyration of those pads")
+    taken_under: Vector3 = field(
+        (0.0, 0.0, 0.0),
+        unit="N",
+        low=-100.0,
+        high=100.0,
+        doc="what the grasp bore when it was initialised: force on the tool in C; its weight if it hung, 0 if carried",
+    )
     nominal_width: float = field(0.02, unit="m", low=0.0, high=0.2, doc="distance of the fingers at which K holds")
     stiffening: float = field(60.0, unit="1/m", low=0.0, high=1000.0, doc="relative rise of K per closed metre")
     nominal_pressure: float = field(1030.0, unit="hPa", low=900.0, high=1500.0, doc="in the bubbles at that width")
@@ -72,6 +80,9 @@ class MeasurementSection:
     )
     position_noise: float = field(0.3, unit="mm", low=0.0, high=10.0, doc="white, per axis and frame")
     rotation_noise: float = field(0.5, unit="deg", low=0.0, high=10.0, doc="white, per axis and frame")
+    stamp_error: float = field(
+        0.0, unit="s", low=-0.5, high=0.5, doc="by which the stamps of images are ahead of the robot's clock"
+    )
     kinematics_noise: float = field(0.0, unit="mm", low=0.0, high=10.0, doc="white, of the reported flange position")
 
 

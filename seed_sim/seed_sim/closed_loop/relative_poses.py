@@ -5,9 +5,10 @@ from collections import deque
 
 import numpy as np
 
+from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import make_pose, so3_exp
+from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
 from seed_estimation import METHODS, Estimator, EstimatorParameters
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.scenario import Scenario, tactile_of
@@ -19,6 +20,12 @@ _NOISE_DELAY, _IMAGE_DELAY = 0.05, 0.03  # [s] unless the scenario says otherwis
 _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5
 
 
+def taken_at(scenario: Scenario) -> Array:
+    """X_CT (4, 4) of the tool where the grasp is initialised: deflected by what the grasp bears then."""
+    load = -np.array(scenario.grasp.taken_under)
+    return inverse_pose(Bushing(scenario.grasp.stiffness).pose(Wrench(np.zeros(3), load)))
+
+
 class PoseSource:
     """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay."""
 
@@ -26,6 +33,8 @@ class PoseSource:
         given = scenario.measurement.delay
         self.delay = delay if given is None else given
         self.period = 1.0 / rate
+        self._stamp_error = scenario.measurement.stamp_error
+        self._X_TT0 = inverse_pose(taken_at(scenario))  # T as the grasp was taken, in the tool's own frame
         self._count = 0
         self._on_their_way: deque[tuple[float, RelativePoseEstimate]] = deque()
 
@@ -36,7 +45,7 @@ class PoseSource:
     def take_image(self, plant: Plant) -> None:
         """Measure now."""
         self._count += 1
-        self._on_their_way.append((plant.time + self.delay, self.measure(plant)))
+        self._on_their_way.append((plant.time + self.delay, self.measure(plant, plant.time + self._stamp_error)))
 
     def arrived(self, t: float) -> list[RelativePoseEstimate]:
         """Estimates that have arrived by time t [s]."""
@@ -45,17 +54,17 @@ class PoseSource:
             out.append(self._on_their_way.popleft()[1])
         return out
 
-    def measure(self, plant: Plant) -> RelativePoseEstimate:
-        """The estimate that this image gives."""
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        """The estimate that this image gives, with the stamp [s] that it bears."""
         raise NotImplementedError
 
 
 class TruePoses(PoseSource):
     """The exact pose, at once, at every control step."""
 
-    def measure(self, plant: Plant) -> RelativePoseEstimate:
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
         covariance = np.diag([1e-10] * 3 + [1e-12] * 3)
-        return RelativePoseEstimate(plant.time, plant.X_CT, covariance, method="truth")
+        return RelativePoseEstimate(stamp, plant.X_CT @ self._X_TT0, covariance, method="truth")
 
 
 class NoisyPoses(PoseSource):
@@ -67,12 +76,12 @@ class NoisyPoses(PoseSource):
         self._rng = np.random.default_rng([seed, 2])
         self._sigma = (np.deg2rad(m.rotation_noise), 1e-3 * m.position_noise)
 
-    def measure(self, plant: Plant) -> RelativePoseEstimate:
-        X, (sr, sx) = plant.X_CT, self._sigma
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        X, (sr, sx) = plant.X_CT @ self._X_TT0, self._sigma
         noise = self._rng.standard_normal(6)
         X = make_pose(so3_exp(sr * noise[:3]) @ X[:3, :3], X[:3, 3] + sx * noise[3:])
         covariance = np.diag([max(sr, 1e-5) ** 2] * 3 + [max(sx, 1e-6) ** 2] * 3)
-        return RelativePoseEstimate(plant.time, X, covariance, method="noisy")
+        return RelativePoseEstimate(stamp, X, covariance, method="noisy")
 
 
 class PosesFromImages(PoseSource):
@@ -85,10 +94,10 @@ class PosesFromImages(PoseSource):
         still = [-self.period * (_REFERENCE_FRAMES + _GRASP_FRAMES - i) for i in range(_REFERENCE_FRAMES)]
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
-        self.estimator.initialize_grasp([self.renderer.render(np.eye(4), t) for t in held])
+        self.estimator.initialize_grasp([self.renderer.render(taken_at(scenario), t) for t in held])
 
-    def measure(self, plant: Plant) -> RelativePoseEstimate:
-        return self.estimator.update(self.renderer.render(plant.X_CT, plant.time), plant.time)
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        return self.estimator.update(self.renderer.render(plant.X_CT, plant.time), stamp)
 
 
 def pose_source(kind: str, scenario: Scenario, seed: int, control_rate: float) -> PoseSource:
