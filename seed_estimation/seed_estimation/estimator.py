@@ -11,6 +11,7 @@ there: the estimate is then not valid, and says why.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,7 +219,8 @@ class Estimator:
         covariance = self._covariance.update(fit, tracker.slip)
 
         # Report: report.py
-        return report.rigid_fit(stamp, fit, covariance, tracker.slip.value, touching, p)
+        estimate = report.rigid_fit(stamp, fit, covariance, tracker.slip.value, touching, p)
+        return replace(estimate, membrane=report.membranes(tracker.material, self.patches, p))
 
     def _problem(self, images: Frame, stamp: float) -> str:
         """Why images cannot be used, or ''."""

@@ -7,12 +7,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Array
+from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
+from seed_estimation.material.motion import MaterialMotion
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import PublishedMethod, eight_bit
 from seed_estimation.rigid_fit.fit import Fit
+from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.tracker import Tracker
 
 SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
@@ -49,14 +52,39 @@ def rigid_fit(
     words = [f"{f} bubble {'is not followed' if f in touching else 'touches nothing'}" for f in unlocked]
     if len(fit.explained) < 2:
         words.append(f"reduced: {next(iter(fit.explained))} finger only")
-    x, y, z = (bool(d < p.max_std_translation) for d in deviation[3:])
-    roll, pitch, yaw = (bool(d < p.max_std_rotation) for d in deviation[:3])
-    observed = (x, y, z, roll, pitch, yaw)
+    observed = _observed(covariance, p)
     if not all(observed):
         words.append("some axes are not observed")
     return RelativePoseEstimate(
         stamp, fit.X_CT, covariance, observed, reason="; ".join(words), slip=slip, method="rigid_fit"
     )
+
+
+def membranes(
+    motions: Mapping[str, MaterialMotion], patches: Mapping[str, ContactPatch], p: EstimatorParameters
+) -> tuple[MembraneMotion, ...]:
+    """What the membranes do, by finger, from the motion of their material and from their contact patches."""
+    return tuple(
+        MembraneMotion(
+            finger=finger,
+            X_CM=motion.X_CM,
+            covariance=motion.covariance,
+            observed=_observed(motion.covariance, p),
+            deformation=motion.deformation,
+            area=patches[finger].area,
+            centroid=patches[finger].centroid_C,
+            indentation=patches[finger].mean_indentation,
+        )
+        for finger, motion in motions.items()
+    )
+
+
+def _observed(covariance: Array, p: EstimatorParameters) -> tuple[bool, bool, bool, bool, bool, bool]:
+    """Whether x, y, z, roll, pitch, yaw are seen, from a covariance (6, 6) of [rotation vector, translation]."""
+    deviation = np.sqrt(np.diag(covariance))
+    x, y, z = (bool(d < p.max_std_translation) for d in deviation[3:])
+    roll, pitch, yaw = (bool(d < p.max_std_rotation) for d in deviation[:3])
+    return x, y, z, roll, pitch, yaw
 
 
 def lost_reason(fit: Fit, touching: Collection[str], lock: float) -> str:
@@ -91,4 +119,13 @@ def debug_image(
         lines = np.stack((model.pixels(np.eye(4), p), model.pixels(tracker.X_CT, p)), axis=1).T  # (N, 2, 2)
         lines = lines[np.isfinite(lines).all(axis=(1, 2))]
         cv2.polylines(panel, list(np.rint(lines).astype(np.int32)), False, (60, 160, 255), 1)
+        if finger in tracker.material:
+            _draw_material(panel, model, tracker.material[finger])
     return panel
+
+
+def _draw_material(panel: NDArray[np.uint8], model: FingerModel, motion: MaterialMotion) -> None:
+    """Some points where the membrane's material has gone: where they leave the ends of the tool's lines, it slips."""
+    for u, v in model.pixels(motion.X_CM, model.levels[1].p[:, ::40]).T:
+        if np.isfinite((u, v)).all():
+            cv2.circle(panel, (round(float(u)), round(float(v))), 1, (255, 220, 60), -1)

@@ -13,6 +13,7 @@ import numpy as np
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, crop
 from seed_estimation.images.tactile_images import TactileImages
+from seed_estimation.material.motion import MaterialMotion, MaterialTracker
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.covariance import HIDDEN
 from seed_estimation.rigid_fit.fit import Fit, fit
@@ -44,6 +45,7 @@ class Tracker:
         lost: no pose is known; the tool is looked for.
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
         slip: micro-slip.
+        material: motion of the membranes' material in the last frame, by finger; only of those that are found.
     """
 
     def __init__(self, models: Sequence[FingerModel], images: Mapping[str, TactileImages], max_slip: float) -> None:
@@ -53,6 +55,8 @@ class Tracker:
         self.lost = False
         self.gross_slip = False
         self.slip = MicroSlip(max_slip)
+        self.material: dict[str, MaterialMotion] = {}
+        self._membranes = [MaterialTracker(m) for m in models]
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
         self._stamp = max(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
@@ -89,8 +93,17 @@ class Tracker:
         if share >= p.lock and not self.lost:
             best = self._without_hidden_images(crops, best, touching, p.iterations)
             share = quality(best)
+        before = self.X_CT
         self._accept(best, share, stamp, p)
+        self._follow_material(crops, self.X_CT @ inverse_pose(before))
         return best
+
+    def _follow_material(self, crops: Mapping[str, Crop], step: Array) -> None:
+        """What the membranes do, started from how the tool has moved (4, 4) in C since the frame before."""
+        self.material = {}
+        if not self.lost:
+            found = {m.model.finger: m.follow(crops[m.model.finger], step, self.X_CT) for m in self._membranes}
+            self.material = {f: motion for f, motion in found.items() if motion is not None}
 
     def _predicted(self, stamp: float) -> Array:
         """X_CT (4, 4) expected at a time [s], at constant velocity."""

@@ -62,7 +62,7 @@ class Residuals:
         self.deviation = floor
         self.r = self.w = np.zeros(0, np.float32)
         self.Jw = J[:, :0]
-        self.H, self.g = np.zeros((6, 6)), np.zeros(6)
+        self.H, self.g = np.zeros((len(J), len(J))), np.zeros(len(J))
 
     @property
     def scale(self) -> float:
@@ -88,7 +88,7 @@ class Residuals:
         What all of a patch gets wrong alike, by `common`, no cell contradicts; it is added.
         """
         if self.r.size == 0:
-            return np.zeros((6, 6))
+            return np.zeros_like(self.H)
         edges = np.flatnonzero(self.cells[1:] != self.cells[:-1]) + 1
         g = np.add.reduceat(self.Jw * self.r, np.concatenate(((0,), edges)), axis=1).astype(float) * self.scale
         alike = self.common * self.scale * self.Jw.sum(axis=1).astype(float)
