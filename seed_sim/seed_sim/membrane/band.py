@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A frozen sparsity pattern: triangles' and nodes' matrices summed into a band, and its LU factors."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from seed_core.spatial import Array
+from seed_sim.membrane.mesh import Index
+
+
+class Band:
+    """The free nodes' equations, ordered so that their matrix is a narrow band.
+
+    Attributes:
+        rows: (n_free * 3,) indices into the flat (n * 3,) vector of all nodes, in the band's order.
+    """
+
+    def __init__(self, triangles: Index, free: NDArray[np.bool_]) -> None:
+        """triangles (m, 3); free (n,) bool, nodes that move."""
+        n = len(free)
+        pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3)])
+        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n)).tocsr()
+        order = np.flatnonzero(free)
+        order = order[reverse_cuthill_mckee(graph[order][:, order].tocsr(), symmetric_mode=True)]
+        self.rows = (order[:, None] * 3 + np.arange(3)).ravel()
+        self.size = len(self.rows)
+        place = np.full(n, -1)
+        place[order] = np.arange(len(order))
+        inner = pairs[(place[pairs] >= 0).all(axis=1)]
+        self.width = int(np.abs(place[inner[:, 0]] - place[inner[:, 1]]).max()) * 3 + 2
+        self._height = 3 * self.width + 1
+        dof = np.where(place[:, None] >= 0, place[:, None] * 3 + np.arange(3), -1)
+        self._of_triangles = self._at(dof[triangles].reshape(len(triangles), 9))
+        self._of_nodes = self._at(dof).reshape(n, 9)
+
+    def _at(self, dof: Index) -> Index:
+        """Places (k, d * d) in the band of blocks with degrees of freedom (k, d); the last place takes what is held."""
+        row, column = dof[:, :, None], dof[:, None, :]
+        at = column * self._height + 2 * self.width + row - column
+        at = np.where((row >= 0) & (column >= 0), at, self.size * self._height)
+        return np.asarray(at.reshape(len(dof), -1), np.intp)
+
+    def matrix(self, of_triangles: Array, nodes: Index, of_nodes: Array) -> Array:
+        """Sum of (m, 9, 9) per triangle and (k, 3, 3) at nodes (k,), as a band (height, size)."""
+        length = self.size * self._height + 1
+        flat = np.bincount(self._of_triangles.ravel(), of_triangles.ravel(), length)
+        if len(nodes):
+            flat += np.bincount(self._of_nodes[nodes].ravel(), of_nodes.ravel(), length)
+        return np.asarray(flat[:-1].reshape(self.size, self._height).T, float)
+
+    def add_diagonal(self, band: Array, value: float) -> None:
+        """Add `value` to the diagonal."""
+        band[2 * self.width] += value
+
+
+class Factors:
+    """LU of a band plus factor v v^T, which the gas adds (Sherman and Morrison)."""
+
+    def __init__(self, order: Band, band: Array, factor: float, v: Array) -> None:
+        """band as of Band.matrix, overwritten. v (size,)."""
+        self._w = order.width
+        self._lu, self._pivots, self.info = lapack.dgbtrf(band, self._w, self._w, overwrite_ab=1)
+        self._v, self._factor = v, factor
+        if self.info == 0:
+            self._Kv = self._solve(v)
+            self._share = factor / (1.0 + factor * float(v @ self._Kv))
+
+    def _solve(self, b: Array) -> Array:
+        x: Array = lapack.dgbtrs(self._lu, self._w, self._w, b, self._pivots)[0]
+        return x
+
+    def solve(self, b: Array) -> Array:
+        """x (size,) or (size, k) of the equations with right side b."""
+        x = self._solve(b)
+        along = self._share * (self._v @ x)
+        return x - (np.outer(self._Kv, along) if x.ndim == 2 else along * self._Kv)

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One bubble: its equilibrium with gas and tool, by Newton's method along the path of the tool.
+
+Frame F of the bubble lies at the middle of its rim, with C's axes. The unknowns are the nodes in F.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_core.spatial import Array, Wrench
+from seed_sim.membrane.band import Band, Factors
+from seed_sim.membrane.contact import Contact, ContactLoad
+from seed_sim.membrane.gas import Volume
+from seed_sim.membrane.mesh import Mesh, moulded_dome
+from seed_sim.membrane.parameters import MembraneError, MembraneParameters
+from seed_sim.membrane.sheet import Sheet
+from seed_sim.membrane.surface import ToolSurface
+
+_MOST = 30  # Newton steps of one solve
+_LONGEST = 0.5  # [spacings] that a node moves in one Newton step
+_DEEPEST = 0.0015  # [m] that a node may lie inside the tool
+_STRETCH = 4.0  # [1] Green's strain at which rubber is torn: a stretch of 3
+
+
+class Memory(NamedTuple):
+    """All that a bubble remembers."""
+
+    x: Array
+    anchors: Array
+    crept: Array
+    content: float  # [J] absolute pressure times volume
+    contact: ContactLoad | None
+    pose: tuple[Array, Array] | None
+    factors: Factors | None
+    sensitivity: Array | None
+    tangent: Array
+    t: float
+
+
+class Bubble:
+    """One bubble in its own frame F.
+
+    Attributes:
+        x: (n, 3) [m] nodes in F. volume: [m^3] of the dome. pressure: [Pa] above the ambient.
+        height: [m] of the free, inflated dome. iterations: Newton steps of the last call.
+    """
+
+    def __init__(self, p: MembraneParameters, mesh: Mesh, surface: ToolSurface, side: float) -> None:
+        """side: +1 for the left bubble, whose dome points to -y, -1 for the right one."""
+        self.p, self.mesh, self.side = p, mesh, side
+        reference = moulded_dome(mesh, p, side)
+        self.sheet = Sheet(reference, mesh.triangles, p.Et, p.poisson)
+        volume = Volume(mesh.triangles, len(reference), 1.0)
+        sign = 1.0 if volume.value(reference) > 0.0 else -1.0
+        self._volume = Volume(mesh.triangles, len(reference), sign)
+        self._band = Band(mesh.triangles, ~mesh.rim)
+        area = np.where(mesh.rim, 0.0, self.sheet.node_area)
+        self.contact = Contact(surface, area, p.friction, p.normal_stiffness, p.shear_stiffness)
+        self.x = reference
+        self.content: float | None = None  # [J]; unknown until the bubble is inflated
+        self.iterations = 0
+        self.load: ContactLoad | None = None
+        self._pose: tuple[Array, Array] | None = None
+        self._factors: Factors | None = None
+        self._sensitivity: Array | None = None
+        self.tangent = np.zeros((6, 6))
+        self.t = 0.0
+        self._inflate()
+
+    # -- state ---------------------------------------------------------------------------------------------------------
+    def memory(self) -> Memory:
+        """All that the path has left, to come back to."""
+        return Memory(
+            self.x, self.contact.anchors, self.sheet.crept, self._content(), self.load, self._pose, self._factors,
+            self._sensitivity, self.tangent, self.t,
+        )  # fmt: skip
+
+    def recall(self, memory: Memory) -> None:
+        """Come back to what `memory` held."""
+        self.x, self.contact.anchors, self.sheet.crept, self.content = memory[:4]
+        self.load, self._pose, self._factors, self._sensitivity, self.tangent, self.t = memory[4:]
+
+    def _content(self) -> float:
+        if self.content is None:
+            raise MembraneError("the bubble holds no gas yet")
+        return self.content
+
+    @property
+    def volume(self) -> float:
+        """[m^3] with the dead volume."""
+        return self._volume.value(self.x) + self.p.dead_volume
+
+    @property
+    def pressure(self) -> float:
+        """[Pa] above the ambient."""
+        return self._content() / self.volume - self.p.ambient
+
+    @property
+    def height(self) -> float:
+        """[m] of the dome's highest node over the rim's plane."""
+        return float((-self.side * self.x[:, 1]).max())
+
+    # -- equilibrium ---------------------------------------------------------------------------------------------------
+    def _inflate(self) -> None:
+        """From the moulded shape to the gauge pressure, then close the valve."""
+        p = self.p
+        for share in (0.25, 0.5, 0.75, 1.0, 1.0):  # the last one with the sheet crept
+            if not self._settle(None, share * p.pressure):
+                raise MembraneError(
+                    f"the membrane cannot be inflated to pressure = {p.pressure:g} Pa with Et = {p.Et:g} N/m and "
+                    f"moulded = {p.moulded:g} m: no equilibrium at {share * p.pressure:g} Pa; raise Et or lower it"
+                )
+            self._bear()
+            if share == 1.0:
+                self.sheet.crept = p.creep * self.sheet.strain(self.x)
+        if p.creep > 0.0 and not self._settle(None, p.pressure):
+            raise MembraneError(
+                f"the membrane does not settle after creep = {p.creep:g} at pressure = {p.pressure:g} Pa"
+            )
+        self.content = (p.pressure + p.ambient) * self.volume
+        self.free_height = self.height
+
+    def _bear(self) -> None:
+        """Refuse a sheet that is stretched to tearing."""
+        strain = float(np.abs(self.sheet.strain(self.x)[:, :2]).max())
+        if not strain < _STRETCH:
+            stretch, most = math.sqrt(1.0 + 2.0 * strain), math.sqrt(1.0 + 2.0 * _STRETCH)
+            raise MembraneError(
+                f"the membrane is stretched by {stretch:.3g} at pressure = {self.p.pressure:g} Pa, at most {most:.3g}: "
+                f"raise Et = {self.p.Et:g} N/m or lower the pressure"
+            )
+
+    def _gas(self, x: Array, gauge: float | None) -> tuple[float, float, Array]:
+        """Gauge pressure [Pa], its fall per volume [Pa/m^3] and the volume's gradient (n, 3)."""
+        volume, slope = self._volume.slope(x)
+        if gauge is not None:
+            return gauge, 0.0, slope
+        whole = volume + self.p.dead_volume
+        absolute = self._content() / whole
+        return absolute - self.p.ambient, absolute / whole, slope
+
+    def residual(self, x: Array, pose: tuple[Array, Array] | None, gauge: float | None = None) -> Array:
+        """Unbalanced forces (n, 3) [N] at nodes x: sheet minus gas minus tool."""
+        force = self.sheet.load(x, stiffness=False).force
+        pressure, _, slope = self._gas(x, gauge)
+        force = force - pressure * slope
+        if pose is not None:
+            R, origin = pose
+            touch = self.contact.load(x @ R.T + origin)
+            force[touch.nodes] -= touch.force @ R
+        return force
+
+    def _assemble(
+        self, x: Array, pose: tuple[Array, Array] | None, gauge: float | None
+    ) -> tuple[Array, ContactLoad | None, Array, float, Array]:
+        """Residual (size,), contact, band, the gas's fall and gradient (size,)."""
+        sheet = self.sheet.load(x)
+        assert sheet.stiffness is not None
+        pressure, fall, slope = self._gas(x, gauge)
+        force = sheet.force - pressure * slope
+        self._volume.add_curvature(x, -pressure, sheet.stiffness)
+        touch, nodes, blocks = None, np.empty(0, int), np.empty((0, 3, 3))
+        if pose is not None:
+            R, origin = pose
+            touch = self.contact.load(x @ R.T + origin)
+            force[touch.nodes] -= touch.force @ R
+            nodes, blocks = touch.nodes, R.T @ touch.stiffness @ R
+        band = self._band.matrix(sheet.stiffness, nodes, blocks)
+        rows = self._band.rows
+        return force.ravel()[rows], touch, band, fall, slope.ravel()[rows]
+
+    def _settle(self, pose: tuple[Array, Array] | None, gauge: float | None = None, x: Array | None = None) -> bool:
+        """Newton's method from x (default: the present nodes); moves the nodes and returns True where it settles."""
+        x = self.x if x is None else x
+        rows, cap = self._band.rows, _LONGEST * self.p.spacing
+        damping = 1.0
+        for count in range(_MOST):
+            force, touch, band, fall, slope = self._assemble(x, pose, gauge)
+            norm = float(np.linalg.norm(force))
+            if not math.isfinite(norm):
+                return False
+            if norm < self.p.tolerance:
+                self.x, self.load = x, touch
+                return True
+            self.iterations += 1
+            if gauge is not None:  # a slack sheet has no stiffness across itself yet
+                self._band.add_diagonal(band, min(100.0, 30.0 * norm))
+            factors = Factors(self._band, band, fall, slope)
+            if factors.info != 0:
+                return False
+            step = -factors.solve(force)
+            longest = float(np.abs(step).max())
+            damping = 1.0 if count < 12 else 0.7
+            step *= damping * min(1.0, cap / max(longest, 1e-15))
+            x = x.copy()
+            x.ravel()[rows] += step
+        return False
+
+    def move(self, pose: tuple[Array, Array]) -> bool:
+        """To the equilibrium with the tool at pose (R_TF (3, 3), p_TF (3,) [m]); False where none is found."""
+        start = self.x
+        guess = start
+        if self._pose is not None and self._sensitivity is not None:
+            R0, o0 = self._pose
+            motion = np.concatenate([_small_rotation(pose[0] @ R0.T), pose[1] - o0])
+            guess = start.copy()
+            guess.ravel()[self._band.rows] += self._sensitivity @ motion
+        if not self._settle(pose, x=guess) and (guess is start or not self._settle(pose, x=start)):
+            return False
+        assert self.load is not None
+        if self.load.depth > _DEEPEST:
+            return False
+        self.contact.keep(self.load)
+        self._pose = pose
+        return True
+
+    def age(self, t: float) -> None:
+        """Let sheet and gas flow up to time t [s]."""
+        dt, self.t = t - self.t, max(t, self.t)
+        if dt <= 0.0:
+            return
+        if self.p.creep > 0.0:
+            goal = self.p.creep * self.sheet.strain(self.x)
+            self.sheet.crept = self.sheet.crept + (1.0 - math.exp(-dt / self.p.creep_time)) * (goal - self.sheet.crept)
+        if self.p.leak > 0.0:
+            least = self.p.ambient * self.volume
+            self.content = max(self._content() - self.p.leak * dt * self.volume, least)
+
+    # -- what the tool feels -------------------------------------------------------------------------------------------
+    def linearise(self) -> None:
+        """Stiffness about the present equilibrium: of the nodes to the tool's motion, and of the load on the tool."""
+        assert self._pose is not None
+        R, origin = self._pose
+        _, touch, band, fall, slope = self._assemble(self.x, self._pose, None)
+        assert touch is not None
+        # sliding goes on sliding; nodes that have just touched stick from now on
+        factors = Factors(self._band, band, fall, slope)
+        point = self.x[touch.nodes] @ R.T + origin
+        k = len(touch.nodes)
+        move = np.zeros((k, 3, 6))  # of each point in T per motion (rotation, translation) of F in T
+        arm = point - origin
+        move[:, :, :3] = -_skews(arm)
+        move[:, :, 3:] = np.eye(3)
+        direct = touch.stiffness @ move
+        turned = direct.copy()
+        turned[:, :, :3] -= _skews(touch.force)
+        right = np.zeros((3 * len(self.x), 6))
+        right.reshape(-1, 3, 6)[touch.nodes] = R.T @ turned
+        u = -factors.solve(right[self._band.rows])
+        whole = np.zeros((3 * len(self.x), 6))
+        whole[self._band.rows] = u
+        w = move + R @ whole.reshape(-1, 3, 6)[touch.nodes]
+        df = touch.stiffness @ w
+        tangent = np.zeros((6, 6))
+        tangent[:3] = (_skews(point) @ df + _skews(touch.force) @ w).sum(0)
+        tangent[3:] = df.sum(0)
+        self.tangent, self._sensitivity, self._factors = tangent, u, factors
+
+    def wrench(self) -> Wrench:
+        """On the tool about T, in T."""
+        if self.load is None or self._pose is None:
+            return Wrench.zero()
+        R, origin = self._pose
+        point = self.x[self.load.nodes] @ R.T + origin
+        return Wrench(-np.cross(point, self.load.force).sum(0), -self.load.force.sum(0))
+
+    def flags(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """touching and sliding (n,) bool."""
+        touching, sliding = np.zeros(len(self.x), bool), np.zeros(len(self.x), bool)
+        if self.load is not None:
+            touching[self.load.nodes] = True
+            sliding[self.load.nodes] = self.load.sliding
+        return touching, sliding
+
+    def energy(self) -> float:
+        """[J] of sheet, gas (against the ambient, up to a constant) and normal contact springs."""
+        gas = -self._content() * math.log(self.volume) + self.p.ambient * self.volume
+        return self.sheet.load(self.x, stiffness=False).energy + gas + (self.load.energy if self.load else 0.0)
+
+
+def _skews(v: Array) -> Array:
+    """(k, 3, 3) of (k, 3)."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
+    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
+    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
+    return out
+
+
+def _small_rotation(R: Array) -> Array:
+    """(3,) [rad] of a rotation of at most a few degrees."""
+    return 0.5 * np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
