@@ -20,6 +20,7 @@ from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, Setp
 from seed_control.state import ControllerState, ControlOutput, Counting, Mode
 from seed_control.wrench.estimate import WrenchEstimator
 from seed_control.wrench.inputs import MOST_BAD, Inputs
+from seed_control.wrench.knowledge import WrenchKnowledge
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import checked
 from seed_core.errors import SeedError
@@ -27,6 +28,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
+from seed_core.wrench_model import WrenchModel
 
 # The laws that `parameters.LAWS` names. The default `seed` is HybridLaw with the surface observer, `plain` the same
 # without it. (The stiffness map's model 'plain' is something else: see seed_core/bushing.py.)
@@ -45,8 +47,20 @@ class Controller:
         law: what turns set-points and images into gripper poses.
     """
 
-    def __init__(self, parameters: ControllerParameters, hand: Hand, tool: Tool, stiffness: Stiffness) -> None:
+    def __init__(
+        self,
+        parameters: ControllerParameters,
+        hand: Hand,
+        tool: Tool,
+        stiffness: Stiffness,
+        wrench_model: WrenchModel | None = None,
+    ) -> None:
         """Disabled, until `enable`.
+
+        Args:
+            stiffness: of the grasp.
+            wrench_model: what the wrench comes from; None: a map of this stiffness. Another model than that brings its
+                own local stiffness.
 
         Raises:
             ConfigError: a parameter is out of its bounds.
@@ -57,10 +71,11 @@ class Controller:
         self._counting = Counting("not enabled yet")
         self._inputs = Inputs(p, law.synchronised, self._counting)
         self.wrench_estimator = WrenchEstimator(
-            tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise
+            tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model
         )
         self._checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)
+        self._known = WrenchKnowledge(self.wrench_estimator)
         self._guard = Guard(p, self._counting)
         self._command = FlangeCommand(p, hand.X_EC)
         self._setpoint: Setpoint | None = None
@@ -184,6 +199,7 @@ class Controller:
         if self.law.contact.lost > self._counting.counters.contacts_lost:
             self._counting.count("contacts_lost")
         self._guard.check_overload(m)
+        self._known.update(m, self.law.plan.R_W_task)
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""
@@ -238,6 +254,9 @@ class Controller:
             desired=hybrid.wrench if hybrid is not None else None,
             estimated=law.estimated_task,
             filtered=law.filtered_task,
+            deviation=self._known.deviation,
+            covariance=self._known.covariance,
+            doubt=m.doubt if m is not None else "",
             desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
             measured_X_CT=m.X_CT if m is not None else None,
             X_W_tip=law.X_W_tip,

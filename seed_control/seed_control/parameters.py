@@ -65,6 +65,9 @@ class ControllerParameters(MotionLimits):
     position_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
     angle_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
     feedforward_ratio: float = field(1.25, low=0.8, high=20.0, doc="of both to the time from image to answer, at least")
+    discrepancy_filter: float = field(
+        0.15, unit="s", low=0.0, high=5.0, doc="low-pass of what the wrench model and its local stiffness differ by"
+    )
     position_noise: float = field(0.3, unit="mm", low=0.001, high=10.0, doc="of an estimate that states no covariance")
     surface_noise: float = field(0.2, unit="mm/sqrt(s)", low=0.0, high=100.0, doc="random walk of the surface's height")
     slope_noise: float = field(0.002, unit="1/sqrt(s)", low=0.0, high=1.0, doc="random walk of the surface's slope")

@@ -45,6 +45,10 @@ class ControllerState(NamedTuple):
         desired, estimated: wrench of the tool on the environment about the tip, in the task frame [N m, N]; None when
             nothing is asked, or no estimate has come yet. `estimated` is the newest image's, unfiltered.
         filtered: the estimate averaged over about a tenth of a second.
+        deviation: standard deviations of `estimated` [N m, N], of an image of the last tenth of a second.
+        covariance: (6, 6) of the same wrench's (torque, force), about the tip in W.
+        doubt: what the wrench model finds doubtful of it.
+        contradictions: what else is known and does not agree with the wrench, each in words.
         desired_X_TC, measured_X_CT: displacement that is asked for, and the newest estimate (4, 4).
         X_W_tip: measured pose of the tip at the newest image (4, 4).
         R_W_task: (3, 3) of the task frame in which the wrenches are written.
@@ -61,6 +65,10 @@ class ControllerState(NamedTuple):
     desired: Wrench | None = None
     estimated: Wrench | None = None
     filtered: Wrench | None = None
+    deviation: Wrench | None = None
+    covariance: Array | None = None
+    contradictions: tuple[str, ...] = ()
+    doubt: str = ""
     desired_X_TC: Array | None = None
     measured_X_CT: Array | None = None
     X_W_tip: Array | None = None

@@ -18,6 +18,7 @@ from seed_core.bushing import Stiffness
 from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
+from seed_core.wrench_model import WrenchModel
 
 DOWN = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02))  # tip pose: tool's z into the table
 PRESS_Z = np.diag([0.0, 0.0, 1.0])
@@ -31,6 +32,7 @@ class Bench:
     law: str = "seed"
     stiffness: Stiffness = DEFAULT_STIFFNESS
     believed: Stiffness | None = None
+    model: WrenchModel | None = None  # of the wrench, in place of the bushing
     parameters: ControllerParameters = field(default_factory=ControllerParameters)
     table: float = 0.0
     slope: float = 0.0  # rise of the table per metre along x
@@ -44,7 +46,7 @@ class Bench:
     def __post_init__(self) -> None:
         self.hand = Hand()
         parameters = replace(self.parameters, law=self.law)
-        self.controller = Controller(parameters, self.hand, self.tool, self.believed or self.stiffness)
+        self.controller = Controller(parameters, self.hand, self.tool, self.believed or self.stiffness, self.model)
         self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)
         self.t, self._next_image = 0.0, 0.0
         self._queue: list[tuple[float, RelativePoseEstimate]] = []

@@ -54,6 +54,11 @@ def fill_pose(pose: Pose, X: Array) -> Pose:
     return pose
 
 
+def force_first(covariance: Array) -> Array:
+    """(6, 6) of (torque, force) or (rotation, translation), with both halves changed over, as messages have them."""
+    return covariance[np.ix_(_SWAP, _SWAP)]
+
+
 def stamped(kind: Any, stamp: float | Time, frame_id: str) -> Any:
     """A message of a kind with a header; stamp: [s], or as a message."""
     message = kind()

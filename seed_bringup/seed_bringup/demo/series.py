@@ -68,7 +68,7 @@ def _value(message: Any, kind: str) -> Array | None:
     match kind:
         case "geometry_msgs/msg/PoseStamped":
             return _pose(message.pose)
-        case "geometry_msgs/msg/WrenchStamped":
+        case "geometry_msgs/msg/WrenchStamped" | "seed_msgs/msg/WrenchEstimate":
             return _wrench(message.wrench)
         case "seed_msgs/msg/RelativePose":
             return _pose(message.pose.pose) if message.valid else None

@@ -170,9 +170,12 @@ class PublishedLaw:
         load = Wrench(R_W_task @ s.wrench.torque, P @ force + measured - P @ measured)  # off P as measured
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T
         R_WC_held, tip_to_C = self._held(R_WT_des)
+        discrepancy = self.tool.discrepancy
 
         def partial_inverse(wrench_T: Wrench) -> Array:
             spring = wrench_T.minus(self.wrench_estimator.weight(R_WT))
+            if discrepancy is not None:  # what the bushing must give for the model's spring to give the wanted load
+                spring = spring.plus(discrepancy)
             R_TC = R_WT.T @ R_WC_held
             if any(s.torque_axes) and self.contact.made:
                 R_TC = self._torque_orientation(s, spring.torque, R_TC, R_WT.T @ R_WT_des, limits)

@@ -71,6 +71,7 @@ def fill_state(
     message.setpoint_kind, message.in_contact, message.settled = state.setpoint_kind, state.in_contact, state.settled
     fill_wrench(message.desired, state.desired or Wrench.zero())
     fill_wrench(message.estimated, state.estimated or Wrench.zero())
+    fill_wrench(message.deviation, state.deviation or Wrench.zero())
     fill_wrench(message.error, error or Wrench.zero())
     if setpoint is not None and state.X_W_tip is not None:
         message.lean = so3_log(setpoint.X_W_tip[:3, :3].T @ state.X_W_tip[:3, :3])
@@ -79,6 +80,7 @@ def fill_state(
     if state.measured_X_CT is not None:
         fill_pose(message.displacement, state.measured_X_CT)
     message.limits_hit = list(state.limits_hit)
+    message.contradictions = list(state.contradictions)
     message.estimate_age = state.image_age if np.isfinite(state.image_age) else float("nan")
     message.refused_setpoints = state.counters.setpoints_refused
     message.ignored_estimates = sum(getattr(state.counters, name) for name in _IGNORED)

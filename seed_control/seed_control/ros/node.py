@@ -8,7 +8,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from seed_msgs.msg import ControllerState as StateMsg
 from seed_msgs.msg import HybridSetpoint as HybridMsg
-from seed_msgs.msg import RelativePose
+from seed_msgs.msg import RelativePose, WrenchEstimate
 from seed_msgs.msg import RelativePoseSetpoint as RelativePoseMsg
 from seed_msgs.msg import WrenchSetpoint as WrenchMsg
 from std_srvs.srv import SetBool
@@ -20,15 +20,19 @@ from seed_control.ros.follow_setpoints import FollowServer
 from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.setpoint.setpoints import Setpoint
-from seed_control.state import ControlOutput
+from seed_control.state import ControllerState, ControlOutput
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
-from seed_core.bushing import Stiffness
+from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.spatial import Wrench
+from seed_core.wrench_model import BushingModel, MapUncertainty
 from seed_ros import COMMAND, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import (
     check_frame,
     estimate_from_message,
+    fill_wrench,
+    force_first,
     pose_stamped,
     pose_to_matrix,
     seconds,
@@ -62,16 +66,19 @@ class ControllerNode(SeedNode):
         stiffness = self.declare(DEFAULT_STIFFNESS, "grasp", live=live, on_change=self._on_stiffness)
         hand = self.declare(Hand(), "hand")
         schedule = self.declare(ScheduleSettings(), "grip")
+        uncertainty = self.declare(MapUncertainty(), "wrench")
         self.refuse_unknown()
 
-        self.core = Controller(self.parameters, hand, self.tool, stiffness)
+        self._model = BushingModel(Bushing(stiffness), uncertainty)
+        self.core = Controller(self.parameters, hand, self.tool, stiffness, self._model)
         self.steps = 0
         self._was_enabled = False
         self._here = np.eye(4)  # the newest flange pose
         self._output: ControlOutput | None = None
 
         self._target = self.publisher(PoseStamped, "target_frame", COMMAND)
-        self._wrench = self.publisher(WrenchStamped, "wrench_estimate", COMMAND)
+        self._wrench = self.publisher(WrenchEstimate, "wrench_estimate", COMMAND)
+        self._drawn = self.publisher(WrenchStamped, "~/wrench", COMMAND)
         self._state = self.publisher(StateMsg, "~/state", COMMAND)
         self._state_every = max(1, round(self.parameters.rate / self.settings.state_rate))  # [steps]
         self._reference = self.publisher(PoseStamped, "~/reference", COMMAND)
@@ -174,7 +181,17 @@ class ControllerNode(SeedNode):
         if output.state.estimated is not None:
             stamp = now - output.state.image_age
             in_base = output.state.estimated.rotated(output.state.R_W_task)
-            self._wrench.publish(wrench_stamped(in_base, stamp, self.frames.base))
+            self._wrench.publish(self._wrench_estimate(in_base, stamp, output.state))
+            self._drawn.publish(wrench_stamped(in_base, stamp, self.frames.base))
+
+    def _wrench_estimate(self, wrench: Wrench, stamp: float, state: ControllerState) -> WrenchEstimate:
+        message = stamped(WrenchEstimate, stamp, self.frames.base)
+        fill_wrench(message.wrench, wrench)
+        if state.covariance is not None:
+            message.covariance = force_first(state.covariance).ravel()
+        message.model = self.core.wrench_estimator.model.name
+        message.reason = "; ".join((*state.contradictions, *filter(None, (state.doubt,))))
+        return message
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"steps": self.steps, **self.counters.values()}

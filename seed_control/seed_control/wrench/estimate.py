@@ -9,9 +9,12 @@ from seed_control.wrench.stiffness_schedule import StiffnessBlend
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Tool, weight_about_T
-from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.wrench_model import BushingModel, WrenchModel, observed_part, pose_covariance
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
+MOST_DISCREPANCY = 0.7  # share of the bushing's load by which a model's may differ for the law
+_FLOOR = (1.0, 0.05)  # [N], [N m] by which it may differ near rest
 
 
 class Measurement(NamedTuple):
@@ -19,8 +22,12 @@ class Measurement(NamedTuple):
 
     Attributes:
         tip: (3,) [m] in W. undeflected: (3,) the same if T's origin were at C's, with the tool's rotation as it is.
-        spring: the spring's load on the tool about T's origin, in T.
-        on_environment: the tool's load on the environment about the tip, in W.
+        spring: the bushing's load on the tool about T's origin, in T, at this displacement.
+        on_environment: the tool's load on the environment about the tip, in W, as the wrench model tells it.
+        discrepancy: bushing less model, on the tool about T's origin, in T; None where the model is the bushing.
+        spring_covariance: (6, 6) of the model's (torque, force) on the tool, in T; None: `WrenchEstimator.covariance`
+            works it out from the estimate.
+        doubt: what the model finds doubtful of its wrench; '' otherwise.
         variance: of a position component of X_CT [m^2].
         rotation_deviation: standard deviation of a rotation component of X_CT [rad].
     """
@@ -36,34 +43,50 @@ class Measurement(NamedTuple):
     on_environment: Wrench
     variance: float
     rotation_deviation: float
-
-
-def observed_part(estimate: RelativePoseEstimate) -> Array:
-    """X_CT (4, 4) with the tool where it was grasped on every axis that the estimate does not observe.
-
-    What an estimator says of such an axis may have the wrong sign, and fed forward it would run away.
-    """
-    if all(estimate.observed):
-        return estimate.X_CT
-    turn = np.where(estimate.observed_rotation, so3_log(estimate.X_CT[:3, :3]), 0.0)
-    return make_pose(so3_exp(turn), np.where(estimate.observed_translation, estimate.X_CT[:3, 3], 0.0))
+    discrepancy: Wrench | None = None
+    spring_covariance: Array | None = None
+    estimate: RelativePoseEstimate | None = None
+    doubt: str = ""
 
 
 class WrenchEstimator:
-    """The stiffness map forwards: estimates to measurements, for one tool and a stiffness that may change.
+    """Estimates to measurements by a wrench model, for one tool and a stiffness that may change.
+
+    The law commands deflections of a bushing. Where the wrench comes from another model, that bushing has the model's
+    local stiffness, and what the two differ by at the measured deflection is the measurement's `discrepancy`.
 
     Attributes:
-        bushing: the map in use.
+        model: what the wrench comes from. bushing: the map in use.
         p_Ttip: (3,) [m].
     """
 
-    def __init__(self, tool: Tool, bushing: Bushing, gravity: bool, default_deviation: float) -> None:
-        """default_deviation: [m] of a position of an estimate that states no covariance."""
+    def __init__(
+        self,
+        tool: Tool,
+        bushing: Bushing,
+        gravity: bool,
+        default_deviation: float,
+        model: WrenchModel | None = None,
+    ) -> None:
+        """Start with a bushing.
+
+        Args:
+            default_deviation: [m] of a position of an estimate that states no covariance.
+            model: of the wrench; None: the bushing itself. A BushingModel takes over this bushing.
+        """
         self.tool, self.bushing = tool, bushing
+        self._of_bushing: BushingModel | None = None
+        self.model: WrenchModel
+        if model is None or isinstance(model, BushingModel):
+            self.model = self._of_bushing = model or BushingModel(bushing)
+            self._of_bushing.bushing = bushing
+        else:
+            self.model, self.bushing = model, Bushing(model.stiffness, bushing.model)
         self.p_Ttip = tool.X_Ttip[:3, 3].copy()
         self._blend: StiffnessBlend | None = None
         self._mass, self._com = tool.mass if gravity else 0.0, np.array(tool.center_of_mass)
         self._default_variance = default_deviation**2
+        self._default_variances = np.array((ROTATION_DEVIATION**2,) * 3 + (self._default_variance,) * 3)
 
     @property
     def mean_stiffness(self) -> float:
@@ -82,6 +105,8 @@ class WrenchEstimator:
         if blend is None:
             return
         self.bushing = Bushing(blend.at(t), self.bushing.model)
+        if self._of_bushing is not None:
+            self._of_bushing.bushing = self.bushing
         if blend.share(t) >= 1.0:
             self._blend = None
 
@@ -95,7 +120,11 @@ class WrenchEstimator:
         X_WT, X_TC = X_WC @ X_CT, inverse_pose(X_CT)
         R_WT = X_WT[:3, :3]
         lever = R_WT @ self.p_Ttip
-        spring = self.bushing.wrench(X_TC)
+        spring = told = self.bushing.wrench(X_TC)
+        discrepancy, covariance, doubt = None, None, ""
+        if self._of_bushing is None:
+            told, covariance, doubt = self.model.spring(estimate)
+            discrepancy = bounded(spring.minus(told), spring)
         stated, seen = estimate.covariance.diagonal(), np.array(estimate.observed_translation)
         turning = sum(stated[:3].tolist()) / 3.0
         variance = float(np.mean(stated[3:][seen] if seen.any() else stated[3:]))  # force is controlled along these
@@ -108,7 +137,40 @@ class WrenchEstimator:
             tip=X_WT[:3, 3] + lever,
             undeflected=X_WC[:3, 3] + lever,
             spring=spring,
-            on_environment=spring.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
+            on_environment=told.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
             variance=max(variance, 1e-10) if variance > 0.0 else self._default_variance,
             rotation_deviation=turning**0.5 if turning > 0.0 else ROTATION_DEVIATION,
+            discrepancy=discrepancy,
+            spring_covariance=covariance,
+            estimate=estimate,
+            doubt=doubt,
         )
+
+    def covariance(self, m: Measurement) -> Array:
+        """(6, 6) of (torque, force) of a measurement's `on_environment`, about the tip in W."""
+        C = m.spring_covariance
+        if C is None:
+            assert self._of_bushing is not None
+            assert m.estimate is not None
+            of_pose = pose_covariance(m.estimate, self._default_variances)
+            C = self._of_bushing.covariance(m.X_TC, m.spring, of_pose)
+        R = m.X_WT[:3, :3]
+        A = np.zeros((6, 6))
+        A[:3, :3] = A[3:, 3:] = R
+        A[:3, 3:] = -R @ skew(self.p_Ttip)
+        return np.asarray(A @ C @ A.T)
+
+
+def bounded(discrepancy: Wrench, spring: Wrench) -> Wrench:
+    """The discrepancy between bushing and model, no larger than a loop endures that trusts the bushing's stiffness.
+
+    The command answers a share of the deflection with that share of more deflection: below one it settles.
+    """
+    size = float(np.sqrt(discrepancy.force @ discrepancy.force))
+    bound = MOST_DISCREPANCY * float(np.sqrt(spring.force @ spring.force)) + _FLOOR[0]
+    turning = float(np.sqrt(discrepancy.torque @ discrepancy.torque))
+    torque_bound = MOST_DISCREPANCY * float(np.sqrt(spring.torque @ spring.torque)) + _FLOOR[1]
+    return Wrench(
+        discrepancy.torque * min(torque_bound / max(turning, 1e-12), 1.0),
+        discrepancy.force * min(bound / max(size, 1e-12), 1.0),
+    )

@@ -22,6 +22,8 @@ class ToolFilter:
         R_WT: (3, 3), by as much as the stated noise of rotations asks; X_WT: (4, 4) with the tip at its place,
             over `force_filter`. Both are the newest image's where the pose is not smoothed.
         p_TC: (3,) [m], spring: load on the tool in T, on_environment: in W, over `rotation_filter`.
+        discrepancy: between bushing and wrench model, in T, over `discrepancy_filter`; None while the model is the
+            bushing.
     """
 
     def __init__(self, parameters: ControllerParameters, p_Ttip: Array, smoothed: bool) -> None:
@@ -30,6 +32,7 @@ class ToolFilter:
         self._tip = np.zeros(3)
         self.R_WT, self.X_WT, self.p_TC = np.eye(3), np.eye(4), np.zeros(3)
         self.spring = self.on_environment = Wrench.zero()
+        self.discrepancy: Wrench | None = None
 
     def update(self, m: Measurement) -> None:
         """Take in one image."""
@@ -39,6 +42,11 @@ class ToolFilter:
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)
         self.on_environment = _mixed(self.on_environment, m.on_environment, a)
+        if m.discrepancy is None:
+            self.discrepancy = None
+        else:
+            b = share_of(dt, p.discrepancy_filter)
+            self.discrepancy = m.discrepancy if self.discrepancy is None else _mixed(self.discrepancy, m.discrepancy, b)
         if not self._smoothed or dt == inf:
             self.R_WT, self._tip = m.X_WT[:3, :3], m.tip
         else:

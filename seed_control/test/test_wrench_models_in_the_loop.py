@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The law on another wrench model than the bushing: force follows the model, though its local stiffness is wrong."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from quasi_static import DT, Bench
+
+from seed_control.wrench.estimate import MOST_DISCREPANCY, bounded
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import Wrench, inverse_pose
+from seed_core.wrench_model import BushingModel, SpringWrench
+
+
+class TrueMap:
+    """Tells the plant's own wrench, and another local stiffness."""
+
+    name = "true"
+
+    def __init__(self, true: Stiffness, share: float) -> None:
+        self._map, self.stiffness = Bushing(true), true.scaled(share)
+
+    def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
+        return SpringWrench(self._map.wrench(inverse_pose(estimate.X_CT)), 1e-4 * np.eye(6))
+
+
+@pytest.mark.parametrize("k_table", [2e3, 4e4])
+@pytest.mark.parametrize("delay", [0.02, 0.12])
+@pytest.mark.parametrize("share", [0.7, 1.3])
+def test_the_force_is_the_models_and_settles(share: float, delay: float, k_table: float) -> None:
+    bench = Bench(model=TrueMap(DEFAULT_STIFFNESS, share), delay=delay, k_table=k_table).enabled()
+    bench.press(8.0)
+    bench.run(6.0)
+    last = np.array(bench.forces[-round(1.5 / DT) :])
+    assert_allclose(last, 8.0, atol=0.08)  # by the bushing alone it is 8 N / share
+    assert max(bench.forces) < 1.6 * 8.0
+
+
+def test_a_map_of_the_tools_pose_in_a_model_commands_the_very_same_motion() -> None:
+    commands = []
+    for model in (None, BushingModel(Bushing(DEFAULT_STIFFNESS))):
+        bench = Bench(model=model).enabled()
+        bench.press(5.0)
+        bench.run(1.5)
+        commands.append(np.array(bench.commands))
+    assert np.array_equal(*commands)
+
+
+def test_a_model_far_from_its_own_stiffness_is_followed_no_further_than_the_loop_endures() -> None:
+    spring, told = Wrench(np.array((0.5, 0.0, 0.0)), np.array((0.0, 0.0, 20.0))), Wrench.zero()
+    left = bounded(spring.minus(told), spring)
+    assert_allclose(left.force, (0.0, 0.0, 20.0 * MOST_DISCREPANCY + 1.0))
+    assert_allclose(left.torque, (0.5 * MOST_DISCREPANCY + 0.05, 0.0, 0.0))
+
+
+def test_a_model_that_tells_too_little_force_does_not_run_away() -> None:
+    """Half of the force told: twice the force at rest, and no swing, though local stiffness and model disagree."""
+
+    class Half(TrueMap):
+        def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
+            whole = super().spring(estimate)
+            return whole._replace(wrench=Wrench(0.5 * whole.wrench.torque, 0.5 * whole.wrench.force))
+
+    bench = Bench(model=Half(DEFAULT_STIFFNESS, 1.0), delay=0.1).enabled()
+    bench.press(6.0)
+    bench.run(6.0)
+    weight = bench.tool.mass * 9.81
+    assert_allclose(bench.forces[-400:], 2.0 * (6.0 - weight) + weight, atol=0.1)
+
+
+def test_the_state_tells_standard_deviations_in_the_task_frame() -> None:
+    bench = Bench().enabled()
+    bench.press(8.0)
+    state = bench.run(2.0)
+    assert state.deviation is not None
+    assert state.estimated is not None
+    # 5 % of a stiffness that nobody identified and 5 % of residual, of the force with the weight on the spring
+    spring = abs(state.estimated.force[2]) - bench.tool.mass * 9.81
+    assert_allclose(state.deviation.force[2], spring * np.hypot(0.05, 0.05), rtol=0.2)
+    assert state.covariance is not None
+    assert np.linalg.eigvalsh(state.covariance).min() > 0.0
