@@ -82,8 +82,8 @@ def test_imprint_decays_as_in_the_recorded_press():
     """A recorded press of 5.4 mm on one bubble falls to 1.5 mm at 14 mm from its middle and to 0.5 mm at 24 mm."""
     thin = replace(CLEAN, tool=ToolShape(kind="short_handle", radius=0.003, length=0.01), squeeze=0.0055, bulge=0.0)
     renderer = TactileRenderer(thin, Hand(), 0)
-    imprint = renderer.fingers["left"].membrane.press(np.eye(4), np.eye(4)).imprint
-    p = renderer.fingers["left"].membrane.rest.material
+    imprint = renderer.membranes["left"].press(np.eye(4), np.eye(4)).imprint
+    p = renderer.membranes["left"].rest.material
     for distance, low, high in ((0.014, 0.9e-3, 2.2e-3), (0.024, 0.25e-3, 0.9e-3)):
         ring = np.abs(np.hypot(p[0], p[1]) - distance) < 0.0007
         assert low < float(imprint[ring].mean()) < high
@@ -91,20 +91,20 @@ def test_imprint_decays_as_in_the_recorded_press():
 
 def test_bulge_keeps_the_volume_of_air(clean):
     """Volume under the membrane is the same without and with the tool, but for what leaves the view."""
-    membrane = clean.fingers["left"].membrane
+    membrane = clean.membranes["left"]
     shape = membrane.press(np.eye(4), np.eye(4))
     pressed_in = float((shape.imprint * membrane._area).sum())
     change = float(((shape.depth - membrane.dome) * membrane._area).sum())
     assert pressed_in > 3e-6  # [m^3]
     assert abs(change) < 0.45 * pressed_in  # the rim's bulge is out of view
-    stiff = TactileRenderer(replace(CLEAN, bulge=0.0), Hand(), 11).fingers["left"].membrane
+    stiff = TactileRenderer(replace(CLEAN, bulge=0.0), Hand(), 11).membranes["left"]
     assert float(((stiff.press(np.eye(4), np.eye(4)).depth - stiff.dome) * stiff._area).sum()) < -0.99 * pressed_in
 
 
 def test_a_point_press_bulges_by_what_was_measured():
     """A press of 5.6 mm with a point bulges the bubble by 0.8 mm elsewhere."""
     point = replace(CLEAN, tool=ToolShape(kind="short_handle", radius=0.003, length=0.01), squeeze=0.0101)
-    membrane = TactileRenderer(point, Hand(), 0).fingers["left"].membrane
+    membrane = TactileRenderer(point, Hand(), 0).membranes["left"]
     aside = pose_from_rpy((0.0, 0.0, 0.0), (-0.03, 0.0, 0.0))  # as it was pressed, where the dome is 4.5 mm lower
     shape = membrane.press(aside, aside)
     assert_allclose(shape.imprint.max(), 0.0056, atol=5e-4)
@@ -115,7 +115,7 @@ def test_a_point_press_bulges_by_what_was_measured():
 @pytest.mark.parametrize("turn", [0.05, 0.5])
 def test_dots_in_contact_move_rigidly_with_the_tool(tool, turn):
     """Material seen at a point of the patch is that which lay there, in the tool's frame, at the grasp."""
-    membrane = TactileRenderer(replace(CLEAN, tool=tool), Hand(), 2).fingers["left"].membrane
+    membrane = TactileRenderer(replace(CLEAN, tool=tool), Hand(), 2).membranes["left"]
     X_CT = pose_from_rpy((0.0, turn, 0.0), (0.003, 0.0, -0.002))
     held, moved = membrane.press(np.eye(4), np.eye(4)), membrane.press(X_CT, X_CT)
     touching = tool_depth(membrane.rays, tool, X_CT) - moved.depth < 1e-5
@@ -130,7 +130,7 @@ def test_dots_in_contact_move_rigidly_with_the_tool(tool, turn):
 
 def test_the_rim_stays_where_it_is(clean):
     X_CT = pose_from_rpy((0.0, 0.4, 0.0), (0.008, 0.0, 0.0))
-    membrane = clean.fingers["left"].membrane
+    membrane = clean.membranes["left"]
     moved = membrane.press(X_CT, X_CT)
     lateral = membrane.rays.at(moved.depth)[::2]
     rim = (lateral[0] / CLEAN.rim_x) ** 2 + (lateral[1] / CLEAN.rim_z) ** 2 > 0.93
@@ -148,7 +148,7 @@ def test_micro_slip_leaves_material_behind_by_its_share():
 
 def test_sliding_moves_the_imprint_but_not_the_dots(clean):
     X = pose_from_rpy((0.0, 0.0, 0.0), (0.006, 0.0, 0.0))
-    membrane = clean.fingers["left"].membrane
+    membrane = clean.membranes["left"]
     slid = membrane.press(X, np.eye(4))
     assert_allclose(slid.material, membrane.rays.at(slid.depth)[::2], atol=1e-6)
     held = membrane.press(np.eye(4), np.eye(4))
@@ -160,7 +160,7 @@ def test_outline_lags_behind_the_tool():
     X = pose_from_rpy((0.0, 0.0, 0.0), (0.006, 0.0, 0.0))
     moved = []
     for lag in (0.0, 0.35):
-        membrane = TactileRenderer(replace(CLEAN, lag=lag), Hand(), 1).fingers["left"].membrane
+        membrane = TactileRenderer(replace(CLEAN, lag=lag), Hand(), 1).membranes["left"]
         shape = membrane.press(X, X)
         patch = shape.imprint > 0.0015
         moved.append(float(membrane.rays.at(shape.depth)[0][patch].mean()))
@@ -170,7 +170,7 @@ def test_outline_lags_behind_the_tool():
 
 def test_depth_of_a_spun_long_cylinder_only_tells_by_what_sticks():
     X = pose_from_rpy((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
-    blind = TactileRenderer(replace(CLEAN, lag=1.0), Hand(), 1).fingers["left"].membrane
+    blind = TactileRenderer(replace(CLEAN, lag=1.0), Hand(), 1).membranes["left"]
     assert_allclose(blind.press(X, X).imprint, blind.press(np.eye(4), np.eye(4)).imprint, atol=1e-5)
 
 

@@ -82,7 +82,7 @@ def test_more_load_lets_go_of_more_of_the_patch():
 
 def test_dots_of_a_loaded_patch_trail_at_its_edge_and_follow_in_its_middle():
     p = TactileParameters(noise=0.0, pattern=0.0, dropouts=0.0, hold=0.009)
-    membrane = TactileRenderer(p, Hand(), 3).fingers["left"].membrane
+    membrane = TactileRenderer(p, Hand(), 3).membranes["left"]
     X = make_pose(p=(0.006, 0.0, 0.0))
     share = membrane.sheet.share(0.0), membrane.sheet.share(0.8)
     assert share[1].max() == pytest.approx(1.0, abs=1e-3)

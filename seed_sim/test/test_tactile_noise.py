@@ -114,7 +114,7 @@ def test_printed_dots_leave_dipoles_in_depth():
     p = TactileParameters(noise=0.0, dropouts=0.0)
     renderer = TactileRenderer(p, Hand(), 3)
     finger = renderer.fingers["left"]
-    depth, albedo, _ = finger.clean(finger.membrane.rest, 0.0)
+    depth, albedo, _ = finger.clean(renderer.membranes["left"].rest, 0.0)
     measured = renderer.no_contact(0.0)["left"].depth
     left_over = (measured - depth - finger.noise.fixed)[:, 1:-1]
     slope = albedo[:, 2:] - albedo[:, :-2]

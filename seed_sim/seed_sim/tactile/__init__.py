@@ -2,6 +2,6 @@
 """Rendered images of the cameras inside two bubbles that hold a tool (docs/tactile_simulation.md)."""
 
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
-from seed_sim.tactile.renderer import TactileRenderer
+from seed_sim.tactile.renderer import MeshRenderer, TactileRenderer
 
-__all__ = ["TactileParameters", "TactileRenderer", "ToolShape"]
+__all__ = ["MeshRenderer", "TactileParameters", "TactileRenderer", "ToolShape"]
