@@ -33,22 +33,26 @@ class Band:
         self.width = int(np.abs(place[inner[:, 0]] - place[inner[:, 1]]).max()) * 3 + 2
         self._height = 3 * self.width + 1
         dof = np.where(place[:, None] >= 0, place[:, None] * 3 + np.arange(3), -1)
-        self._of_triangles = self._at(dof[triangles].reshape(len(triangles), 9))
-        self._of_nodes = self._at(dof).reshape(n, 9)
+        row, column = (
+            dof[triangles].reshape(len(triangles), 9).T[i] for i in ((slice(None), None), (None, slice(None)))
+        )
+        at = self._at(row, column).ravel()
+        places, inverse = np.unique(at, return_inverse=True)
+        self._places, self._of_triangles = places, inverse.astype(np.intp)
+        self._of_nodes = self._at(dof[:, :, None], dof[:, None, :])
+        self._length = self.size * self._height + 1
 
-    def _at(self, dof: Index) -> Index:
-        """Places (k, d * d) in the band of blocks with degrees of freedom (k, d); the last place takes what is held."""
-        row, column = dof[:, :, None], dof[:, None, :]
+    def _at(self, row: Index, column: Index) -> Index:
+        """Places in the flat band of pairs of degrees of freedom; the last place takes what is held."""
         at = column * self._height + 2 * self.width + row - column
         at = np.where((row >= 0) & (column >= 0), at, self.size * self._height)
-        return np.asarray(at.reshape(len(dof), -1), np.intp)
+        return np.asarray(at, np.intp)
 
     def matrix(self, of_triangles: Array, nodes: Index, of_nodes: Array) -> Array:
-        """Sum of (m, 9, 9) per triangle and (k, 3, 3) at nodes (k,), as a band (height, size)."""
-        length = self.size * self._height + 1
-        flat = np.bincount(self._of_triangles.ravel(), of_triangles.ravel(), length)
-        if len(nodes):
-            flat += np.bincount(self._of_nodes[nodes].ravel(), of_nodes.ravel(), length)
+        """Sum of (9, 9, m) per triangle and (k, 3, 3) at different nodes (k,), as a band (height, size)."""
+        flat = np.zeros(self._length)
+        flat[self._places] = np.bincount(self._of_triangles, of_triangles.ravel(), len(self._places))
+        flat[self._of_nodes[nodes]] += of_nodes
         return np.asarray(flat[:-1].reshape(self.size, self._height).T, float)
 
     def add_diagonal(self, band: Array, value: float) -> None:

@@ -13,16 +13,21 @@ from numpy.typing import NDArray
 from seed_core.spatial import Array, Wrench
 from seed_sim.membrane.band import Band, Factors
 from seed_sim.membrane.contact import Contact, ContactLoad
-from seed_sim.membrane.gas import Volume
+from seed_sim.membrane.gas import add_curvature, area_vectors, volume
 from seed_sim.membrane.mesh import Mesh, moulded_dome
 from seed_sim.membrane.parameters import MembraneError, MembraneParameters
-from seed_sim.membrane.sheet import Sheet
+from seed_sim.membrane.sheet import Corners, Sheet
 from seed_sim.membrane.surface import ToolSurface
 
-_MOST = 30  # Newton steps of one solve
+_MOST = 40  # Newton steps of one solve
+_CALM = 20  # of them at full length
+_WORTH = 0.3  # share of the unbalanced forces that a step with old factors may leave
 _LONGEST = 0.5  # [spacings] that a node moves in one Newton step
 _DEEPEST = 0.0015  # [m] that a node may lie inside the tool
 _STRETCH = 4.0  # [1] Green's strain at which rubber is torn: a stretch of 3
+
+
+Pose = tuple[Array, Array]  # R_TF (3, 3) and p_TF (3,) [m]
 
 
 class Memory(NamedTuple):
@@ -33,7 +38,7 @@ class Memory(NamedTuple):
     crept: Array
     content: float  # [J] absolute pressure times volume
     contact: ContactLoad | None
-    pose: tuple[Array, Array] | None
+    pose: Pose | None
     factors: Factors | None
     sensitivity: Array | None
     tangent: Array
@@ -52,19 +57,18 @@ class Bubble:
         """side: +1 for the left bubble, whose dome points to -y, -1 for the right one."""
         self.p, self.mesh, self.side = p, mesh, side
         reference = moulded_dome(mesh, p, side)
-        self.sheet = Sheet(reference, mesh.triangles, p.Et, p.poisson)
-        volume = Volume(mesh.triangles, len(reference), 1.0)
-        sign = 1.0 if volume.value(reference) > 0.0 else -1.0
-        self._volume = Volume(mesh.triangles, len(reference), sign)
-        self._band = Band(mesh.triangles, ~mesh.rim)
+        # the triangles run so that their area vectors point outwards
+        self.triangles = mesh.triangles if side > 0.0 else mesh.triangles[:, ::-1]
+        self.sheet = Sheet(reference, self.triangles, p.Et, p.poisson)
+        self._band = Band(self.triangles, ~mesh.rim)
         area = np.where(mesh.rim, 0.0, self.sheet.node_area)
         self.contact = Contact(surface, area, p.friction, p.normal_stiffness, p.shear_stiffness)
         self.x = reference
         self.content: float | None = None  # [J]; unknown until the bubble is inflated
         self.iterations = 0
         self.load: ContactLoad | None = None
-        self._pose: tuple[Array, Array] | None = None
-        self._factors: Factors | None = None
+        self._pose: Pose | None = None
+        self._factors_now: Factors | None = None
         self._sensitivity: Array | None = None
         self.tangent = np.zeros((6, 6))
         self.t = 0.0
@@ -74,14 +78,14 @@ class Bubble:
     def memory(self) -> Memory:
         """All that the path has left, to come back to."""
         return Memory(
-            self.x, self.contact.anchors, self.sheet.crept, self._content(), self.load, self._pose, self._factors,
+            self.x, self.contact.anchors, self.sheet.crept, self._content(), self.load, self._pose, self._factors_now,
             self._sensitivity, self.tangent, self.t,
         )  # fmt: skip
 
     def recall(self, memory: Memory) -> None:
         """Come back to what `memory` held."""
         self.x, self.contact.anchors, self.sheet.crept, self.content = memory[:4]
-        self.load, self._pose, self._factors, self._sensitivity, self.tangent, self.t = memory[4:]
+        self.load, self._pose, self._factors_now, self._sensitivity, self.tangent, self.t = memory[4:]
 
     def _content(self) -> float:
         if self.content is None:
@@ -91,7 +95,7 @@ class Bubble:
     @property
     def volume(self) -> float:
         """[m^3] with the dead volume."""
-        return self._volume.value(self.x) + self.p.dead_volume
+        return volume(self.sheet.corners(self.x)) + self.p.dead_volume
 
     @property
     def pressure(self) -> float:
@@ -133,73 +137,85 @@ class Bubble:
                 f"raise Et = {self.p.Et:g} N/m or lower the pressure"
             )
 
-    def _gas(self, x: Array, gauge: float | None) -> tuple[float, float, Array]:
-        """Gauge pressure [Pa], its fall per volume [Pa/m^3] and the volume's gradient (n, 3)."""
-        volume, slope = self._volume.slope(x)
+    def _gas(self, corners: Corners, gauge: float | None) -> tuple[float, float]:
+        """Gauge pressure [Pa] and its fall per volume [Pa/m^3]."""
         if gauge is not None:
-            return gauge, 0.0, slope
-        whole = volume + self.p.dead_volume
+            return gauge, 0.0
+        whole = volume(corners) + self.p.dead_volume
         absolute = self._content() / whole
-        return absolute - self.p.ambient, absolute / whole, slope
+        return absolute - self.p.ambient, absolute / whole
 
-    def residual(self, x: Array, pose: tuple[Array, Array] | None, gauge: float | None = None) -> Array:
-        """Unbalanced forces (n, 3) [N] at nodes x: sheet minus gas minus tool."""
-        force = self.sheet.load(x, stiffness=False).force
-        pressure, _, slope = self._gas(x, gauge)
-        force = force - pressure * slope
+    def residual(self, x: Array, pose: Pose | None, gauge: float | None = None) -> tuple[Array, ContactLoad | None]:
+        """Unbalanced forces (n, 3) [N] at nodes x, sheet minus gas minus tool (at the rim: its reaction); contact."""
+        c = self.sheet.corners(x)
+        force = self.sheet.load(x, stiffness=False, corners=c).force
+        force -= self._gas(c, gauge)[0] * area_vectors(c, self.sheet)
+        touch = self._touch(x, pose, force)
+        return force, touch
+
+    def _touch(self, x: Array, pose: Pose | None, force: Array) -> ContactLoad | None:
+        """Contact with the tool at `pose`; subtracts its forces from `force` (n, 3)."""
+        if pose is None:
+            return None
+        R, origin = pose
+        touch = self.contact.load(x @ R.T + origin)
+        force[touch.nodes] -= touch.force @ R
+        return touch
+
+    def _factors(self, x: Array, pose: Pose | None, gauge: float | None, damping: float) -> Factors:
+        """Of the equations' slope at nodes x; damping [N/m] goes onto its diagonal."""
+        c = self.sheet.corners(x)
+        K = self.sheet.load(x, corners=c).stiffness
+        assert K is not None
+        pressure, fall = self._gas(c, gauge)
+        add_curvature(c, -pressure, K)
+        nodes, blocks = np.empty(0, int), np.empty((0, 3, 3))
         if pose is not None:
             R, origin = pose
             touch = self.contact.load(x @ R.T + origin)
-            force[touch.nodes] -= touch.force @ R
-        return force
-
-    def _assemble(
-        self, x: Array, pose: tuple[Array, Array] | None, gauge: float | None
-    ) -> tuple[Array, ContactLoad | None, Array, float, Array]:
-        """Residual (size,), contact, band, the gas's fall and gradient (size,)."""
-        sheet = self.sheet.load(x)
-        assert sheet.stiffness is not None
-        pressure, fall, slope = self._gas(x, gauge)
-        force = sheet.force - pressure * slope
-        self._volume.add_curvature(x, -pressure, sheet.stiffness)
-        touch, nodes, blocks = None, np.empty(0, int), np.empty((0, 3, 3))
-        if pose is not None:
-            R, origin = pose
-            touch = self.contact.load(x @ R.T + origin)
-            force[touch.nodes] -= touch.force @ R
             nodes, blocks = touch.nodes, R.T @ touch.stiffness @ R
-        band = self._band.matrix(sheet.stiffness, nodes, blocks)
-        rows = self._band.rows
-        return force.ravel()[rows], touch, band, fall, slope.ravel()[rows]
+        band = self._band.matrix(K, nodes, blocks)
+        self._band.add_diagonal(band, damping)
+        return Factors(self._band, band, fall, area_vectors(c, self.sheet).ravel()[self._band.rows])
 
-    def _settle(self, pose: tuple[Array, Array] | None, gauge: float | None = None, x: Array | None = None) -> bool:
-        """Newton's method from x (default: the present nodes); moves the nodes and returns True where it settles."""
+    def _settle(
+        self,
+        pose: Pose | None,
+        gauge: float | None = None,
+        x: Array | None = None,
+        factors: Factors | None = None,
+    ) -> bool:
+        """Newton's method from x (default: the present nodes); moves the nodes and returns True where it settles.
+
+        Factors serve as long as each step with them takes enough of the unbalanced forces away.
+        """
         x = self.x if x is None else x
         rows, cap = self._band.rows, _LONGEST * self.p.spacing
-        damping = 1.0
+        last = math.inf
         for count in range(_MOST):
-            force, touch, band, fall, slope = self._assemble(x, pose, gauge)
-            norm = float(np.linalg.norm(force))
+            whole, touch = self.residual(x, pose, gauge)
+            force = whole.ravel()[rows]
+            norm = math.sqrt(float(force @ force))
             if not math.isfinite(norm):
                 return False
             if norm < self.p.tolerance:
                 self.x, self.load = x, touch
                 return True
+            if factors is None or norm > _WORTH * last:
+                # a slack sheet has no stiffness across itself yet
+                factors = self._factors(x, pose, gauge, 0.0 if gauge is None else min(100.0, 30.0 * norm))
+                if factors.info != 0:
+                    return False
+            last = norm
             self.iterations += 1
-            if gauge is not None:  # a slack sheet has no stiffness across itself yet
-                self._band.add_diagonal(band, min(100.0, 30.0 * norm))
-            factors = Factors(self._band, band, fall, slope)
-            if factors.info != 0:
-                return False
             step = -factors.solve(force)
             longest = float(np.abs(step).max())
-            damping = 1.0 if count < 12 else 0.7
-            step *= damping * min(1.0, cap / max(longest, 1e-15))
+            step *= (1.0 if count < _CALM else 0.7) * min(1.0, cap / max(longest, 1e-15))
             x = x.copy()
             x.ravel()[rows] += step
         return False
 
-    def move(self, pose: tuple[Array, Array]) -> bool:
+    def move(self, pose: Pose) -> bool:
         """To the equilibrium with the tool at pose (R_TF (3, 3), p_TF (3,) [m]); False where none is found."""
         start = self.x
         guess = start
@@ -208,7 +224,8 @@ class Bubble:
             motion = np.concatenate([_small_rotation(pose[0] @ R0.T), pose[1] - o0])
             guess = start.copy()
             guess.ravel()[self._band.rows] += self._sensitivity @ motion
-        if not self._settle(pose, x=guess) and (guess is start or not self._settle(pose, x=start)):
+        settled = self._settle(pose, x=guess, factors=self._factors_now)
+        if not settled and not self._settle(pose, x=start):
             return False
         assert self.load is not None
         if self.load.depth > _DEEPEST:
@@ -234,10 +251,9 @@ class Bubble:
         """Stiffness about the present equilibrium: of the nodes to the tool's motion, and of the load on the tool."""
         assert self._pose is not None
         R, origin = self._pose
-        _, touch, band, fall, slope = self._assemble(self.x, self._pose, None)
-        assert touch is not None
         # sliding goes on sliding; nodes that have just touched stick from now on
-        factors = Factors(self._band, band, fall, slope)
+        touch = self.contact.load(self.x @ R.T + origin)
+        factors = self._factors(self.x, self._pose, None, 0.0)
         point = self.x[touch.nodes] @ R.T + origin
         k = len(touch.nodes)
         move = np.zeros((k, 3, 6))  # of each point in T per motion (rotation, translation) of F in T
@@ -257,7 +273,7 @@ class Bubble:
         tangent = np.zeros((6, 6))
         tangent[:3] = (_skews(point) @ df + _skews(touch.force) @ w).sum(0)
         tangent[3:] = df.sum(0)
-        self.tangent, self._sensitivity, self._factors = tangent, u, factors
+        self.tangent, self._sensitivity, self._factors_now = tangent, u, factors
 
     def wrench(self) -> Wrench:
         """On the tool about T, in T."""

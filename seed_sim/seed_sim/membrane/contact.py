@@ -49,7 +49,7 @@ class Contact:
 
     def load(self, x: Array) -> ContactLoad:
         """Forces at nodes x (n, 3) [m] in T."""
-        near = np.flatnonzero((np.abs(x) < self.surface.reach).all(axis=1) & (self.area > 0.0))
+        near = np.flatnonzero((np.abs(x) < self.surface.half).all(axis=1) & (self.area > 0.0))
         nodes = near[self.surface.distance(x[near]) < 0.0]
         point = x[nodes]
         phi, n, H = self.surface.local(point)

@@ -17,11 +17,20 @@ _SLACK = 1e-3  # share of the full stiffness that wrinkled and slack triangles k
 
 
 class SheetLoad(NamedTuple):
-    """energy [J], internal forces (n, 3) [N], stiffness of each triangle (m, 9, 9) [N/m]."""
+    """energy [J], forces of the nodes (n, 3) [N] on what holds them, stiffness of each triangle (9, 9, m) [N/m]."""
 
     energy: float
     force: Array
     stiffness: Array | None
+
+
+class Corners(NamedTuple):
+    """Triangles by component, each (3, m): the first node, the edges to the others, the area vector."""
+
+    point: Array
+    one: Array
+    other: Array
+    normal: Array
 
 
 class Sheet:
@@ -29,106 +38,112 @@ class Sheet:
 
     Attributes:
         area: (m,) [m^2] of the stress-free triangles. node_area: (n,) [m^2] a third of those around each node.
+        crept: (3, m) strain that stress has relaxed from, as `strain`.
     """
 
     def __init__(self, reference: Array, triangles: Index, Et: float, poisson: float) -> None:
         """reference (n, 3) [m], triangles (m, 3), Et [N/m]."""
         self.triangles, self.count = triangles, len(reference)
-        corner = reference[triangles]
-        e, f = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-        length = np.linalg.norm(e, axis=1)
-        along = e / length[:, None]
-        over = np.einsum("mi,mi->m", f, along)
-        high = np.linalg.norm(f - over[:, None] * along, axis=1)
-        self.area = 0.5 * length * high
-        # gradients of the three shape functions in the triangle's own axes, (m, 3, 2)
-        self._G = np.empty((len(triangles), 3, 2))
-        self._G[:, 1, 0], self._G[:, 1, 1] = 1.0 / length, -over / (length * high)
-        self._G[:, 2, 0], self._G[:, 2, 1] = 0.0, 1.0 / high
-        self._G[:, 0] = -self._G[:, 1] - self._G[:, 2]
+        self._corner = np.ascontiguousarray(triangles.T)
+        # places of (node of triangle, component, triangle) in a flat (n * 3,) vector
+        self.places = np.ascontiguousarray((self._corner[:, None, :] * 3 + np.arange(3)[:, None]).ravel())
+        c = self.corners(reference)
+        length = np.sqrt((c.one**2).sum(0))
+        over = (c.one * c.other).sum(0) / length
+        self.area = np.sqrt((c.normal**2).sum(0))
+        high = 2.0 * self.area / length
+        # gradients of the three shape functions in the triangle's own axes, (3, 2, m)
+        self._G = np.zeros((3, 2, len(triangles)))
+        self._G[1, 0], self._G[1, 1] = 1.0 / length, -over / (length * high)
+        self._G[2, 1] = 1.0 / high
+        self._G[0] = -self._G[1] - self._G[2]
         self.node_area = np.bincount(triangles.ravel(), np.repeat(self.area / 3.0, 3), self.count)
-        self._Et = Et
-        c = Et / (1.0 - poisson**2)
-        self._nu = poisson
-        self._D = c * np.array([[1.0, poisson, 0.0], [poisson, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - poisson)]])
-        self._flat = (triangles[:, :, None] * 3 + np.arange(3)).ravel()
-        self.crept = np.zeros((len(triangles), 3))  # strain that stress has relaxed from, as `strain`
+        self._Et, self._nu = Et, poisson
+        c11 = Et / (1.0 - poisson**2)
+        self._D = c11 * np.array([[1.0, poisson, 0.0], [poisson, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - poisson)]])
+        self.crept = np.zeros((3, len(triangles)))
 
-    def _deformation(self, x: Array) -> Array:
-        """Deformation gradients (m, 3, 2)."""
-        F: Array = np.matmul(x[self.triangles].transpose(0, 2, 1), self._G)
-        return F
+    def corners(self, x: Array) -> Corners:
+        """Triangles of nodes x (n, 3)."""
+        point = x.T[:, self._corner]
+        one, other = point[:, 1] - point[:, 0], point[:, 2] - point[:, 0]
+        normal = np.empty_like(one)
+        normal[0] = one[1] * other[2] - one[2] * other[1]
+        normal[1] = one[2] * other[0] - one[0] * other[2]
+        normal[2] = one[0] * other[1] - one[1] * other[0]
+        return Corners(np.ascontiguousarray(point[:, 0]), one, other, 0.5 * normal)
+
+    def _deformation(self, c: Corners) -> tuple[Array, Array]:
+        """Columns (3, m) of the deformation gradients."""
+        return c.one * self._G[1, 0], c.one * self._G[1, 1] + c.other * self._G[2, 1]
 
     def strain(self, x: Array) -> Array:
-        """Green's strain (m, 3) as (E11, E22, 2 E12) of nodes x (n, 3)."""
-        F = self._deformation(x)
-        return _green(F)
+        """Green's strain (3, m) as (E11, E22, 2 E12) of nodes x (n, 3)."""
+        return _green(*self._deformation(self.corners(x)))
 
-    def load(self, x: Array, stiffness: bool = True) -> SheetLoad:
+    def load(self, x: Array, stiffness: bool = True, corners: Corners | None = None) -> SheetLoad:
         """Energy, forces and stiffness at nodes x (n, 3) [m]."""
-        F = self._deformation(x)
-        strain = _green(F) - self.crept
-        density, S, D = self._stress(strain, stiffness)
-        G = self._G
-        # virtual strains (m, 3 strains, 3 nodes, 3 components)
-        V = np.empty((len(S), 3, 3, 3))
-        f1, f2 = F[:, None, :, 0], F[:, None, :, 1]
-        g1, g2 = G[:, :, None, 0], G[:, :, None, 1]
-        V[:, 0] = f1 * g1
-        V[:, 1] = f2 * g2
-        V[:, 2] = f1 * g2 + f2 * g1
-        B = V.reshape(-1, 3, 9)
-        SA = S * self.area[:, None]
-        nodal = np.matmul(SA[:, None, :], B)
-        force = np.asarray(np.bincount(self._flat, nodal.ravel(), 3 * self.count).reshape(-1, 3), float)
+        f1, f2 = self._deformation(self.corners(x) if corners is None else corners)
+        density, S, D = self._stress(_green(f1, f2) - self.crept, stiffness)
+        G, m = self._G, S.shape[1]
+        S *= self.area
+        # virtual strains (3 strains, 3 nodes, 3 components, m)
+        V = np.empty((3, 3, 3, m))
+        g1, g2 = G[:, 0, None], G[:, 1, None]
+        np.multiply(f1, g1, out=V[0])
+        np.multiply(f2, g2, out=V[1])
+        np.multiply(f1, g2, out=V[2])
+        V[2] += f2 * g1
+        B = V.reshape(3, 9, m)
+        nodal = S[0] * B[0] + S[1] * B[1] + S[2] * B[2]
+        force = np.asarray(np.bincount(self.places, nodal.ravel(), 3 * self.count).reshape(-1, 3), float)
         energy = float(density @ self.area)
         if D is None:
             return SheetLoad(energy, force, None)
-        K = np.matmul(B.transpose(0, 2, 1), np.matmul(D * self.area[:, None, None], B))
-        tension = np.empty((len(S), 2, 2))
-        tension[:, 0, 0], tension[:, 1, 1] = SA[:, 0], SA[:, 1]
-        tension[:, 0, 1] = tension[:, 1, 0] = SA[:, 2]
-        geometric = np.matmul(G, np.matmul(tension, G.transpose(0, 2, 1)))
-        blocks = K.reshape(-1, 3, 3, 3, 3)
+        D *= self.area
+        K = np.zeros((9, 9, m))
+        product = np.empty((9, 9, m))
         for i in range(3):
-            blocks[:, :, i, :, i] += geometric
+            DB = D[i, 0] * B[0] + D[i, 1] * B[1] + D[i, 2] * B[2]
+            np.multiply(B[i][:, None], DB[None], out=product)
+            K += product
+        blocks = K.reshape(3, 3, 3, 3, m)
+        geometric = G[:, None, 0] * (S[0] * G[None, :, 0] + S[2] * G[None, :, 1])
+        geometric += G[:, None, 1] * (S[2] * G[None, :, 0] + S[1] * G[None, :, 1])
+        for i in range(3):
+            blocks[:, i, :, i] += geometric
         return SheetLoad(energy, force, K)
 
     def _stress(self, E: Array, stiffness: bool) -> tuple[Array, Array, Array | None]:
-        """Energy per area (m,), second Piola-Kirchhoff stress times thickness (m, 3) and its slope (m, 3, 3)."""
-        S = E @ self._D
-        density = 0.5 * np.einsum("mi,mi->m", E, S)
-        D = np.repeat(self._D[None], len(E), axis=0) if stiffness else None
-        mean, half, shear = 0.5 * (E[:, 0] + E[:, 1]), 0.5 * (E[:, 0] - E[:, 1]), 0.5 * E[:, 2]
+        """Energy per area (m,), second Piola-Kirchhoff stress times thickness (3, m) and its slope (3, 3, m)."""
+        S = self._D @ E
+        density = 0.5 * (E * S).sum(0)
+        D = np.repeat(self._D[:, :, None], E.shape[1], axis=2) if stiffness else None
+        mean, half, shear = 0.5 * (E[0] + E[1]), 0.5 * (E[0] - E[1]), 0.5 * E[2]
         r = np.sqrt(half * half + shear * shear)
-        large, small = mean + r, mean - r
-        loose = small + self._nu * large < 0.0
-        if not loose.any():
+        loose = np.flatnonzero((1.0 + self._nu) * mean < (1.0 - self._nu) * r)  # smaller stress below zero
+        if not len(loose):
             return density, S, D
         r = np.maximum(r[loose], 1e-12)
-        e1 = np.maximum(large[loose], 0.0)
+        e1 = np.maximum(mean[loose] + r, 0.0)
         c2, s2 = half[loose] / r, shear[loose] / r
-        N = np.column_stack([0.5 * (1.0 + c2), 0.5 * (1.0 - c2), 0.5 * s2])
+        N = np.stack([0.5 * (1.0 + c2), 0.5 * (1.0 - c2), 0.5 * s2])
         keep, full = _SLACK, 1.0 - _SLACK
-        S[loose] = keep * S[loose] + (full * self._Et * e1)[:, None] * N
+        S[:, loose] = keep * S[:, loose] + (full * self._Et * e1) * N
         density[loose] = keep * density[loose] + full * 0.5 * self._Et * e1**2
         if D is not None:
-            M = np.column_stack([-0.5 * s2, 0.5 * s2, 0.5 * c2])
+            M = np.stack([-0.5 * s2, 0.5 * s2, 0.5 * c2])
             taut = (e1 > 0.0).astype(float)
-            D[loose] = keep * self._D + (full * self._Et) * (
-                taut[:, None, None] * N[:, :, None] * N[:, None, :]
-                + (e1 / r)[:, None, None] * M[:, :, None] * M[:, None, :]
+            D[:, :, loose] = keep * self._D[:, :, None] + (full * self._Et) * (
+                taut * N[:, None] * N[None] + (e1 / r) * M[:, None] * M[None]
             )
         return density, S, D
 
 
-def _green(F: Array) -> Array:
-    """Green's strain (m, 3) as (E11, E22, 2 E12) of deformation gradients (m, 3, 2)."""
-    a, b = F[:, :, 0], F[:, :, 1]
-    return np.column_stack(
-        [
-            0.5 * (np.einsum("mi,mi->m", a, a) - 1.0),
-            0.5 * (np.einsum("mi,mi->m", b, b) - 1.0),
-            np.einsum("mi,mi->m", a, b),
-        ]
-    )
+def _green(a: Array, b: Array) -> Array:
+    """Green's strain (3, m) as (E11, E22, 2 E12) of the deformation gradients' columns a, b (3, m)."""
+    E = np.empty_like(a)
+    E[0] = 0.5 * ((a * a).sum(0) - 1.0)
+    E[1] = 0.5 * ((b * b).sum(0) - 1.0)
+    E[2] = (a * b).sum(0)
+    return E

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Signed distance of points to a held tool, with normal and curvature; in T, metres."""
 
-import math
-
 import numpy as np
 
 from seed_core.spatial import Array
@@ -19,11 +17,14 @@ class ToolSurface:
         sizes = half[1:] if self.round else half
         self.edge = min(edge, 0.999 * min(sizes))
         self._core = np.array(sizes) - self.edge
-        self.reach = math.hypot(*half)  # [m]; no point of the tool is farther from T
+        self.half = np.array([shape.radius, *half[1:]] if self.round else half)  # [m] of the box around the tool
 
     def distance(self, x: Array) -> Array:
         """(n,) [m] of points x (n, 3), negative inside."""
-        q = self._beyond(x)[0]
+        q = np.abs(x)
+        if self.round:
+            q = np.stack([np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2), q[:, 2]], axis=1)
+        q = q - self._core
         outside = np.sqrt((np.maximum(q, 0.0) ** 2).sum(1))
         return np.asarray(outside + np.minimum(q.max(1), 0.0) - self.edge)
 
