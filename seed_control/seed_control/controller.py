@@ -14,6 +14,7 @@ from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
+from seed_control.monitor.contact_watch import ContactWatch
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
@@ -45,6 +46,7 @@ class Controller:
     Attributes:
         wrench_estimator: the stiffness map in use, with the tool's weight.
         law: what turns set-points and images into gripper poses.
+        watch: what the contact says about clocks and swings.
     """
 
     def __init__(
@@ -77,6 +79,7 @@ class Controller:
         self.law = law(p, self.wrench_estimator)
         self._known = WrenchKnowledge(self.wrench_estimator)
         self._guard = Guard(p, self._counting)
+        self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self._command = FlangeCommand(p, hand.X_EC)
         self._setpoint: Setpoint | None = None
         self._now = -inf
@@ -113,6 +116,7 @@ class Controller:
         self._command.start_from(self._inputs.history.newest())
         self._setpoint = None
         self.law.release()
+        self.watch.restart()
         self._guard.enable(True)
         self._inputs.count_from(t)
 
@@ -200,6 +204,8 @@ class Controller:
             self._counting.count("contacts_lost")
         self._guard.check_overload(m)
         self._known.update(m, self.law.plan.R_W_task)
+        self.watch.update(m, self.law, self._inputs.history)
+        self._guard.hold(self.watch.reason)
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""
@@ -262,7 +268,7 @@ class Controller:
             X_W_tip=law.X_W_tip,
             R_W_task=plan.R_W_task,
             limits_hit=limits,
-            reason=held or self._counting.remark,
+            reason=held or self._counting.remark or self.watch.late.warning,
             in_contact=law.contact.made,
             settled=mode == "contact" and law.settled,
             image_age=t - m.stamp if m is not None else inf,

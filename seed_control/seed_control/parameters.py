@@ -55,6 +55,14 @@ class ControllerParameters(MotionLimits):
     estimate_timeout: float = field(0.15, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
     max_estimate_age: float = field(0.3, unit="s", low=0.02, high=2.0, doc="oldest image that is still used")
     kinematics_timeout: float = field(0.1, unit="s", low=0.01, high=1.0, doc="longest gap between flange poses")
+    max_stamp_error: float = field(
+        0.07,
+        unit="s",
+        low=0.005,
+        high=0.14,
+        doc="of images' stamps, as the motion in contact shows it; more makes it hold",
+    )
+    stamp_warning: float = field(0.03, unit="s", low=0.005, high=0.14, doc="the same from which on it is told")
     setpoint_max_age: float = field(0.5, unit="s", low=0.02, high=60.0, doc="oldest stamp of a set-point when it comes")
     # filters and observer
     servo_lag: float = field(0.015, unit="s", low=0.0, high=0.5, doc="first guess of the arm's lag; then measured")

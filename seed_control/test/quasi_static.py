@@ -36,6 +36,9 @@ class Bench:
     parameters: ControllerParameters = field(default_factory=ControllerParameters)
     table: float = 0.0
     slope: float = 0.0  # rise of the table per metre along x
+    bumps: tuple[float, float] = (0.0, 1.0)  # [m] amplitude and wavelength along x
+    stamp_error: float = 0.0  # [s] by which images are dated late
+    noise: float = 0.0  # [m] white, of each image, from a fixed seed
     k_table: float = 4e4  # [N/m]
     lag: float = 0.015
     delay: float = 0.05
@@ -51,6 +54,7 @@ class Bench:
         self.t, self._next_image = 0.0, 0.0
         self._queue: list[tuple[float, RelativePoseEstimate]] = []
         self.estimates = self.kinematics = True
+        self._rng = np.random.default_rng(3)
         self.force = 0.0  # on the table, positive when pressed [N]
         self.forces: list[float] = []
         self.commands: list[np.ndarray] = []
@@ -65,7 +69,8 @@ class Bench:
         K = np.array(self.stiffness.translation)
         X_WC = self.X_WE @ self.hand.X_EC
         p_WT = X_WC[:3, 3] - np.array((0.0, 0.0, self.tool.mass * 9.81 / K[2]))
-        surface = self.table + self.slope * (p_WT[0] - 0.5)
+        height, wavelength = self.bumps
+        surface = self.table + self.slope * (p_WT[0] - 0.5) + height * np.sin(2.0 * np.pi * p_WT[0] / wavelength)
         tip = p_WT[2] - self.tool.X_Ttip[2, 3]
         self.force = 0.0
         if tip < surface:
@@ -84,7 +89,10 @@ class Bench:
             self.controller.add_kinematics(self.t, self.X_WE)
         if self.t >= self._next_image:
             self._next_image += 1.0 / self.image_rate
-            told = RelativePoseEstimate(self.t, X_CT @ self.X_TT_new, observed=self.observed)
+            X = X_CT @ self.X_TT_new
+            if self.noise:
+                X[:3, 3] += self.noise * self._rng.standard_normal(3)
+            told = RelativePoseEstimate(self.t + self.stamp_error, X, observed=self.observed)
             self._queue.append((self.t + self.delay, self.regrasp.through(told)))
         while self._queue and self._queue[0][0] <= self.t + 1e-9:
             estimate = self._queue.pop(0)[1]

@@ -201,8 +201,11 @@ class ControllerNode(SeedNode):
         values |= state.counters._asdict() | {"mode": state.mode, "law": self.parameters.law}
         if len(self.loop.periods) > 10:
             values |= diagnostics.percentiles_ms("period", self.loop.periods, 3) | {"overruns": self.loop.overruns}
-        level = diagnostics.WARN if state.mode == "holding" else diagnostics.OK
-        return level, state.reason or state.mode, values
+        late = self.core.watch.late
+        if late.error is not None:
+            values |= {"stamp_error_ms": 1e3 * late.error, "stamp_error_deviation_ms": 1e3 * late.deviation}
+        level = diagnostics.WARN if state.mode == "holding" or late.warning else diagnostics.OK
+        return level, state.reason or late.warning or state.mode, values
 
 
 main = ControllerNode.main

@@ -3,6 +3,7 @@
 
 from bisect import bisect_right
 from collections import deque
+from itertools import islice
 from math import inf
 from operator import itemgetter
 
@@ -29,6 +30,11 @@ class PoseHistory:
     def newest(self) -> Array:
         """The newest pose (4, 4)."""
         return self._entries[-1][1]
+
+    def since(self, stamp: float) -> list[tuple[float, Array]]:
+        """Stamps and poses (4, 4) from a time [s] on."""
+        first = bisect_right(self._entries, stamp, key=itemgetter(0))
+        return list(islice(self._entries, first, None))
 
     def add(self, stamp: float, X: Array) -> bool:
         """Append a pose; False, and nothing changes, when its stamp does not rise."""

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a contact shows while force is controlled: whether images are dated right, and whether the force swings."""
+
+from math import inf
+
+import numpy as np
+
+from seed_control.law.published import PublishedLaw
+from seed_control.monitor.contact_motion import ContactMotion
+from seed_control.monitor.late_stamps import LateStamps
+from seed_control.monitor.swing import Swing
+from seed_control.parameters import ControllerParameters
+from seed_control.wrench.estimate import Measurement
+from seed_control.wrench.history import PoseHistory
+from seed_core.spatial import Array
+
+_EVERY = 0.1  # [s] between two looks at the motion
+_NOISE = 6.0  # deviations of the estimated force that a swing must stand out by
+_LEAST_FORCE, _LEAST_SHARE = 0.5, 0.1  # [N], and of the wanted force, that counts as a swing
+
+
+class ContactWatch:
+    """`update` with each image that the law has taken in.
+
+    Attributes:
+        late: what the motion says about the stamps.
+    """
+
+    def __init__(self, parameters: ControllerParameters, p_EC: Array) -> None:
+        """p_EC: (3,) [m] gripper's frame C in the flange."""
+        self._motion = ContactMotion(p_EC)
+        self.late = LateStamps(parameters)
+        self._swings: list[Swing] = []
+        self._wanted = np.zeros(0)
+        self._looked = -inf  # [s]
+
+    def restart(self) -> None:
+        """Everything is to be seen anew: the controller was enabled."""
+        self._motion.clear()
+        self._swings = []
+        self.late.restart()
+
+    @property
+    def reason(self) -> str:
+        """Why to hold; '' while all is well."""
+        return self.late.reason or next((s.reason for s in self._swings if s.reason), "")
+
+    def update(self, m: Measurement, law: PublishedLaw, history: PoseHistory) -> None:
+        """Take in an image; law: as it is after it; history: flange poses."""
+        plan = law.plan
+        if not law.contact.made or not plan.wanted.any():
+            self._motion.clear()
+            self._swings = []
+            return
+        self._motion.add(m)
+        size = np.abs(plan.wanted)
+        if len(self._swings) != len(size) or bool((np.abs(plan.wanted - self._wanted) > _LEAST_SHARE * size).any()):
+            self._swings, self._wanted = [Swing() for _ in size], plan.wanted.copy()
+        noise = _NOISE * law.wrench_estimator.mean_stiffness * m.variance**0.5
+        along = plan.normals @ m.on_environment.force
+        for swing, force, least in zip(self._swings, along.tolist(), size.tolist(), strict=True):
+            swing.update(m.stamp, force, max(_LEAST_SHARE * least, _LEAST_FORCE, noise))
+        if m.stamp >= self._looked + _EVERY or m.stamp < self._looked:
+            self._looked = m.stamp
+            self._look(plan.normals, history)
+
+    def _look(self, normals: Array, history: PoseHistory) -> None:
+        for n, swing in zip(normals, self._swings, strict=True):
+            self.late.update(self._motion.followed(n, history))
+            if swing.suspected and not self.late.reason:
+                swing.judge(self._motion.followed(n, history, self.late.error or 0.0))

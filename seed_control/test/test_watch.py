@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the contact tells while force is controlled: how images are dated, and whether the force swings by itself."""
+
+import numpy as np
+import pytest
+from quasi_static import DT, Bench
+
+from seed_control.monitor.swing import LEGS, Swing
+from seed_core.hand import DEFAULT_STIFFNESS
+
+NOISE = 3e-4  # [m]
+
+
+def wiping(bench: Bench, seconds: float, speed: float = 0.05) -> Bench:
+    """Pressed for a second with 10 N, then moved along x."""
+    setpoint = bench.press(10.0)
+    bench.run(1.5)
+    for i in range(round(seconds / DT)):
+        X = bench.start.copy()
+        X[0, 3] += speed * i * DT
+        if bench.state.mode == "holding":
+            break
+        bench.controller.set_setpoint(setpoint.moved(X, np.array((speed, 0.0, 0.0))), bench.t)
+        bench.step()
+    return bench
+
+
+@pytest.mark.parametrize("error", [-0.05, -0.02, 0.0, 0.02, 0.05])
+def test_stamp_error_is_measured_while_the_force_is_built_up(error: float) -> None:
+    bench = Bench(stamp_error=error, noise=NOISE, delay=0.06).enabled()
+    bench.press(10.0)
+    bench.run(1.8)
+    late = bench.controller.watch.late
+    assert late.error is not None
+    assert abs(late.error - error) < max(3.0 * late.deviation, 0.003)
+    assert late.deviation < 0.012
+    assert not late.reason
+    assert bool(late.warning) == (abs(error) > 0.03)
+    assert bench.state.mode == "contact"
+
+
+@pytest.mark.parametrize("k_table", [500.0, 4e4])
+def test_soft_environment_is_not_taken_for_a_wrong_clock(k_table: float) -> None:
+    bench = Bench(k_table=k_table, noise=NOISE).enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    late = bench.controller.watch.late
+    assert late.error is not None
+    assert abs(late.error) < 0.015
+
+
+@pytest.mark.parametrize("error", [0.085, -0.085])
+def test_stamps_that_the_loop_cannot_bear_make_it_hold_within_a_second_of_contact(error: float) -> None:
+    bench = Bench(stamp_error=error, noise=NOISE).enabled()
+    bench.press(10.0)
+    touched = np.inf
+    while bench.state.mode != "holding" and bench.t < 6.0:
+        touched = min(touched, bench.t if bench.force > 0.0 else np.inf)
+        bench.step()
+    assert bench.state.mode == "holding"
+    assert "images are dated" in bench.state.reason
+    assert ("late" if error > 0.0 else "early") in bench.state.reason
+    assert bench.t - touched < 1.0
+
+
+def test_bumps_say_nothing_about_clocks_and_are_no_swing() -> None:
+    for wavelength in (0.012, 0.025, 0.05):  # 4, 2 and 1 a second
+        bench = wiping(Bench(bumps=(1e-3, wavelength), noise=NOISE).enabled(), 4.0)
+        assert np.ptp(bench.forces[-500:]) > 0.5  # they are felt
+        assert bench.state.mode == "contact", bench.state.reason
+        assert not bench.controller.watch.late.warning
+
+
+def test_force_that_swings_by_itself_makes_it_hold() -> None:
+    bench = Bench(law="published", delay=0.1, noise=NOISE).enabled()
+    bench.press(10.0)
+    while bench.state.mode != "holding" and bench.t < 6.0:
+        bench.step()
+    assert "the force swings" in bench.state.reason
+
+
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_steps_of_the_wanted_force_are_no_swing(scale: float) -> None:
+    bench = Bench(stiffness=DEFAULT_STIFFNESS.scaled(scale), noise=NOISE).enabled()
+    for force in (8.0, 4.0, 8.0, 4.0, 8.0, 4.0, 8.0, 4.0):
+        bench.press(force)
+        bench.run(0.4)
+    assert bench.state.mode == "contact", bench.state.reason
+
+
+def legs(period: float, sizes: list[float]) -> Swing:
+    """A triangle of these legs [N], one per half of a period [s]."""
+    swing, t, force, up = Swing(), 0.0, 0.0, 1.0
+    for size in sizes:
+        for _ in range(10):
+            t, force = t + 0.05 * period, force + 0.1 * up * size
+            swing.update(t, force, 0.5)
+        up = -up
+    return swing
+
+
+@pytest.mark.parametrize(
+    ("period", "sizes", "swings"),
+    [
+        (0.4, [2.0] * (LEGS + 2), True),
+        (0.4, [4.0 * 0.6**i for i in range(LEGS + 2)], False),  # fades
+        (0.4, [0.4] * (LEGS + 2), False),  # noise
+        (2.0, [2.0] * (LEGS + 2), False),  # slower than any loop
+        (0.4, [2.0] * LEGS, False),  # not for long yet
+    ],
+)
+def test_legs_that_are_large_regular_and_do_not_fade_are_suspected(
+    period: float, sizes: list[float], swings: bool
+) -> None:
+    assert legs(period, sizes).suspected == swings
