@@ -30,6 +30,7 @@ from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import PublishedMethod
 from seed_estimation.rigid_fit.covariance import Covariance
 from seed_estimation.rigid_fit.reference import finger_model
+from seed_estimation.rigid_fit.systematic import Systematic
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
@@ -89,7 +90,8 @@ class Estimator:
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
         self._stamp = -np.inf  # [s] of the last images since the grasp
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
-        self._covariance = Covariance()
+        self._mutual = calibration.mutual_deviation
+        self._covariance = self._new_covariance()
         self._patch_method: PublishedMethod | None = None  # with a grasp and a method of PATCH_METHODS
 
     def reconfigure(self, parameters: EstimatorParameters) -> None:
@@ -166,8 +168,11 @@ class Estimator:
         }
 
     def _forget_grasp(self) -> None:
-        self._tracker, self._patch_method, self._covariance = None, None, Covariance()
+        self._tracker, self._patch_method, self._covariance = None, None, self._new_covariance()
         self._stamp = -np.inf
+
+    def _new_covariance(self) -> Covariance:
+        return Covariance(Systematic(self.parameters, {f: self._X_CX[f] for f in self.fingers}, self._mutual))
 
     # -- at the frame rate -----------------------------------------------------------------------------------------
 

@@ -58,6 +58,13 @@ class EstimatorParameters:
     max_std_translation: float = field(0.001, unit="m", low=1e-5, high=0.1, doc="beyond it an axis is not observed")
     max_std_rotation: float = field(0.035, unit="rad", low=1e-4, high=1.0, doc="beyond it an axis is not observed")
 
+    # what the cameras may get wrong all the time: standard deviations, which enter the covariance
+    mount_rotation_std: float = field(0.005, unit="rad", low=0.0, high=0.2, doc="of a camera's mount, about each axis")
+    mount_position_std: float = field(0.0003, unit="m", low=0.0, high=0.02, doc="of a camera's mount, along each axis")
+    focal_std: float = field(0.006, low=0.0, high=0.2, doc="of the focal length, as a share of it")
+    depth_scale_std: float = field(0.006, low=0.0, high=0.2, doc="of the scale of depth, as a share of it")
+    depth_offset_std: float = field(0.0002, unit="m", low=0.0, high=0.02, doc="of depth and of the membrane's shape")
+
     def __post_init__(self) -> None:
         if not self.near < self.far:
             raise ConfigError(f"near = {self.near:g} m must be less than far = {self.far:g} m")

@@ -33,6 +33,8 @@ from seed_estimation.parameters import EstimatorParameters
 
 SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
 FILL = 40.0  # [px] blur of what stands in for pixels without depth
+# How well the cylinder tells the cameras' poses to each other, per axis: docs/estimation.md has the captures
+MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD = 0.0012, 0.00015  # [rad], [m]
 NEAR, FAR = 0.03, 0.15  # [m] of a membrane; an uncalibrated range reads up to 20 mm far
 
 
@@ -87,9 +89,12 @@ def calibrate(
         nodes[finger] = [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
         membrane = membrane_at_rest(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
         lines[finger] = [seen_axis(membrane, frame + offset, radius, p) for frame in grasped.get(finger, ())]
+    mutual = 0.0, 0.0
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
         X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
-    return Calibration({f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()})
+        mutual = MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD
+    fingers = {f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()}
+    return Calibration(fingers, *mutual)
 
 
 def range_error(measured: Image, known: Image) -> Image:

@@ -49,11 +49,24 @@ class Calibration:
     """Range and camera poses of a hand, by finger."""
 
     fingers: dict[str, FingerCalibration] = field({}, doc="left, right")
+    mutual_rotation_std: float = field(
+        0.0, unit="rad", low=0.0, high=0.2, doc="of the cameras' poses to each other, about each axis of C; 0: not told"
+    )
+    mutual_position_std: float = field(
+        0.0, unit="m", low=0.0, high=0.02, doc="of the cameras' poses to each other, along each axis; 0: not told"
+    )
 
     def hand(self, hand: Hand) -> Hand:
         """The hand with the calibrated camera poses."""
         left, right = self.fingers.get("left"), self.fingers.get("right")
         return replace(hand, C_L=left.pose if left else hand.C_L, C_R=right.pose if right else hand.C_R)
+
+    @property
+    def mutual_deviation(self) -> Array | None:
+        """(6,) [rad, m] of how both cameras lie to each other; None where that was not calibrated."""
+        if not (self.mutual_rotation_std > 0.0 and self.mutual_position_std > 0.0):
+            return None
+        return np.repeat((self.mutual_rotation_std, self.mutual_position_std), 3)
 
     def range_offsets(self) -> dict[str, Image]:
         """Offset map (H, W) [m], true minus measured, of each finger that has one."""

@@ -7,6 +7,8 @@ gradient of cell c, sum over c of H^-1 g_c g_c^T H^-1 is what the fit's error sc
 clusters; Liang and Zeger 1986). What it is larger than H^-1 by is averaged over a few frames, because a few dozen cells
 tell a variance roughly only: with H = L L^T, the average is of L^-1 (sum of g_c g_c^T) L^-T. So it follows at once when
 one camera sees less.
+
+What no image contradicts, because mounts, lenses and ranges are wrong all the time, comes from `systematic.py`.
 """
 
 import numpy as np
@@ -14,6 +16,7 @@ import numpy as np
 from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
+from seed_estimation.rigid_fit.systematic import Systematic
 
 # Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation.md has scenarios, and the outcome on other seeds
 SCATTER = 0.65  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
@@ -30,7 +33,9 @@ MEMORY = 0.05  # weight of one frame in the average
 class Covariance:
     """Of the poses that are found in one grasp."""
 
-    def __init__(self) -> None:
+    def __init__(self, systematic: Systematic) -> None:
+        """systematic: errors of the cameras."""
+        self._systematic = systematic
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
     def update(self, fit: Fit, slip: MicroSlip) -> Array:
@@ -44,6 +49,7 @@ class Covariance:
         C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
         effect = fit.slip_information.effect
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
+        C += self._systematic.of_pose(fit)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T

@@ -104,6 +104,7 @@ class FingerResiduals:
         index: of the image's points that touch, among those of the model.
         points: those points of the image.
         image, depth: residuals.
+        depth_points: (3, M) the points of depth that touch, in the tool's frame [m].
     """
 
     def __init__(self, model: FingerModel, crop: Crop, X_CT: Array, slip: float, level: int) -> None:
@@ -120,6 +121,7 @@ class FingerResiduals:
         d = touching[first:] - points.value.size
         self.index = touching[:first]
         self.points, self._p = points.chosen(self.index), p.take(touching, axis=1)
+        self.depth_points = self._p[:, first:]
         self._n, self._n_p = model.n.take(d, axis=1), model.n_p[d]
         self.image = Residuals(self.points.jacobian(slip), self.points.cells, SHARE_IMAGE, IMAGE_FLOOR)
         self.depth = Residuals(model.J.take(d, axis=1), model.cells[d], SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)
