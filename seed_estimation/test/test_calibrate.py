@@ -13,7 +13,7 @@ from seed_estimation.calibration import calibrate as cal
 from seed_estimation.calibration import file
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
-from seed_testing.validation.calibrate import captures
+from seed_sim.world.procedures.captures import captures
 
 
 @pytest.fixture(scope="module")

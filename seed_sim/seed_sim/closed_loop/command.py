@@ -6,13 +6,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import load_task
+from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
 from seed_sim.closed_loop.evaluate import LAWS, evaluate
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
+from seed_sim.world import perturb
+from seed_sim.world.perturb import PERTURBATIONS
+from seed_sim.world.score import DRAWS, score_draws, table
 
 
 @command("seed evaluate")
@@ -20,6 +25,18 @@ def main(argv: list[str]) -> int:
     """Command line: 1 when the task did not come to its end."""
     parser = _parser()
     args = parser.parse_args(argv)
+    hidden = args.world == "hidden" or (args.world is None and bool(args.draws or args.late_stamps))
+    if args.estimator is None:
+        args.estimator = "rigid_fit" if hidden or args.perturb else "truth"
+    if args.perturb:
+        return _perturb(args)
+    if hidden:
+        if args.scenarios:
+            parser.error("--scenarios belongs to known worlds: give --draws N")
+        return _draws(args)
+    for name in ("draws", "late_stamps", "out"):
+        if getattr(args, name):
+            parser.error(f"--{name.replace('_', '-')} belongs to hidden worlds: give --world hidden")
     if args.scenarios:
         return _sweep(args)
     for name in ("column", "plot"):
@@ -33,18 +50,22 @@ def _parser() -> argparse.ArgumentParser:
         prog="seed evaluate",
         formatter_class=Help,
         description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces.\n"
-        "With --scenarios N, sweep over seeds and columns.",
+        "With --world hidden, the default score: --draws of cells, drawn as docs/worlds.md says, of which estimator\n"
+        "and controller know only what calibration, identification, clock comparison and weighing find in each.\n"
+        "With --scenarios N, sweep over seeds and columns of cells that are as believed.",
     )
     p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
     p.add_argument("--law", choices=LAWS, default="seed", help="control law or baseline")
     p.add_argument(
         "--estimator",
         choices=ESTIMATORS,
-        default="truth",
-        help="where relative poses come from: exact; exact with noise and delay; rendered images",
+        help="where relative poses come from: exact; exact with noise and delay; rendered images; default: truth, and "
+        "rigid_fit in hidden worlds",
     )
     p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
-    p.add_argument("--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep")
+    p.add_argument(
+        "--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep, first draw"
+    )
     p.add_argument("--scenario", help=f"one of {', '.join(shipped_scenarios())}, or a file; the task's own if left out")
     p.add_argument("--scenarios", type=whole(1), metavar="N", help="sweep: seeds per column")
     p.add_argument(
@@ -54,8 +75,25 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="sweep: only this column, any shipped scenario (may be repeated)",
     )
-    p.add_argument("--jobs", type=whole(1), default=1, metavar="J", help="sweep: processes")
+    p.add_argument("--jobs", type=whole(1), default=1, metavar="J", help="sweep and draws: processes")
     p.add_argument("--plot", type=Path, help="sweep: where to write the plot (PNG)")
+    p.add_argument(
+        "--world",
+        choices=("known", "hidden"),
+        help="known: the cell is what the controller believes, one quick run; hidden: --draws of cells that it does "
+        "not know, the score that docs and README state; default: known, and hidden with --draws",
+    )
+    p.add_argument("--draws", type=whole(1), metavar="N", help=f"hidden worlds; default: {DRAWS}")
+    p.add_argument("--late-stamps", action="store_true", help="hidden worlds with stamps 0 to 100 ms late")
+    p.add_argument(
+        "--out", type=Path, metavar="FILE", help="hidden worlds: a JSON line per draw; draws in it are not repeated"
+    )
+    p.add_argument(
+        "--perturb",
+        action="append",
+        metavar="NAME",
+        help=f"a cell that differs in this one thing (may be repeated; all: every one): {', '.join(PERTURBATIONS)}",
+    )
     p.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     return p
 
@@ -82,6 +120,26 @@ def _text(r: dict[str, Any]) -> str:
     lines.append(f"  contact    {when}; {r['message'] or 'no end'}")
     lines.append(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
     return "\n".join(lines)
+
+
+def _draws(args: argparse.Namespace) -> int:
+    """The score over hidden worlds: 1 when a draw was not finished."""
+    names = ("task", "law", "estimator", "force", "scenario", "late_stamps")
+    settings = {name: getattr(args, name) for name in names} | {"world": "spring"}
+    if args.law not in CONTROL_LAWS:
+        raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
+    load_task(args.task, args.force)  # a mistake here would break every run
+    draws = range(args.seed, args.seed + (args.draws or DRAWS))
+    result = score_draws(settings, draws, args.jobs, args.out)
+    print(to_json(result) if args.json else table(result))
+    return 1 if result["summary"]["not_finished"] else 0
+
+
+def _perturb(args: argparse.Namespace) -> int:
+    given = {name: getattr(args, name) for name in ("law", "estimator", "force", "scenario")}
+    rows = perturb.perturbed(args.perturb, args.task, args.seed, **given)
+    print(to_json(rows) if args.json else perturb.table(rows))
+    return 0
 
 
 def _sweep(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
-from seed_sim.closed_loop.relative_poses import pose_source
+from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
 
@@ -41,12 +41,14 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
     recording = Recording(player.phases, torque_axes_of(task))
     for step in range(round(MAX_DURATION * steering.rate)):
         t = step * (1.0 / steering.rate)
-        status = player.step(t, steering.sense(t))
+        state = steering.sense(t)
+        status = player.step(t, state)
         if refusal := steering.steer(t, status.setpoint):
             player.cancel(refusal)
         if status.setpoint is not None:
             phase = player.phases.index(status.phase) if status.phase in player.phases else -1
             _record(recording, plant, task, status.setpoint, t, phase)
+            _record_belief(recording, plant, task, state)
         if progress is not None and step % 25 == 0:
             progress(status.progress, status.phase)
         if status.done:
@@ -59,13 +61,22 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
 class SeedSteering:
     """SEED: the controller, fed with reported flange poses and with relative poses from an estimator."""
 
-    def __init__(self, plant: Plant, scenario: Scenario, law: str, estimator: str, seed: int) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        scenario: Scenario,
+        law: str,
+        estimator: str,
+        seed: int,
+        poses: PoseSource | None = None,
+    ) -> None:
+        """scenario: as it is believed; poses: another source of relative poses than `estimator` names."""
         parameters = parameters_of(scenario, law)
         grasp = scenario.grasp
         believed = grasp.believed or grasp.stiffness
         self.controller = Controller(parameters, scenario.hand, scenario.tool, believed)
         self.rate, self._plant, self._enabled = parameters.rate, plant, False
-        self._poses = pose_source(estimator, scenario, seed, parameters.rate)
+        self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate)
         self._rng = np.random.default_rng([seed, 3])
         self._kinematics_noise = 1e-3 * scenario.measurement.kinematics_noise
 
@@ -127,4 +138,25 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
         tip=(to_work @ X_WT @ X_Ttip)[:3, 3],
         reference=(to_work @ s.X_W_tip)[:3, 3],
         lean=lean_of(s.X_W_tip[:3, :3] @ X_Ttip[:3, :3].T, R_T),
+    )
+
+
+def _record_belief(recording: Recording, plant: Plant, task: Task, state: ControllerState) -> None:
+    """What the controller makes of it: force in the work frame with its stated deviation, and what it says."""
+    force, stated = np.full(3, np.nan), np.full(3, np.nan)
+    error, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
+    if state.estimated is not None:
+        R_work = task.frame.pose[:3, :3]
+        estimated = state.estimated.rotated(state.R_W_task)
+        force, error = R_work.T @ estimated.force, estimated.minus(plant.contact_wrench).vector()
+        if state.covariance is not None:
+            covariance = state.covariance
+            stated = np.sqrt(np.diag(R_work.T @ covariance[3:, 3:] @ R_work))
+    recording.add(
+        believed_force=force,
+        stated_force=stated,
+        wrench_error=error,
+        wrench_covariance=covariance,
+        mode=state.mode,
+        told=tuple(t for t in (state.reason, *state.contradictions, state.doubt) if t),
     )

@@ -42,25 +42,35 @@ def simulate(
     file: Path | None,
     pose_source: PoseSource | None = None,
     created: str = "",
+    cell: SimulatedCell | None = None,
 ) -> tuple[Dataset, SimulatedCell]:
     """Run every pose that the file does not have yet.
+
+    Args:
+        scenario: of the identification.
+        seed: of the hidden stiffness and every fault.
+        file: of samples; None keeps them in memory.
+        pose_source: renders and estimates poses.
+        created: date, for the header.
+        cell: another than the scenario's own; nothing is told of its progress then.
 
     Raises:
         SessionError: the run ended early; what was measured is in the file.
     """
-    cell = SimulatedCell(scenario, seed, pose_source)
+    quiet = cell is not None
+    cell = cell or SimulatedCell(scenario, seed, pose_source)
     recorder = Recorder(file, header(scenario, seed, created))
     samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0
     try:
         run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS)
-        _loop(run, cell, recorder)
+        _loop(run, cell, recorder, quiet)
     finally:
         recorder.close()
     return recorder.dataset, cell
 
 
-def _loop(run: Run, cell: SimulatedCell, recorder: Recorder) -> None:
+def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, quiet: bool) -> None:
     command = Command(np.eye(4), run.procedure.widths[0], 0, "start")
     shown = time.monotonic()
     while not command.done:
@@ -68,7 +78,7 @@ def _loop(run: Run, cell: SimulatedCell, recorder: Recorder) -> None:
         recorder.record(cell.stamp, command.sample, command.event)
         if command.failure:
             raise SessionError(f"{command.failure}; {run.done} of {run.total} poses are kept")
-        if time.monotonic() - shown > _SHOW:
+        if not quiet and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
             left = run.remaining(cell.stamp) / 60.0
             text = f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min simulated, {left:.1f} min left"

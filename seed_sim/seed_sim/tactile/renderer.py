@@ -20,6 +20,8 @@ from seed_sim.tactile.noise import CameraNoise, D405Noise, PicoFlexxNoise
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.texture import DotPattern, Light
 
+Lenses = Mapping[str, PinholeCamera]  # by finger
+
 
 class Nodes(Protocol):
     """A membrane as a mesh; seed_sim.membrane.BubbleState is one."""
@@ -75,9 +77,9 @@ class _Bubbles:
         cameras: calibration of each finger's camera.
     """
 
-    def __init__(self, parameters: TactileParameters, hand: Hand) -> None:
+    def __init__(self, parameters: TactileParameters, hand: Hand, lenses: Lenses | None) -> None:
         self.parameters, self.hand = parameters, hand
-        self._camera = camera_model(parameters.camera)
+        self._lenses = lenses or dict.fromkeys(FINGERS, camera_model(parameters.camera))
         self._names = FINGERS if parameters.fingers == "both" else (parameters.fingers,)
         self.fingers: dict[str, FingerRenderer] = {}
 
@@ -85,7 +87,7 @@ class _Bubbles:
         """A finger of its own stream of random numbers."""
         stream = np.random.SeedSequence(seed).spawn(len(FINGERS))[FINGERS.index(finger)]
         rng = Generator(np.random.SFC64(stream))
-        self.fingers[finger] = FingerRenderer(rays, rest, self.parameters, self._camera, rng)
+        self.fingers[finger] = FingerRenderer(rays, rest, self.parameters, self._lenses[finger], rng)
 
     @property
     def cameras(self) -> dict[str, PinholeCamera]:
@@ -96,11 +98,12 @@ class _Bubbles:
 class TactileRenderer(_Bubbles):
     """Both bubbles. X_CT is the tool's pose in the grasp; identity is the moment of grasp."""
 
-    def __init__(self, parameters: TactileParameters, hand: Hand, seed: int) -> None:
-        super().__init__(parameters, hand)
+    def __init__(self, parameters: TactileParameters, hand: Hand, seed: int, lenses: Lenses | None = None) -> None:
+        """lenses: of each finger's camera; default: those of the parameters' camera."""
+        super().__init__(parameters, hand, lenses)
         self.membranes: dict[str, Membrane] = {}
         for name in self._names:
-            rays = coarse_rays(self._camera, hand, name)
+            rays = coarse_rays(self._lenses[name], hand, name)
             self.membranes[name] = Membrane(rays, parameters)
             self._add(name, rays, self.membranes[name].rest, seed)
 
@@ -138,12 +141,19 @@ class TactileRenderer(_Bubbles):
 class MeshRenderer(_Bubbles):
     """Both bubbles, from the nodes of their membranes."""
 
-    def __init__(self, parameters: TactileParameters, hand: Hand, seed: int, free: Mapping[str, Nodes]) -> None:
-        """free: both membranes with nothing in the grasp, by finger."""
-        super().__init__(parameters, hand)
+    def __init__(
+        self,
+        parameters: TactileParameters,
+        hand: Hand,
+        seed: int,
+        free: Mapping[str, Nodes],
+        lenses: Lenses | None = None,
+    ) -> None:
+        """free: both membranes with nothing in the grasp, by finger; lenses: as of TactileRenderer."""
+        super().__init__(parameters, hand, lenses)
         self._views: dict[str, MeshView] = {}
         for name in self._names:
-            rays, f = coarse_rays(self._camera, hand, name), free[name]
+            rays, f = coarse_rays(self._lenses[name], hand, name), free[name]
             X_CX = hand.X_CL if name == "left" else hand.X_CR
             self._views[name] = MeshView(rays, X_CX, f.nodes, f.triangles, f.material)
             self._add(name, rays, self._views[name].rest, seed)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant of a world, and the controller in it, which goes by what is believed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from seed_control.tasks import Task
+from seed_estimation.calibration.file import Calibration
+from seed_sim.closed_loop.relative_poses import FROM_IMAGES
+from seed_sim.closed_loop.run import SeedSteering, start_pose
+from seed_sim.plant.plant import Plant
+from seed_sim.scenario import Scenario
+from seed_sim.world.cameras import true_hand
+from seed_sim.world.parameters import World
+from seed_sim.world.poses import WorldPoses
+from seed_sim.world.spring import WorldSpring
+
+
+def true_scenario(scenario: Scenario, world: World) -> Scenario:
+    """The scenario as the plant has it: the flange, the tool's weight and the table are the world's."""
+    cell, table = world.cell, scenario.table
+    if cell.tilt_deg is not None:
+        span = (-cell.tilt_deg, cell.tilt_deg)
+        table = replace(table, tilt_x=span, tilt_y=span)
+    if cell.friction is not None:
+        table = replace(table, friction=cell.friction)
+    return replace(
+        scenario,
+        hand=true_hand(scenario.hand, world),
+        true_mass=scenario.tool_mass * (1.0 + cell.mass),
+        table=table,
+    )
+
+
+def make_plant(scenario: Scenario, world: World, seed: int, task: Task) -> Plant:
+    """The plant of a world: `scenario` states tool and grasp; the arm starts where it believes the task's begin."""
+    spring = WorldSpring(scenario.grasp.stiffness, world.spring)
+    plant = Plant(true_scenario(scenario, world), seed, task.frame.pose, start_pose(scenario, task), grasp_force=spring)
+    spring.damping = np.concatenate(plant.grip.damping)
+    return plant
+
+
+def make_steering(
+    plant: Plant,
+    believed: Scenario,
+    world: World,
+    seed: int,
+    *,
+    law: str = "seed",
+    estimator: str = "rigid_fit",
+    calibration: Calibration | None = None,
+    clock_offset: float = 0.0,
+) -> SeedSteering:
+    """The controller with what the suite believes, and with relative poses from the world's images, or the truth's."""
+    poses = None
+    if estimator in FROM_IMAGES:
+        poses = WorldPoses(believed, world, seed, estimator, calibration, clock_offset)
+    return SeedSteering(plant, believed, law, estimator, seed, poses)

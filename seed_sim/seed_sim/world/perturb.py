@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single perturbations: worlds that differ from what is believed in one thing, the suite being told everything else.
+
+What each costs in true force, what is believed meanwhile, and when and in which words it is reported.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from seed_core.errors import SeedError
+from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
+from seed_sim.world.trial import run_trial
+
+COSTLY = 0.5  # [N] from which a perturbation is to be reported
+SOON = 10.0  # [s] of pressing within which
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One thing that is not as believed."""
+
+    words: str
+    world: World
+
+
+def _both(**values: Any) -> ImageWorld:
+    """The same error in both cameras."""
+    return ImageWorld(CameraWorld(**values), CameraWorld(**values))
+
+
+def _mounts(deg: float, mm: float) -> ImageWorld:
+    """Mounts off by that much on every axis, in different directions."""
+    left = CameraWorld((deg, -deg, deg), (mm, mm, -mm))
+    right = CameraWorld((-deg, deg, deg), (mm, -mm, mm))
+    return ImageWorld(left, right)
+
+
+def _spring(**values: Any) -> World:
+    return World(spring=SpringWorld(**values))
+
+
+def _z(factor: float) -> tuple[float, float, float, float, float, float]:
+    return 1.0, 1.0, 1.0, 1.0, 1.0, factor
+
+
+_FITTED = 1.0 + 0.2 * 0.375  # of a line through half of the range of a spring that stiffens by 20 %
+PERTURBATIONS: dict[str, Perturbation] = {
+    "none": Perturbation("as believed", World()),
+    "stiffness_-20": Perturbation("stiffness of the force axis x0.8", _spring(scale=_z(0.8))),
+    "stiffness_-5": Perturbation("stiffness of the force axis x0.95", _spring(scale=_z(0.95))),
+    "stiffness_+10": Perturbation("stiffness of the force axis x1.1", _spring(scale=_z(1.1))),
+    "stiffening": Perturbation("stiffening 20 % at full deflection, file: small signal", _spring(stiffening=0.2)),
+    "stiffening_fitted": Perturbation(
+        "stiffening 20 %, file: fitted over half the range",
+        World(spring=SpringWorld(stiffening=0.2), procedures=ProcedureWorld(stiffness=(_FITTED,) * 6)),
+    ),
+    "hysteresis_5": Perturbation("hysteresis 5 % of full scale", _spring(hysteresis=0.05)),
+    "hysteresis_10": Perturbation("hysteresis 10 % of full scale", _spring(hysteresis=0.10)),
+    "relaxation": Perturbation("relaxation 10 % in 2 s", _spring(relaxation=0.1)),
+    "fade_5": Perturbation("stiffness -5 % within 6 s", _spring(fade=0.05)),
+    "fade_20": Perturbation("stiffness -20 % within 6 s", _spring(fade=0.20)),
+    "centre_z": Perturbation("elastic centre 5 mm along z", _spring(centre_mm=(0.0, 0.0, 5.0))),
+    "centre_y": Perturbation("elastic centre 5 mm along y", _spring(centre_mm=(0.0, 5.0, 0.0))),
+    "mounts": Perturbation("mounts 0.5 deg, 0.5 mm", World(images=_mounts(0.5, 0.5))),
+    "mounts_2": Perturbation("mounts 2 deg, 2 mm", World(images=_mounts(2.0, 2.0))),
+    "focal_1": Perturbation("focal length 1 %", World(images=_both(focal=0.01))),
+    "focal_3": Perturbation("focal length 3 %", World(images=_both(focal=0.03))),
+    "depth_scale_2": Perturbation("depth scale 2 %", World(images=_both(depth_scale=0.02))),
+    "depth_scale_5": Perturbation("depth scale 5 %", World(images=_both(depth_scale=0.05))),
+    "depth_lag": Perturbation("depth filtered by 40 ms", World(images=ImageWorld(depth_lag=0.04))),
+    "hanging": Perturbation("grasp taken while the tool hangs", World(cell=CellWorld(hanging=True))),
+    "mass": Perturbation("mass +10 %", World(cell=CellWorld(mass=0.1))),
+    "late_60": Perturbation("stamps 60 ms late", World(images=ImageWorld(clock=0.06))),
+    "late_80": Perturbation("stamps 80 ms late", World(images=ImageWorld(clock=0.08))),
+    "late_85": Perturbation("stamps 85 ms late", World(images=ImageWorld(clock=0.085))),
+    "skew_11": Perturbation("fingers 11 ms apart, one stamp", World(images=ImageWorld(skew=0.011))),
+    "skew_22": Perturbation("fingers 22 ms apart, one stamp", World(images=ImageWorld(skew=0.022))),
+    "skew_22_stamped": Perturbation(
+        "fingers 22 ms apart, each with its stamp", World(images=ImageWorld(skew=0.022, skew_stamped=True))
+    ),
+    "slip": Perturbation("micro-slip of 10 %", World(images=ImageWorld(slip=0.1))),
+    "creep_20": Perturbation("patch's edge lets go, slides at 20 mm", World(images=ImageWorld(creep_hold_mm=20.0))),
+    "creep_14": Perturbation("patch's edge lets go, slides at 14 mm", World(images=ImageWorld(creep_hold_mm=14.0))),
+    "shape": Perturbation("membranes 0.2 mm higher after the reference", World(images=_both(shape_mm=0.2))),
+    "range_0.3": Perturbation("range drifts 0.3 mm after the reference", World(images=_both(range_mm=0.3))),
+    "range_2": Perturbation("range drifts 2 mm after the reference", World(images=_both(range_mm=2.0))),
+    "not_calibrated": Perturbation("range not calibrated", World(images=ImageWorld(range_error=1.0))),
+}
+
+
+def perturbed(
+    names: Sequence[str], task: str, seed: int, *, law: str, estimator: str, force: float | None, scenario: str | None
+) -> list[dict[str, Any]]:
+    """The rows of the table, one per name ('all': every one).
+
+    Raises:
+        SeedError: a name is unknown.
+    """
+    wanted = list(PERTURBATIONS) if "all" in names else list(names)
+    unknown = [n for n in wanted if n not in PERTURBATIONS]
+    if unknown:
+        raise SeedError(f"perturbation '{unknown[0]}' is unknown; known: all, {', '.join(PERTURBATIONS)}")
+    rows = []
+    for name in wanted:
+        p = PERTURBATIONS[name]
+        how: dict[str, Any] = {"law": law, "estimator": estimator, "force": force, "scenario": scenario}
+        rows.append({"perturbation": name, "words": p.words, **run_trial(task, p.world, seed, **how).result})
+    return rows
+
+
+def first_report(row: dict[str, Any]) -> dict[str, Any] | None:
+    """What the controller said first, from shortly before first contact on; None if nothing."""
+    after = [r for r in row.get("reports", ()) if r["after"] is None or r["after"] > -1.0]
+    return after[0] if after else None
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """The rows as text."""
+    lines = [f"{'perturbation':44s}{'true':>9s}{'believed':>10s}{'torque x':>10s}{'lean':>7s}  end; reported"]
+    for row in rows:
+        report, scored = first_report(row), bool(row.get("samples"))
+        cells = "        -         -         -      -"
+        if scored:
+            believed, lean = (row["believed_z"] or {}).get("rmse", float("nan")), row["lean_deg"]["rms"]
+            cells = f"{row['force_z']['rmse']:9.3f}{believed:10.3f}{row['torque_x']['rmse']:10.3f}{lean:7.2f}"
+        swings = ", swings" if (row.get("swing") or {}).get("seen") else ""
+        said = "no" if report is None else _when(report)
+        lines.append(f"{row['words']:44s}{cells}  {'finished' if row['finished'] else 'aborted'}{swings}; {said}")
+    return "\n".join(lines)
+
+
+def _when(report: dict[str, Any]) -> str:
+    when = "before contact" if report["after"] is None or report["after"] < 0 else f"after {report['after']:.1f} s"
+    return f"{when}: {report['text']}"

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Relative poses of a run in a hidden world: its own images through an estimator that knows nothing of it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array
+from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation.calibration.file import Calibration
+from seed_sim.closed_loop.relative_poses import PoseSource
+from seed_sim.plant.plant import DT, Plant
+from seed_sim.scenario import Scenario
+from seed_sim.world.cameras import WorldCameras
+from seed_sim.world.parameters import World
+
+IMAGE_DELAY = 0.03  # [s] from image to estimate, unless the scenario says otherwise
+REFERENCE_FRAMES, GRASP_FRAMES = 10, 5
+_REFERENCE_AGE = 1.0  # [s] between the reference and the grasp
+HANGS = 0.4  # [s] after which a tool hangs still, for a grasp that is taken then
+
+
+def make_estimator(
+    scenario: Scenario, cameras: WorldCameras, calibration: Calibration | None, method: str, period: float
+) -> Estimator:
+    """The estimator as its user has it: hand as drawn, lenses as calibrated, what the calibration has found.
+
+    With the reference taken, after which membranes and cameras age. Raises SeedError.
+    """
+    estimator = Estimator(EstimatorParameters(method=method), scenario.hand, cameras.cameras, calibration)
+    start = -_REFERENCE_AGE - period * (REFERENCE_FRAMES + GRASP_FRAMES)
+    estimator.capture_reference([cameras.no_contact(start + period * i) for i in range(REFERENCE_FRAMES)])
+    cameras.age()
+    return estimator
+
+
+def take_grasp(estimator: Estimator, cameras: WorldCameras, X_CT: Array, t: float, period: float) -> None:
+    """The tool rests at X_CT (4, 4), and that is where its frame T is from now on; t [s]: of the next image."""
+    times = [t - period * (GRASP_FRAMES - i) for i in range(GRASP_FRAMES)]
+    estimator.initialize_grasp([cameras.render(X_CT, u) for u in times])
+
+
+class WorldPoses(PoseSource):
+    """Images of a world, with the time that lies between the two fingers, through the estimator.
+
+    Attributes:
+        estimator: as `make_estimator` has it.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        world: World,
+        seed: int,
+        method: str = "rigid_fit",
+        calibration: Calibration | None = None,
+        clock_offset: float = 0.0,
+    ) -> None:
+        """A grasp in a world.
+
+        Args:
+            scenario: as it is believed.
+            world: what differs.
+            seed: of the images' noise.
+            method: of the estimator.
+            calibration: as found in this world.
+            clock_offset: [s] that is taken off the images' stamps.
+        """
+        super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY)
+        self._cameras = WorldCameras(scenario, world, seed)
+        self._skew, self._clock, self._offset = world.images.skew, world.images.clock, clock_offset
+        self._right: Array | None = None  # X_CT (4, 4) at which the right finger's image of this pair was taken
+        self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
+        self._hanging = world.cell.hanging
+        if not self._hanging:
+            take_grasp(self.estimator, self._cameras, np.eye(4), 0.0, self.period)
+
+    def next_image(self) -> float:
+        """When the next image of either finger is due [s], on the plant's steps."""
+        due = super().next_image()
+        early = round(self._skew / DT) * DT
+        return max(due - early, 0.0) if early and self._right is None else due
+
+    def take_image(self, plant: Plant) -> None:
+        """Take the right finger's image, if it is due before the left one's, else the pair."""
+        if self._right is None and self._skew >= 0.5 * DT:
+            self._right = plant.X_CT
+            return
+        if self._hanging and plant.time >= HANGS:
+            take_grasp(self.estimator, self._cameras, plant.X_CT, plant.time, self.period)
+            self._hanging = False
+        if self._hanging:
+            self._count += 1
+        else:
+            super().take_image(plant)
+        self._right = None
+
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        X = plant.X_CT
+        right = X if self._right is None else self._right
+        images = self._cameras.render({"left": X, "right": right}, plant.time)
+        images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
+        return self.estimator.update(images, stamp + self._clock - self._offset)

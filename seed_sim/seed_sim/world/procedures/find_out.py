@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the suite finds out about a world by its own procedures, and what it believes after them.
+
+Calibration of range and cameras (`./seed calibrate`), identification on a force/torque sensor (`./seed identify`), the
+comparison of clocks in the motion between its poses, and the tool's weight (`identify_payload`), in this order; each
+runs in that very world on what the ones before have found. Nothing else is handed on.
+"""
+
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from seed_control.payload.identify import PayloadError
+from seed_core.bushing import Stiffness
+from seed_core.errors import SeedError
+from seed_estimation.calibration.calibrate import MembraneShape, calibrate
+from seed_estimation.calibration.file import Calibration
+from seed_sim.scenario import Scenario
+from seed_sim.world.cameras import WorldCameras
+from seed_sim.world.parameters import World
+from seed_sim.world.procedures.captures import captures
+from seed_sim.world.procedures.clocks import compare_clocks
+from seed_sim.world.procedures.identify import identify
+from seed_sim.world.procedures.weigh import weigh
+
+_FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What estimator and controller go by.
+
+    Attributes:
+        scenario: the cell as believed: hand as drawn, tool as weighed, `grasp.believed` the stiffness as identified.
+        calibration: of range and cameras; None: hand as drawn, range as it comes.
+        clock_offset: [s] that is taken off the images' stamps.
+        figures: what the procedures say about themselves; seconds: that each took.
+        problems: what a procedure could not do, in words.
+    """
+
+    scenario: Scenario
+    calibration: Calibration | None = None
+    clock_offset: float = 0.0
+    figures: dict[str, Any] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+
+
+def find_out(scenario: Scenario, world: World, seed: int, method: str = "rigid_fit") -> Belief:
+    """Run the procedures of a world, or tell the scenario's own values where it runs none."""
+    if not world.procedures.run:
+        return Belief(told(scenario, world))
+    work = _Work(scenario, world, seed, method)
+    for name in ("calibrate", "identify", "clocks", "weigh"):
+        began = perf_counter()
+        try:
+            getattr(work, name)()
+        except SeedError as error:
+            work.problems.append(f"{name}: {error}")
+        work.seconds[name] = perf_counter() - began
+    return Belief(work.believed, work.calibration, work.offset, work.figures, work.seconds, tuple(work.problems))
+
+
+def told(scenario: Scenario, world: World) -> Scenario:
+    """The scenario with the stiffness that the suite is told: the world's own, times the factor on it."""
+    k = (scenario.grasp.believed or scenario.grasp.stiffness).vector() * np.array(world.procedures.stiffness)
+    return replace(scenario, grasp=replace(scenario.grasp, believed=Stiffness.from_vector(k)))
+
+
+class _Work:
+    """The procedures of one world, and what they have found so far."""
+
+    def __init__(self, scenario: Scenario, world: World, seed: int, method: str) -> None:
+        self.believed, self._world, self._seed, self._method = scenario, world, seed, method
+        self.calibration: Calibration | None = None
+        self.offset = 0.0
+        self.figures: dict[str, Any] = {}
+        self.seconds: dict[str, float] = {}
+        self.problems: list[str] = []
+
+    def calibrate(self) -> None:
+        """Range by the drawn dome, camera poses by a grasped cylinder."""
+        cameras = WorldCameras(self.believed, self._world, self._seed)
+        data = captures(cameras, _FRAMES, _PER_POSE)
+        rim_x, rim_y, height = self._world.procedures.dome
+        drawn: MembraneShape = data.pop("shape")
+        shape = replace(
+            drawn,
+            rim_x=drawn.rim_x * (1.0 + rim_x),
+            rim_y=drawn.rim_y * (1.0 + rim_y),
+            height=drawn.height * (1.0 + height),
+        )
+        self.calibration = calibrate(**data, shape=shape, hand=self.believed.hand)
+
+    def identify(self) -> None:
+        """The stiffness, on a fixed force/torque sensor."""
+        found = identify(self.believed, self._world, self._seed)
+        self.figures["identify"] = found.figures
+        self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found.stiffness))
+
+    def clocks(self) -> None:
+        """The offset of the cameras' clock."""
+        found = compare_clocks(self.believed, self._world, self._seed, self._method, self.calibration)
+        self.figures["clocks"] = {"offset": found.value, "std": found.std}
+        self.offset = found.value
+
+    def weigh(self) -> None:
+        """Mass and centre of mass of the tool."""
+        payload = weigh(self.believed, self._world, self._seed, self._method, self.calibration, self.offset)
+        com, known = payload.center_of_mass, np.isfinite(payload.center_of_mass_std)
+        if not payload.mass > 0.0:
+            raise PayloadError(f"a tool of {payload.mass:g} kg is none")
+        drawn = self.believed.tool
+        x, y, z = np.where(known, com, drawn.center_of_mass).tolist()
+        self.figures["weigh"] = {"mass": payload.mass, "mass_std": payload.mass_std, "center_of_mass": [x, y, z]}
+        self.believed = replace(self.believed, tool=replace(drawn, mass=payload.mass, center_of_mass=(x, y, z)))

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The score over many worlds: median, 90 % and worst of true and believed force, of torque and lean."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from seed_core.errors import SeedError
+from seed_core.program.command_line import to_json
+from seed_sim.world.draw import draw_world
+from seed_sim.world.parameters import Kind
+from seed_sim.world.trial import run_trial
+
+DRAWS = 20
+SETTINGS = ("task", "law", "estimator", "force", "scenario", "world", "late_stamps")  # what draws must share
+FIGURES: tuple[tuple[str, str, str], ...] = (  # key, name in the table, unit
+    ("force_z", "true force", "N"),
+    ("believed_z", "believed", "N"),
+    ("stated_z", "stated", "N"),
+    ("torque_x", "torque x", "N m"),
+    ("lean", "lean", "deg"),
+    ("nees", "nees", ""),
+)
+
+
+def score_draws(
+    settings: dict[str, Any], draws: Sequence[int], jobs: int = 1, out: Path | None = None
+) -> dict[str, Any]:
+    """Run a task in the world of each draw.
+
+    Args:
+        settings: by the names in SETTINGS.
+        draws: seeds of the worlds.
+        jobs: processes.
+        out: JSON lines, one per draw; draws that stand in it already are not repeated, and count as well.
+
+    Raises:
+        SeedError: the file holds draws of other settings.
+    """
+    runs = _known(out, settings) if out is not None else {}
+    missing = [d for d in draws if d not in runs]
+    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(one_draw)(settings, d) for d in missing)
+    for run in work:
+        runs[run["draw"]] = run
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(to_json(run) + "\n")
+        if sys.stderr.isatty() and len(missing) > 1:
+            print(f"draw {run['draw']} done", file=sys.stderr)
+    ordered = [runs[d] for d in sorted(runs)]
+    return {**settings, "draws": ordered, "summary": summarised(ordered)}
+
+
+def one_draw(settings: dict[str, Any], draw: int) -> dict[str, Any]:
+    """The result of one draw with its settings; a run that breaks is reported as such, not left out."""
+    kind: Kind = settings["world"]
+    try:
+        world = draw_world(draw, kind, late_stamps=settings["late_stamps"])
+        given = {k: settings[k] for k in ("law", "estimator", "force", "scenario")}
+        result = run_trial(settings["task"], world, draw, **given).result
+    except SeedError as error:
+        result = {"draw": draw, "error": str(error), "finished": False}
+    return {**result, **settings}
+
+
+def _known(out: Path, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
+    if not out.exists():
+        return {}
+    runs = {}
+    for number, line in enumerate(out.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            run = json.loads(line)
+            other = [f"{k} {run[k]}" for k in SETTINGS if run[k] != settings[k]]
+            runs[int(run["draw"])] = run
+        except (ValueError, KeyError, TypeError) as error:
+            raise SeedError(f"{out}:{number}: not a draw of ./seed evaluate ({error}): name another file") from error
+        if other:
+            raise SeedError(f"{out}:{number}: a draw with {', '.join(other)}: name another file")
+    return runs
+
+
+def value_of(run: dict[str, Any], key: str) -> float | None:
+    """A figure of FIGURES of one draw; None where there is none."""
+    if key == "lean":
+        value = (run.get("lean_deg") or {}).get("rms")
+    else:
+        value = run.get(key)
+        value = value.get("rmse") if isinstance(value, dict) else value
+    return float(value) if value is not None and run.get("samples") and np.isfinite(value) else None
+
+
+def summarised(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Median, 90 % and worst by figure, of the draws that were scored; and which did what they should not."""
+    out: dict[str, Any] = {
+        "draws": len(runs),
+        "scored": sum(bool(r.get("samples")) for r in runs),
+        "not_finished": [r["draw"] for r in runs if not r.get("finished")],
+        "swing": [r["draw"] for r in runs if (r.get("swing") or {}).get("seen")],
+    }
+    stated = [r["within"] for r in runs if r.get("within") is not None]
+    out["within_two_deviations"] = sum(stated) / len(stated) if stated else None
+    for key, _, _ in FIGURES:
+        values = [v for r in runs if (v := value_of(r, key)) is not None]
+        out[key] = spread(values) if values else None
+    return out
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """median, p90 and worst."""
+    v = np.asarray(values, dtype=float)
+    return {"median": float(np.median(v)), "p90": float(np.percentile(v, 90)), "worst": float(v.max())}
+
+
+def table(result: dict[str, Any]) -> str:
+    """The score as text: a line per draw, then the summary."""
+    settings = ", ".join(f"{k} {result[k]}" for k in SETTINGS if result[k] not in (None, False))
+    lines = [settings, "draw  " + "".join(f"{name:>12s}" for _, name, _ in FIGURES) + "  within  end"]
+    keys = [key for key, _, _ in FIGURES]
+    for run in result["draws"]:
+        lines.append(_line(f"{run['draw']:4d}", [value_of(run, key) for key in keys], _end(run)))
+    summary = result["summary"]
+    for name in ("median", "p90", "worst"):
+        lines.append(_line(name, [(summary[key] or {}).get(name) for key in keys], ""))
+    within = summary["within_two_deviations"]
+    lines.append(
+        f"{summary['scored']} of {summary['draws']} draws scored; not finished: {summary['not_finished'] or 'none'}; "
+        f"swing: {summary['swing'] or 'none'}; within two stated deviations: "
+        + ("none stated" if within is None else f"{within:.0%}")
+    )
+    return "\n".join(lines)
+
+
+def _line(head: str, values: Sequence[float | None], tail: str) -> str:
+    cells = []
+    for (_, _, unit), v in zip(FIGURES, values, strict=True):
+        cells.append(f"{'-' if v is None else f'{v:.3f}'} {unit:3s}".rjust(12))
+    return (f"{head:6s}" + "".join(cells) + tail).rstrip()
+
+
+def _end(run: dict[str, Any]) -> str:
+    within = {None: "-", True: "yes", False: "no"}[run.get("within")]
+    swings = "; swings" if (run.get("swing") or {}).get("seen") else ""
+    problems = "".join(f"; {p}" for p in run.get("problems", ()))
+    return f"  {within:6s}  {run.get('error') or run.get('message') or 'no end'}{swings}{problems}"

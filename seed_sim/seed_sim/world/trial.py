@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One task in one world: what the suite finds out first, then the task, scored by true and by believed force."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_control.tasks import Task, load_task
+from seed_core.errors import SeedError
+from seed_core.spatial import Array
+from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
+from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.closed_loop.run import play
+from seed_sim.scenario import Scenario, load_scenario
+from seed_sim.world.cell import make_plant, make_steering
+from seed_sim.world.parameters import World
+from seed_sim.world.procedures.find_out import Belief, find_out
+
+SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
+_SMOOTH = 1.0  # [s] over which slower force is averaged
+WITHIN = 2.0  # [standard deviations]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: its score, what was recorded, and what was believed."""
+
+    result: dict[str, Any]
+    recording: Recording
+    belief: Belief
+
+
+def run_trial(
+    task: str | Task,
+    world: World,
+    seed: int,
+    *,
+    law: str = "seed",
+    estimator: str = "rigid_fit",
+    force: float | None = None,
+    scenario: str | Path | Scenario | None = None,
+    belief: Belief | None = None,
+) -> Trial:
+    """Find out what can be found out about a world, and play the task in it; deterministic but for times.
+
+    Args:
+        task: name, path or task.
+        world: that nobody knows.
+        seed: of the plant's and the images' noise.
+        law, estimator: of the control.
+        force: [N] replaces the size of every force in the task.
+        scenario: what the world departs from; default: the task's own.
+        belief: found before, in this very world; default: find it out now.
+
+    Raises:
+        SeedError: unknown names, or values that cannot be used.
+    """
+    if isinstance(task, str):
+        task = load_task(task, force)
+    scenario = SCENARIO_OF_TASK.get(task.name, task.name) if scenario is None else scenario
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario)
+    began = time.perf_counter()
+    belief = belief or find_out(scenario, world, seed, estimator)
+    plant = make_plant(scenario, world, seed, task)
+    recording = Recording([])
+    try:
+        steering = make_steering(
+            plant,
+            belief.scenario,
+            world,
+            seed,
+            law=law,
+            estimator=estimator,
+            calibration=belief.calibration,
+            clock_offset=belief.clock_offset,
+        )
+        recording = play(task, plant, steering)
+        scored = score(recording, scored_phase(task)) | beliefs(recording, scored_phase(task))
+    except SeedError as error:
+        scored = {"finished": False, "error": str(error)}
+    result = {
+        "task": task.name,
+        "scenario": scenario.name,
+        "law": law,
+        "estimator": estimator,
+        "world": world.kind,
+        "draw": world.seed,
+        **scored,
+        "message": recording.message,
+        "problems": list(belief.problems),
+        "found": belief.figures,
+        "seconds": {**belief.seconds, "all": time.perf_counter() - began},
+    }
+    return Trial(result, recording, belief)
+
+
+def beliefs(recording: Recording, phase: str) -> dict[str, Any]:
+    """Believed force against the true one, over the samples that count; what was reported, and when.
+
+    `within`: whether the error of belief, rms, is at most two stated deviations, rms; None where none is stated.
+    `reports`: what the controller said for the first time, and when, in seconds from first contact.
+    """
+    contact = recording.contact_time
+    out: dict[str, Any] = {"reports": _reports(recording, contact), "swing": None, "believed_z": None, "stated_z": None}
+    keep = recording.scored(phase)
+    if not keep.any():
+        return out
+    true, believed = recording["force"][keep, 2], recording["believed_force"][keep, 2]
+    wanted, stated = recording["wanted_force"][keep, 2], recording["stated_force"][keep, 2]
+    error = _rms(believed - true)
+    swing = _swing(true, recording["t"][keep])
+    deviation = _rms(stated)
+    return out | {
+        "believed_z": {"rmse": _rms(believed - wanted), "error": error, "bias": float(np.nanmean(believed - true))},
+        "stated_z": deviation if np.isfinite(deviation) else None,
+        "within": bool(error <= WITHIN * deviation) if np.isfinite(deviation) else None,
+        "swing": {"rms": swing, "seen": swing > SWING},
+        "nees": _nees(recording, keep),
+    }
+
+
+def _reports(recording: Recording, contact: float | None) -> list[dict[str, Any]]:
+    """Reasons, contradictions and doubts as they come up, each once, numbers in them aside."""
+    seen: set[str] = set()
+    out = []
+    for t, mode, told in zip(recording["t"], recording.rows["mode"], recording.rows["told"], strict=True):
+        for text in told:
+            kind = "".join(c for c in text if not c.isdigit() and c not in ".-+")
+            if kind not in seen:
+                seen.add(kind)
+                after = float(t - contact) if contact is not None else None
+                out.append({"after": after, "mode": mode, "text": text})
+    return out
+
+
+def _swing(force: Array, t: Array) -> float:
+    """Rms [N] of what is faster than a moving mean."""
+    n = max(int(_SMOOTH / max(float(np.median(np.diff(t))), 1e-6)), 1)
+    if len(force) < 2 * n:
+        return 0.0
+    slow = np.convolve(force, np.ones(n) / n, mode="valid")
+    return float(np.std(force[n // 2 : n // 2 + len(slow)] - slow))
+
+
+def _nees(recording: Recording, keep: NDArray[np.bool_]) -> float | None:
+    """Mean of e^T C^-1 e over the wrench's six components: 6 if the stated covariance is honest; None without one."""
+    squares = []
+    for e, C in zip(recording["wrench_error"][keep], recording["wrench_covariance"][keep], strict=True):
+        if np.isfinite(e).all() and np.isfinite(C).all() and C.any():
+            squares.append(float(e @ np.linalg.pinv(C, hermitian=True) @ e))
+    return float(np.mean(squares)) if squares else None
+
+
+def _rms(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hidden worlds: what is drawn, what it does to images and force, and what the procedures find of it."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from seed_core.errors import SeedError
+from seed_core.program.command_line import to_json
+from seed_core.spatial import make_pose, so3_log
+from seed_sim.closed_loop import command
+from seed_sim.closed_loop.recording import Recording
+from seed_sim.scenario import load_scenario
+from seed_sim.world import draw, perturb
+from seed_sim.world.cameras import WorldCameras, true_hand
+from seed_sim.world.cell import true_scenario
+from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, SpringWorld, World
+from seed_sim.world.procedures.clocks import motion
+from seed_sim.world.procedures.find_out import Belief, told
+from seed_sim.world.procedures.identify import identify
+from seed_sim.world.score import score_draws, spread, summarised
+from seed_sim.world.trial import beliefs, run_trial
+from seed_sysid.parameters import Procedure
+
+NOMINAL = load_scenario("nominal")
+AS_BELIEVED = Belief(told(NOMINAL, World()))
+
+
+def numbers(value):
+    """All numbers of nested plain data."""
+    if isinstance(value, dict):
+        return [n for v in value.values() for n in numbers(v)]
+    if isinstance(value, list | tuple):
+        return [n for v in value for n in numbers(v)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+# -- the draw
+
+
+def test_a_draw_is_the_same_on_every_call_and_another_for_every_seed():
+    assert draw.draw_world(11) == draw.draw_world(11)
+    assert draw.draw_world(11).spring.scale != draw.draw_world(12).spring.scale
+
+
+def test_draws_fill_their_ranges_and_do_not_leave_them():
+    worlds = [draw.draw_world(seed) for seed in range(400)]
+
+    def within(values, low, high):
+        v = np.array(values)
+        assert low <= v.min() < low + 0.05 * (high - low)
+        assert high >= v.max() > high - 0.05 * (high - low)
+
+    within([w.spring.scale[5] for w in worlds], 0.95, 1.05)
+    within([w.spring.centre_mm[0] for w in worlds], -3.0, 3.0)
+    within([w.images.left.turn_deg[1] for w in worlds], -0.5, 0.5)
+    within([w.images.right.shift_mm[2] for w in worlds], -0.5, 0.5)
+    within([w.images.left.focal for w in worlds], -0.01, 0.01)
+    within([w.images.right.depth_scale for w in worlds], -0.01, 0.01)
+    within([w.images.depth_lag for w in worlds], 0.0, 0.04)
+    within([w.images.clock for w in worlds], -0.01, 0.01)
+    within([draw.draw_world(s, late_stamps=True).images.clock for s in range(400)], 0.0, 0.1)
+    within([w.images.skew for w in worlds], 0.0, 0.015)
+    within([w.images.slip for w in worlds], 0.0, 0.1)
+    within([w.cell.mass for w in worlds], -0.03, 0.03)
+    within([w.cell.friction for w in worlds], 0.1, 0.8)
+    within([w.cell.flange_turn_deg[2] for w in worlds], -0.25, 0.25)
+    within([w.procedures.dome[2] for w in worlds], -0.02, 0.02)
+
+
+def test_a_world_without_deviations_has_none():
+    world = World()
+    assert set(numbers(asdict(world.images))) == {0.0}
+    np.testing.assert_allclose(true_hand(NOMINAL.hand, world).X_CL, NOMINAL.hand.X_CL, atol=1e-12)
+    assert true_scenario(NOMINAL, world).table == NOMINAL.table
+
+
+def test_an_unknown_kind_is_refused_by_name():
+    with pytest.raises(SeedError, match=r"kind 'rubber'.*spring, membrane"):
+        draw.draw_world(1, "rubber")
+
+
+# -- images
+
+
+def test_mounts_are_off_by_what_the_world_says():
+    world = World(images=ImageWorld(left=CameraWorld(turn_deg=(0.0, 0.5, 0.0), shift_mm=(0.0, 0.0, -0.4))))
+    hand = true_hand(NOMINAL.hand, world)
+    turn = np.rad2deg(so3_log(hand.X_CL[:3, :3] @ NOMINAL.hand.X_CL[:3, :3].T))
+    np.testing.assert_allclose(turn, (0.0, 0.5, 0.0), atol=1e-9)
+    np.testing.assert_allclose(1e3 * (hand.X_CL - NOMINAL.hand.X_CL)[:3, 3], (0.0, 0.0, -0.4), atol=1e-9)
+    np.testing.assert_allclose(hand.X_CR, NOMINAL.hand.X_CR, atol=1e-12)
+
+
+def quiet(**images) -> WorldCameras:
+    tactile = replace(NOMINAL.tactile, noise=0.0, pattern=0.0, dropouts=0.0)
+    return WorldCameras(replace(NOMINAL, tactile=tactile), World(images=ImageWorld(**images)), 1)
+
+
+def test_depth_is_scaled_and_stamps_are_off_but_infrared_is_as_it_was():
+    same, world = quiet(), quiet(left=CameraWorld(depth_scale=0.01), clock=0.007, skew=0.012, skew_stamped=True)
+    one, other = same.no_contact(1.0), world.no_contact(1.0)
+    seen = np.isfinite(one["left"].depth)
+    np.testing.assert_allclose(other["left"].depth[seen], 1.01 * one["left"].depth[seen], rtol=1e-5)
+    np.testing.assert_array_equal(other["left"].ir, one["left"].ir)
+    assert other["left"].stamp == pytest.approx(1.007)
+    assert other["right"].stamp == pytest.approx(0.995)
+
+
+def test_a_longer_lens_shows_the_same_thing_larger_while_nobody_knows():
+    world = quiet(left=CameraWorld(focal=0.03))
+    assert world.renderer.cameras["left"].K[0, 0] == pytest.approx(1.03 * world.cameras["left"].K[0, 0])
+    assert world.renderer.cameras["right"].K[0, 0] == world.cameras["right"].K[0, 0]
+
+
+def test_depth_follows_a_step_within_its_time_constant_and_infrared_at_once():
+    world, now = quiet(depth_lag=0.04), quiet()
+    start, end = np.eye(4), make_pose(None, (0.0, -0.002, 0.0))
+    period = 1.0 / 45.0
+    before = world.render(start, 0.0)["left"].depth
+    final = now.render(end, 1.0)["left"]
+    moved = np.isfinite(before) & (np.abs(final.depth - before) > 0.0015)
+    for n in (1, 2, 4):
+        seen = world.render(end, n * period)["left"]
+        share = np.median((seen.depth - before)[moved] / (final.depth - before)[moved])
+        assert share == pytest.approx(1.0 - np.exp(-n * period / 0.04), abs=0.01)
+        np.testing.assert_allclose(np.median(seen.ir), np.median(final.ir), rtol=1e-3)
+
+
+def test_membranes_rise_after_the_reference():
+    world = quiet(left=CameraWorld(shape_mm=0.2))
+    reference = world.no_contact(0.0)["left"].depth
+    world.age()
+    membrane = world.renderer.membranes["left"]
+    rise = membrane.rest.depth - membrane.dome  # towards the camera that sits behind it, or away
+    h, w = rise.shape
+    assert abs(rise[h // 2, w // 2]) == pytest.approx(2e-4, abs=2e-5)  # at the apex
+    assert np.abs(rise).max() < 3e-4
+    assert np.isfinite(reference).any()
+
+
+# -- what the procedures find
+
+
+def test_identification_finds_the_linear_spring_of_a_world_within_its_intervals():
+    world = World(spring=SpringWorld(scale=(1.04, 0.96, 1.02, 0.97, 1.03, 0.95)))
+    found = identify(NOMINAL, world, 5)
+    assert sum(found.figures["covered"].values()) >= 5
+    assert max(abs(e) for e in found.figures["error"].values()) < 0.02  # repeatability
+
+
+def test_the_motion_for_the_clocks_keeps_the_limits_of_the_procedure():
+    times, poses = motion(Procedure())
+    speeds = [
+        np.linalg.norm(b[:3, 3] - a[:3, 3]) / (t - s)
+        for s, t, a, b in zip(times, times[1:], poses, poses[1:], strict=False)
+    ]
+    assert max(speeds) < 1.1 * Procedure().motion.speed
+    assert max(speeds) > 0.5 * Procedure().motion.speed
+
+
+# -- in closed loop, on exact poses
+
+
+def force_error(world: World, seed: int = 3) -> dict:
+    return run_trial("squeegee", world, seed, estimator="truth", belief=AS_BELIEVED).result
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> dict:
+    return force_error(World())
+
+
+def test_a_world_as_believed_is_wiped_as_well_as_a_known_one(undisturbed):
+    assert undisturbed["finished"]
+    assert undisturbed["force_z"]["rmse"] < 0.05
+    assert undisturbed["believed_z"]["error"] < 0.05
+    assert not undisturbed["swing"]["seen"]
+
+
+def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_is_not_believed():
+    result = force_error(World(spring=SpringWorld(scale=(1.0,) * 5 + (0.8,))))
+    weight = NOMINAL.tool.mass * 9.81
+    assert result["force_z"]["rmse"] == pytest.approx(0.2 * (10.0 - weight), rel=0.05)  # the spring bears 10 N less it
+    assert result["believed_z"]["rmse"] < 0.05
+    assert result["believed_z"]["error"] == pytest.approx(result["force_z"]["rmse"], abs=0.05)
+
+
+def test_a_weight_that_nobody_knows_costs_its_own():
+    result = force_error(World(cell=CellWorld(mass=0.1)))
+    assert result["force_z"]["mean"] == pytest.approx(-10.0 - 0.1 * NOMINAL.tool.mass * 9.81, abs=0.05)
+
+
+def test_a_run_in_a_world_is_the_same_every_time(undisturbed):
+    again = force_error(World())
+    assert to_json(again | {"seconds": 0}) == to_json(undisturbed | {"seconds": 0})
+
+
+# -- the score
+
+
+def run_of(draw_: int, force: float, **more) -> dict:
+    return {"draw": draw_, "finished": True, "samples": 9, "force_z": {"rmse": force}, **more}
+
+
+def test_the_summary_is_over_draws_and_names_what_went_wrong():
+    runs = [run_of(i, 0.1 * i, within=i < 9) for i in range(10)]
+    runs.append({"draw": 10, "finished": False, "error": "no"})
+    out = summarised(runs)
+    assert out["force_z"] == pytest.approx({"median": 0.45, "p90": 0.81, "worst": 0.9})
+    assert (out["draws"], out["scored"], out["not_finished"]) == (11, 10, [10])
+    assert out["within_two_deviations"] == pytest.approx(0.9)
+    assert spread([3.0]) == {"median": 3.0, "p90": 3.0, "worst": 3.0}
+
+
+def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused(tmp_path):
+    settings = dict.fromkeys(("force", "scenario")) | {"task": "squeegee", "law": "seed", "estimator": "truth"}
+    settings |= {"world": "spring", "late_stamps": False}
+    file = tmp_path / "draws.jsonl"
+    file.write_text(to_json(run_of(3, 0.5, message="as it stood") | settings) + "\n", encoding="utf-8")
+    result = score_draws(settings, [3], out=file)
+    assert [r["message"] for r in result["draws"]] == ["as it stood"]
+    with pytest.raises(SeedError, match="law seed"):
+        score_draws(settings | {"law": "plain"}, [3], out=file)
+
+
+def test_belief_is_told_from_truth_and_swing_from_a_slow_error():
+    t = np.arange(0.0, 8.0, 0.004)
+    recording = Recording(["wipe"])
+    true = -10.0 - 0.5 * np.sin(0.5 * t) + 0.9 * np.sin(2.0 * np.pi * 3.0 * t) * (t > 1.0)
+    for i, now in enumerate(t):
+        force = np.array((0.0, 0.0, true[i]))
+        recording.add(t=now, phase=0, force=force, believed_force=np.array((0.0, 0.0, -10.0)))
+        recording.add(wanted_force=np.array((0.0, 0.0, -10.0)), stated_force=np.full(3, 0.5), mode="contact")
+        recording.add(wrench_error=np.zeros(6), wrench_covariance=np.eye(6), told=("slow",) if now > 5.0 else ())
+    out = beliefs(recording, "wipe")
+    assert out["believed_z"]["rmse"] == 0.0
+    assert out["swing"]["rms"] == pytest.approx(0.9 / np.sqrt(2.0), rel=0.1)
+    assert out["swing"]["seen"]
+    assert out["within"]
+    assert [round(r["after"], 1) for r in out["reports"]] == [5.0]
+
+
+# -- the command
+
+
+def test_the_command_keeps_single_runs_known_and_refuses_what_would_be_ignored(capsys):
+    for arguments, words in (
+        (["squeegee", "--world", "known", "--draws", "3"], "belongs to hidden worlds"),
+        (["squeegee", "--draws", "3", "--scenarios", "2"], "belongs to known worlds"),
+    ):
+        with pytest.raises(SystemExit):
+            command.main(arguments)
+        assert words in capsys.readouterr().err
+    assert command.main(["squeegee", "--perturb", "gravity"]) == 2
+    assert "perturbation 'gravity' is unknown; known: all, none" in capsys.readouterr().err
+    assert command.main(["squeegee", "--draws", "1", "--law", "welded"]) == 2
+    assert "baseline" in capsys.readouterr().err
+
+
+def test_a_perturbation_has_its_row_with_what_was_said():
+    rows = perturb.perturbed(
+        ["stiffness_+10"], "squeegee", 3, law="seed", estimator="truth", force=None, scenario="nominal"
+    )
+    text = perturb.table(rows)
+    assert "stiffness of the force axis x1.1" in text
+    assert rows[0]["force_z"]["rmse"] == pytest.approx(0.84, abs=0.06)  # as the audit found it
+    assert "finished; no" in text
