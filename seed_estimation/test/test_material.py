@@ -49,7 +49,7 @@ def expected(estimator: Estimator, finger: str, field: Field, tool: ToolShape) -
     """Rigid motion (4, 4) and deformation (9,) of the patch that the estimator follows."""
     tracker = estimator._tracker
     assert tracker is not None
-    p = next(m for m in tracker.models if m.finger == finger).p.astype(float)
+    p = next(m for m in tracker.models if m.finger == finger).patch.astype(float)
     gone = p[[0, 2]] + field(p[[0, 2]])
     after = np.stack((gone[0], p[1] + np.sign(p[1]) * (surface(tool, gone[0]) - surface(tool, p[0])), gone[1]))
     X = rigid_motion(p, after)
@@ -102,10 +102,11 @@ def test_material_that_slides_on_a_tool_at_rest_is_followed(kind: str, field: Fi
         assert abs(off[1]) < 0.12e-3
         turn = np.mean([rotation_error(m.X_CM[:3, :3], X_true[:3, :3]) for m in motions], axis=0)
         assert abs(turn[1]) < np.deg2rad(0.15)
-        assert np.abs(turn).max() < np.deg2rad(1.0)
+        # the field is one of the tool's surface, beside which the membrane hangs at the edges of a round tool
+        assert np.abs(turn).max() < np.deg2rad(0.6 if kind == "box" else 2.0)
         error = np.mean([m.deformation for m in motions], axis=0) - d_true
         narrow = np.isin(np.arange(9), (3, 6)) if kind == "cylinder" else np.zeros(9, bool)  # u^2 of a narrow patch
-        assert np.abs(error[~narrow]).max() < 0.06e-3
+        assert np.abs(error[~narrow]).max() < (0.06e-3 if kind == "box" else 0.09e-3)
         assert np.abs(error[narrow]).max(initial=0.0) < 0.35e-3
 
 

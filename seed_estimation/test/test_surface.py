@@ -2,8 +2,11 @@
 """The smooth surface of a membrane at rest is told from what a camera gets wrong."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from seed_estimation.contact.surface import fitted_parabolas
+from seed_estimation.material.patch import curvature
+from seed_sim.tactile.cameras import camera_model
 
 SHAPE = (90, 120)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
@@ -27,3 +30,18 @@ def test_nothing_is_said_beside_the_membrane() -> None:
     out = fitted_parabolas(DOME, INSIDE, 20.0)
     assert np.isnan(out[~INSIDE]).all()
     assert np.isfinite(out[INSIDE]).all()
+
+
+def test_curvature_is_that_of_a_sphere_and_of_a_cylinder() -> None:
+    """2 / r and 1 / r, bent towards the camera; a plane has none."""
+    camera = camera_model("picoflexx")
+    rays = camera.rays32
+    everywhere = np.ones(camera.shape, bool)
+    middle = (slice(60, 110), slice(80, 150))
+    for kind, expected in (("sphere", 2.0 / 0.05), ("cylinder", 1.0 / 0.05), ("plane", 0.0)):
+        along = rays if kind == "sphere" else rays[..., [0, 2]]
+        a, b, c = (along**2).sum(axis=2), 0.13, 0.13**2 - 0.05**2
+        depth = np.full(camera.shape, 0.08, np.float32) if kind == "plane" else (b - np.sqrt(np.maximum(b * b - a * c, 0.0))) / a
+        found = curvature(camera, depth.astype(np.float32), everywhere)[middle]
+        assert_allclose(np.abs(found), expected, atol=1.0)
+        assert kind == "plane" or (np.sign(found) == np.sign(found[0, 0])).all()

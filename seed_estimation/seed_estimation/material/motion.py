@@ -62,16 +62,16 @@ class MaterialTracker:
     """Follows the material of one finger's patch from frame to frame, in one grasp."""
 
     def __init__(self, model: FingerModel) -> None:
-        points = model.levels[1]
+        points = model.material
         self.model, self._p, self._n = model, points.p, points.n
         self._value = points.value
-        self.patch: Patch = patch_of(model.p)
+        self.patch: Patch = patch_of(model.patch)
         self._powers = self.patch.powers(points.p).astype(np.float32)  # (6, N)
         slope = (points.J_along + points.J_rest)[3:]  # of the image in space
         self._image = Residuals(self._spread(slope), points.cells, SHARE_IMAGE, IMAGE_FLOOR)
         self._depth = Residuals(self._spread(points.n), points.cells, SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)
-        self._area = model.p.astype(float)  # (3, M) evenly over the patch
-        self._area_powers = self.patch.powers(model.p)
+        self._area = model.patch.astype(float)  # (3, M) evenly over the patch
+        self._area_powers = self.patch.powers(model.patch)
         self._field_of = np.linalg.pinv(self._area_powers)  # (M, 6)
         self._rigid_of = self._rigid_part()
         bends = np.array((0.0, *(STRAIN**-2,) * 5))

@@ -26,6 +26,7 @@ from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.normalise import coarse, normalised
 from seed_estimation.images.tactile_images import Array32, Bools, Image, Mask
+from seed_estimation.material.patch import touching
 from seed_estimation.parameters import EstimatorParameters
 
 Indices = NDArray[np.intp]
@@ -75,6 +76,8 @@ class FingerModel:
     rest: Array32  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
     decay: float  # [m]
     picture: Image  # (H, W) coarse infrared of the patch, 0 beside it
+    material: ImagePoints  # fine, of all the membrane that touches the tool
+    patch: Array32  # (3, K) pixels of it, evenly [m]
 
     def without_image(self) -> FingerModel:
         """The same of which depth alone is followed."""
@@ -114,14 +117,13 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
     if np.count_nonzero(good) < p.least_area // 3:
         raise EstimatorError(f"{membrane.finger} bubble: the patch is too small to follow; close the gripper further")
-    blurred = coarse(ir)
+    blurred, picture = coarse(ir), normalised(ir)
     levels = (
         _image_points(blurred, good, points, normals, membrane, p.image_points // 2),
-        _image_points(normalised(ir), good, points, normals, membrane, p.image_points),
+        _image_points(picture, good, points, normals, membrane, p.image_points),
     )
-    v, u = np.nonzero(good)
-    spread = np.unique(np.linspace(0, v.size - 1, min(p.depth_points, v.size)).astype(int))
-    v, u, cells = _sorted_by_cell(v[spread], u[spread])
+    material, patch = _material(membrane, depth, picture, good, mask, p)
+    v, u, cells = _sorted_by_cell(*_spread(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
     return FingerModel(
         finger=membrane.finger,
@@ -136,7 +138,29 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         rest=membrane.rest,
         decay=p.decay,
         picture=np.where(good, blurred, np.float32(0.0)),
+        material=material,
+        patch=patch,
     )
+
+
+def _material(
+    membrane: Membrane, depth: Image, picture: Image, good: Bools, mask: Mask, p: EstimatorParameters
+) -> tuple[ImagePoints, Array32]:
+    """Points of all the membrane that touches, and pixels (3, K) of it, evenly; `good` where that is not to be told."""
+    points, normals = surface(membrane.camera, depth, np.isfinite(depth) & (membrane.area > 0), SURFACE_BLUR)
+    touches = touching(membrane, depth, mask) & np.isfinite(normals).all(axis=2)
+    if np.count_nonzero(touches) < p.least_area // 3:
+        touches = good
+    v, u = _spread(touches, p.depth_points)
+    evenly, _ = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
+    return _image_points(picture, touches, points, normals, membrane, p.image_points), _rows(evenly)
+
+
+def _spread(area: Bools, wanted: int) -> tuple[Indices, Indices]:
+    """Rows and columns of so many pixels of an area (H, W), evenly."""
+    v, u = np.nonzero(area)
+    chosen = np.unique(np.linspace(0, v.size - 1, min(wanted, v.size)).astype(int))
+    return v[chosen], u[chosen]
 
 
 def _eroded(mask: Mask, width: int) -> Bools:
