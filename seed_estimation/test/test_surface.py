@@ -41,7 +41,7 @@ def test_curvature_is_that_of_a_sphere_and_of_a_cylinder() -> None:
     for kind, expected in (("sphere", 2.0 / 0.05), ("cylinder", 1.0 / 0.05), ("plane", 0.0)):
         along = rays if kind == "sphere" else rays[..., [0, 2]]
         a, b, c = (along**2).sum(axis=2), 0.13, 0.13**2 - 0.05**2
-        depth = np.full(camera.shape, 0.08, np.float32) if kind == "plane" else (b - np.sqrt(np.maximum(b * b - a * c, 0.0))) / a
+        depth = (b - np.sqrt(np.maximum(b * b - a * c, 0.0))) / a if kind != "plane" else np.full(camera.shape, 0.08)
         found = curvature(camera, depth.astype(np.float32), everywhere)[middle]
         assert_allclose(np.abs(found), expected, atol=1.0)
         assert kind == "plane" or (np.sign(found) == np.sign(found[0, 0])).all()
