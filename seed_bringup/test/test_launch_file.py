@@ -216,6 +216,24 @@ def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
         robot_arguments(["robt:=ur"])
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"robot": "sim"}, "simulated"),
+        ({"robot": "ur", "robot_ip": "127.0.0.2"}, "simulated"),
+        ({"robot": "ur", "robot_ip": "192.168.56.101"}, ""),
+        ({"robot": "ur", "robot_ip": "192.168.56.101", "clocks": "one"}, "one"),
+    ],
+)
+def test_estimator_and_controller_of_a_real_arm_know_of_clocks_what_the_user_says(
+    arguments: dict[str, str], told: str
+) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    nodes = describe(ROOT / "seed_bringup/launch/cell_launch.xml", arguments).nodes
+    given = [(n.name, p["clocks"]) for n in nodes for p in n.parameters if isinstance(p, dict) and "clocks" in p]
+    assert sorted(given) == [("controller", told), ("estimator", told)]
+
+
 def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
     """An arm that trails its command by more the larger the motion makes the wipe swing."""
     parameters = yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]

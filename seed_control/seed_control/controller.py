@@ -46,6 +46,7 @@ class Controller:
     Attributes:
         wrench_estimator: the stiffness map in use, with the tool's weight.
         law: what turns set-points and images into gripper poses.
+        checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
         watch: what the contact says about clocks and swings.
     """
 
@@ -75,7 +76,7 @@ class Controller:
         self.wrench_estimator = WrenchEstimator(
             tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model
         )
-        self._checks = SetpointChecks(p, self.wrench_estimator, hand)
+        self.checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)
         self._known = WrenchKnowledge(self.wrench_estimator)
         self._guard = Guard(p, self._counting)
@@ -150,7 +151,7 @@ class Controller:
         if not self._guard.following:
             why = f"holding: {self._guard.held}" if self._guard.held else "disabled"
             raise SetpointError("SP17", f"the controller is {why}; enable it first")
-        checks, law, m, estimate = self._checks, self.law, self.law.measured, self._inputs.estimate
+        checks, law, m, estimate = self.checks, self.law, self.law.measured, self._inputs.estimate
         assert m is not None  # it is enabled with an estimate only
         assert estimate is not None
         checks.stamp(setpoint.stamp, t)

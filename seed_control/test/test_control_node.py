@@ -48,7 +48,7 @@ class Cell:
 
     def __init__(self, bench: Bench, **parameters: Any) -> None:
         self.bench = bench
-        self.node = bench.add(ControllerNode, **PATIENT, **parameters)
+        self.node = bench.add(ControllerNode, **(PATIENT | {"clocks": "simulated"} | parameters))
         self.X_WE = X_W_TIP @ inverse_pose(Tool().X_Ttip) @ inverse_pose(Hand().X_EC)
         self.targets = 0
         self.silent: set[str] = set()
@@ -123,6 +123,23 @@ def test_nothing_is_sent_before_enable_and_enable_wants_its_inputs(cell: Cell) -
     cell.silent = set()
     cell.enabled()
     assert cell.bench.until(lambda: cell.targets > 3)
+
+
+def test_force_waits_for_the_clocks_and_motion_does_not() -> None:
+    bench = Bench()
+    try:
+        cell = Cell(bench, clocks="").enabled()
+        pressing = cell.hold_here()
+        pressing.force_projector = [0.0] * 8 + [1.0]
+        pressing.wrench.force.z = -1.0
+        cell.setpoint.publish(pressing)
+        assert bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
+        assert "SP18" in cell.state.reason
+        assert "./seed identify --live" in cell.state.reason
+        cell.setpoint.publish(cell.hold_here())
+        assert bench.until(lambda: cell.state.setpoint_kind == "hybrid")
+    finally:
+        bench.close()
 
 
 def test_a_hanging_tool_shows_no_force(cell: Cell) -> None:

@@ -19,6 +19,7 @@ from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
+from seed_core.clocks import save_clocks
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error
 from seed_estimation import TactileImages
@@ -139,8 +140,11 @@ def test_a_moved_tool_is_found_where_it_is_with_the_stamp_of_its_images(bench: B
     assert all(p.in_contact for p in rig.patches[-1].patches)
 
 
-def test_estimates_carry_the_robots_time_where_the_cameras_clock_is_ahead(bench: Bench, renderer: Any) -> None:
-    rig = Rig(bench, renderer, clock_offset=0.5)
+def test_estimates_carry_the_robots_time_where_the_cameras_clock_is_ahead(
+    bench: Bench, renderer: Any, tmp_path: Path
+) -> None:
+    save_clocks(tmp_path / "clocks.yaml", 0.3, 0.001, "2026-11-22")
+    rig = Rig(bench, renderer, clock_offset=0.2, clocks=str(tmp_path / "clocks.yaml"))
     exposed: list[float] = []
     rig.hooks.append(lambda _, __, message: exposed.append(seconds(message.header.stamp)) or message)
     assert bench.until(lambda: len(rig.poses) > 2)
@@ -148,15 +152,15 @@ def test_estimates_carry_the_robots_time_where_the_cameras_clock_is_ahead(bench:
     assert min(abs(stamp + 0.5 - t) for t in exposed) < 1e-6
 
 
-@pytest.mark.parametrize("compared", [False, True])
-def test_a_grasp_reminds_of_clocks_that_were_never_compared(bench: Bench, renderer: Any, compared: bool) -> None:
-    rig = Rig(bench, renderer, clock_compared=compared, **QUICK)
+@pytest.mark.parametrize("clocks", ["", "one"])
+def test_a_grasp_reminds_of_clocks_that_were_never_compared(bench: Bench, renderer: Any, clocks: str) -> None:
+    rig = Rig(bench, renderer, clocks=clocks, **QUICK)
     reference = rig.call("capture_reference")
     rig.X_CT = np.eye(4)
     bench.spin(0.3)
     grasp = rig.call("initialize_grasp")
     assert grasp.success, grasp.message
-    assert ("never compared with the robot's" in grasp.message) == (not compared)
+    assert ("never compared with the robot's" in grasp.message) == (not clocks)
     assert "compared" not in reference.message
 
 

@@ -15,6 +15,7 @@ IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the bu
 
 from std_msgs.msg import String  # noqa: E402
 
+from seed_core.clocks import clocks, save_clocks  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
@@ -37,8 +38,8 @@ QUICK = {
 }
 
 
-def _nodes(bench: Bench, camera_clock: float = 0.0) -> tuple[Any, Any]:
-    return bench.add(CellNode, seed=5, camera_clock=camera_clock), bench.add(SysidNode, **SENSOR, **QUICK)
+def _nodes(bench: Bench, camera_clock: float = 0.0, **more: Any) -> tuple[Any, Any]:
+    return bench.add(CellNode, seed=5, camera_clock=camera_clock), bench.add(SysidNode, **SENSOR, **QUICK, **more)
 
 
 def _begin(cell: Any, node: Any, folder: Path) -> None:
@@ -63,7 +64,8 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
 
 
 def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench, tmp_path: Path) -> None:
-    cell, node = _nodes(bench, camera_clock=0.04)
+    save_clocks(tmp_path / "before.yaml", 0.01, 0.001, "2026-11-22")
+    cell, node = _nodes(bench, camera_clock=0.04, clocks=str(tmp_path / "before.yaml"))
     _begin(cell, node, tmp_path)
     lines: list[str] = []
     bench.client.create_subscription(String, "identification/samples", lambda m: lines.append(m.data), LINES)
@@ -83,7 +85,9 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     np.testing.assert_allclose([*grips[0].rotation, *grips[0].translation], true, rtol=0.03)
     clock = json.loads((tmp_path / "summary.json").read_text())["camera_clock"]
     assert clock["value"] == pytest.approx(0.04, abs=0.005)
-    assert "clock_offset" in result.message
+    assert "clocks.yaml" in result.message
+    total = clocks(str(tmp_path / "clocks.yaml")).offset  # what was taken off before, and what was left
+    assert total == pytest.approx(0.01 + 0.04, abs=0.005)
     assert "<svg" in (tmp_path / "report.html").read_text()
     assert bench.until(lambda: len(lines) == 2 * (len(data.samples) + 1) - LEFT)  # the cancelled goal's, then all
     away = np.abs(cell.X_WE - cell.settings.flange.pose).max()

@@ -23,6 +23,7 @@ from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, ControlOutput
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Bushing, Stiffness
+from seed_core.clocks import DOC, clocks
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
@@ -50,6 +51,7 @@ class NodeSettings:
 
     state_rate: float = field(50.0, unit="Hz", low=1.0, high=1000.0, doc="of ~/state and wrench_estimate")
     publish_tf: bool = field(True, doc="publish tool to tip on /tf_static")
+    clocks: str = field("", doc=f"{DOC}; while unknown, force and torque are refused (SP18)")
     realtime_priority: int = field(40, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
 
 
@@ -71,6 +73,10 @@ class ControllerNode(SeedNode):
 
         self._model = BushingModel(Bushing(stiffness), uncertainty)
         self.core = Controller(self.parameters, hand, self.tool, stiffness, self._model)
+        self.clocks = clocks(self.settings.clocks)
+        self.core.checks.clock_problem = self.clocks.problem
+        if self.clocks.problem:
+            self.get_logger().warning(f"force and torque are refused (SP18): {self.clocks.problem}")
         self.steps = 0
         self._was_enabled = False
         self._here = np.eye(4)  # the newest flange pose
@@ -201,6 +207,7 @@ class ControllerNode(SeedNode):
         values |= state.counters._asdict() | {"mode": state.mode, "law": self.parameters.law}
         if len(self.loop.periods) > 10:
             values |= diagnostics.percentiles_ms("period", self.loop.periods, 3) | {"overruns": self.loop.overruns}
+        values["clocks"] = self.clocks.remark
         late = self.core.watch.late
         if late.error is not None:
             values |= {"stamp_error_ms": 1e3 * late.error, "stamp_error_deviation_ms": 1e3 * late.deviation}

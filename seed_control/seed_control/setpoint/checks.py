@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a set-point can be followed with this hand, tool, grasp and estimator: refusals SP09 to SP16.
+"""Whether a set-point can be followed with this hand, tool, grasp and estimator: refusals SP09 to SP16, and SP18.
 
 Every set-point is judged before anything changes; whatever refuses raises SetpointError.
 """
@@ -21,7 +21,13 @@ _OBSERVED_SHARE = 0.2  # how much of a force direction may lie along an unobserv
 
 
 class SetpointChecks:
-    """The checks of one controller, hand, tool and grasp."""
+    """The checks of one controller, hand, tool and grasp.
+
+    Attributes:
+        clock_problem: why force and torque must not be controlled before the clocks are compared; '' where they may.
+    """
+
+    clock_problem = ""
 
     def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator, hand: Hand) -> None:
         self._parameters, self._wrench_estimator = parameters, wrench_estimator
@@ -69,11 +75,13 @@ class SetpointChecks:
         )
 
     def load(self, s: HybridSetpoint, estimate: RelativePoseEstimate, R_WC: Array) -> None:
-        """SP11 to SP15: whether grasp, contact and estimator bear the force and torque asked for.
+        """SP11 to SP15, SP18: whether grasp, contact, estimator and clocks bear the force and torque asked for.
 
         Args:
             R_WC: (3, 3) of the gripper at the estimate.
         """
+        if self.clock_problem and (s.force_projector.any() or any(s.torque_axes)):
+            raise SetpointError("SP18", f"force and torque wait for the clocks: {self.clock_problem}")
         self._check_size(s.wrench)
         R_W_tip = s.X_W_tip[:3, :3]
         R_WT, R_W_task = R_W_tip @ self._X_Ttip[:3, :3].T, R_W_tip if s.task_frame == "tool" else s.R_W_task

@@ -9,6 +9,7 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo, Image
 
+from seed_core.clocks import DOC, clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_estimation.images import identity
@@ -38,11 +39,13 @@ class InputSettings:
     pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
     finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
     clock_offset: float = field(
-        0.0, unit="s", low=-1.0, high=1.0, doc="by which images' stamps are ahead of the robot's"
+        0.0,
+        unit="s",
+        low=-1.0,
+        high=1.0,
+        doc="by which images' stamps are ahead of the robot's, beyond what clocks says",
     )
-    clock_compared: bool = field(
-        False, doc="the cameras' clock was compared with the robot's, or is the same; else ~/initialize_grasp reminds"
-    )
+    clocks: str = field("", doc=DOC)
     silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
 
 
@@ -67,6 +70,8 @@ class ImageInputs:
             calibrated: called when every finger's camera is known, and when one is another.
         """
         self.settings, self._bubbles = settings, bubbles
+        self.clocks = clocks(settings.clocks)
+        self._ahead = settings.clock_offset + self.clocks.offset  # [s]
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, PinholeCamera] = {}
         self.frame_ids: dict[str, str] = {}
@@ -140,7 +145,7 @@ class ImageInputs:
         except SeedError as error:
             self._counters.add("images_refused", f"bubble_{finger}/{kind}: {error}")
             return
-        stamp = message.stamp - self.settings.clock_offset
+        stamp = message.stamp - self._ahead
         self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
         done = self._images[finger].add(kind, stamp, message)
         if done is None:

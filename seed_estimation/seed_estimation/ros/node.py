@@ -30,10 +30,6 @@ from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
-REMINDER = (
-    "the cameras' clock was never compared with the robot's: do so before pressing on anything (a live identification "
-    "tells the offset), then set clock_offset and clock_compared"
-)
 
 
 @dataclass(frozen=True)
@@ -162,10 +158,11 @@ class EstimatorNode(SeedNode):
 
     async def _initialize_grasp(self) -> str:
         words = await self.gathering.gather("grasp", self.settings.grasp_frames, self._use_grasp)
-        if self.inputs.settings.clock_compared:
+        reminder = self.inputs.clocks.problem
+        if not reminder:
             return words
-        self.get_logger().warning(REMINDER, once=True)
-        return f"{words}; {REMINDER}"
+        self.get_logger().warning(reminder, once=True)
+        return f"{words}; {reminder}"
 
     def _use_reference(self, images: list[Images]) -> str:
         assert self.core is not None
@@ -191,7 +188,7 @@ class EstimatorNode(SeedNode):
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
         values["identity"] = self.bubbles.status
-        values["clock_compared"] = self.inputs.settings.clock_compared
+        values["clocks"] = self.inputs.clocks.remark
         values |= self.counters.values()
         if self._latencies:
             values |= diagnostics.percentiles_ms("arrival", self._arrivals, 2)

@@ -41,7 +41,7 @@ class ClockOffset:
         ahead = "ahead of" if self.value > 0.0 else "behind"
         return (
             f"the images' stamps are {1e3 * abs(self.value):.1f} +- {1e3 * self.std:.1f} ms {ahead} the robot's: "
-            f"set the estimator's clock_offset {1e3 * self.value:+.1f} ms from what it was, and clock_compared to true"
+            "give the clocks.yaml of this run to the launch (clocks:=)"
         )
 
 

@@ -5,11 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 from seed_msgs.action import IdentifyStiffness
 
+from seed_core.clocks import save_clocks
 from seed_core.spatial import Array
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
@@ -23,6 +25,14 @@ class GoalCancelledError(LiveError):
     """The goal was cancelled; what was measured is kept."""
 
 
+class ClocksBefore(NamedTuple):
+    """What the estimator already took off the stamps when a run began [s], and the names for clocks.yaml."""
+
+    offset: float = 0.0
+    robot: str = ""
+    cameras: str = ""
+
+
 class ActiveGoal:
     """A goal being worked on.
 
@@ -34,11 +44,13 @@ class ActiveGoal:
         fed_back: [s] time of the last feedback.
     """
 
-    def __init__(self, goal: ServerGoalHandle, live: Live, folder: Path, source: str, X_WE: Array) -> None:
+    def __init__(
+        self, goal: ServerGoalHandle, live: Live, folder: Path, source: str, X_WE: Array, before: ClocksBefore
+    ) -> None:
         """source: of the poses, 'kinematic' or 'estimator'; results go into the folder."""
         self.goal, self.live, self._folder, self._source = goal, live, folder, source
         self.target = X_WE
-        self.clocks = ClockWatch()
+        self.clocks, self._clocks_before = ClockWatch(), before
         self.finished = Future()
         self.fed_back = 0.0
         self._worker = ThreadPoolExecutor(1)
@@ -74,6 +86,9 @@ class ActiveGoal:
         analysis, clock, remarks = self._job.result()
         figures = summary(analysis) | {"camera_clock": asdict(clock) if clock else None}
         write_results(self._folder, analysis, figures, date())
+        if clock is not None:
+            offset, robot, cameras = self._clocks_before
+            save_clocks(self._folder / "clocks.yaml", offset + clock.value, clock.std, date(), robot, cameras)
         k, std = (value.stiffness[analysis.nominal] for value in (analysis.solution.value, analysis.solution.std))
         return IdentifyStiffness.Result(
             success=True,

@@ -16,6 +16,7 @@ from seed_msgs.msg import RelativePose
 from std_msgs.msg import Float32, Float64, String
 from std_srvs.srv import Trigger
 
+from seed_core.clocks import clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
@@ -32,7 +33,7 @@ from seed_ros.conversions import (
 from seed_sysid.data.bag import TOPIC
 from seed_sysid.data.dataset import Header
 from seed_sysid.parameters import Procedure
-from seed_sysid.ros.goal import ActiveGoal, GoalCancelledError, date
+from seed_sysid.ros.goal import ActiveGoal, ClocksBefore, GoalCancelledError, date
 from seed_sysid.run.live import Live, LiveError, Streams
 from seed_sysid.run.procedure import Command
 
@@ -49,6 +50,9 @@ class Settings:
     sensor: Frame = field(Frame((0.0, 0.0, 0.06)), doc="nominal pose of the sensor's frame in the tool's frame T")
     sensor_range_force: float = field(0.0, unit="N", low=0.0, high=1e5, doc="where the sensor saturates; 0: unknown")
     sensor_range_torque: float = field(0.0, unit="N m", low=0.0, high=1e5, doc="where the sensor saturates; 0: unknown")
+    clocks: str = field("", doc="what the estimator was given as clocks: the comparison counts from there")
+    robot: str = field("", doc="name of the robot, for clocks.yaml")
+    cameras: str = field("", doc="names of the cameras, for clocks.yaml")
     output: str = field("results/identification", doc="folder used when the goal names none")
 
 
@@ -65,6 +69,7 @@ class SysidNode(SeedNode):
 
         self.streams = Streams()
         self._active: ActiveGoal | None = None
+        self._clocks = ClocksBefore(clocks(self.settings.clocks).offset, self.settings.robot, self.settings.cameras)
 
         self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND)
         self._width = self.create_publisher(Float64, "gripper/command", COMMAND)
@@ -150,7 +155,7 @@ class SysidNode(SeedNode):
         folder = Path(goal.request.output or s.output)
         live = Live(self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), date())
         assert self.streams.X_WE is not None
-        self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE)
+        self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE, self._clocks)
         for line in live.recorder.lines():
             self._lines.publish(String(data=line))
         to_go = live.run.total - live.run.done

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether images and robot are dated by one clock: the comparison's file, clocks.yaml, or the user's own word.
+
+Estimator and controller get the same words, `clocks`: empty while nothing is known; the file of a comparison, whose
+offset the estimator takes off the stamps; 'one' where one clock dates both (PTP, or one computer that knows the
+cameras' delay); 'simulated' where simulated time does.
+"""
+
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+from seed_core.config import ConfigError, field, load_file, to_mapping
+
+ONE, SIMULATED = "one", "simulated"
+DOC = "whether images and robot are dated by one clock: '' unknown, a clocks.yaml, 'one' or 'simulated'"
+UNKNOWN = (
+    "the images' clock was never compared with the robot's: run ./seed identify --live and give "
+    "clocks:=FOLDER/clocks.yaml to the launch, or clocks:=one where one clock dates both (PTP)"
+)
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+@dataclass(frozen=True)
+class ClockComparison:
+    """A whole clocks.yaml."""
+
+    offset: float = field(unit="s", low=-1.0, high=1.0, doc="by which images' stamps are ahead of the robot's")
+    deviation: float = field(unit="s", low=0.0, high=0.05, doc="standard deviation of the offset")
+    date: str = field(doc="when it was measured, ISO 8601 in quotes")
+    host: str = field(doc="computer that it was measured on")
+    boot: str = field("", doc="which start of that computer it was; a camera's own clock may start anew with it")
+    robot: str = field("", doc="name of the robot")
+    cameras: str = field("", doc="names of the cameras")
+    version: int = field(1, low=1, high=1, doc="of this format")
+
+
+class Clocks(NamedTuple):
+    """What is known.
+
+    Attributes:
+        offset, deviation: by which images' stamps are ahead of the robot's, and its standard deviation [s].
+        problem: why force must not be controlled; '' where it may.
+        remark: what to tell of it.
+    """
+
+    offset: float = 0.0
+    deviation: float = 0.0
+    problem: str = ""
+    remark: str = ""
+
+
+def clocks(given: str) -> Clocks:
+    """What the words say, on this computer.
+
+    Raises:
+        ConfigError: the file cannot be used.
+    """
+    if given in (ONE, SIMULATED):
+        return Clocks(remark="one clock dates images and robot" if given == ONE else "simulated time")
+    if not given:
+        return Clocks(problem=UNKNOWN, remark="never compared")
+    if not given.endswith((".yaml", ".yml")):
+        raise ConfigError(f"clocks = '{given}' must be empty, '{ONE}', '{SIMULATED}' or name a .yaml file")
+    known = load_file(given, ClockComparison)
+    remark = f"offset {1e3 * known.offset:+.1f} +- {1e3 * known.deviation:.1f} ms of {known.date}"
+    problem = ""
+    if known.host != socket.gethostname():
+        problem = f"{given} was measured on the computer '{known.host}', not on '{socket.gethostname()}': {UNKNOWN}"
+    elif known.boot != boot():
+        remark += ", measured before this computer was started: compare again if a camera dates images by its own clock"
+    return Clocks(known.offset, known.deviation, problem, remark)
+
+
+def boot() -> str:
+    """Which start of this computer it is; '' where the system does not say."""
+    try:
+        return _BOOT.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def save_clocks(path: Path, offset: float, deviation: float, date: str, robot: str = "", cameras: str = "") -> None:
+    """Write a comparison that was made here; date: ISO 8601."""
+    known = ClockComparison(offset, deviation, date, socket.gethostname(), boot(), robot, cameras)
+    head = "# SPDX-License-Identifier: Apache-2.0\n# Clocks of images and robot: offset and deviation in s.\n"
+    path.write_text(head + yaml.safe_dump(to_mapping(known), sort_keys=False), encoding="utf-8")
