@@ -20,7 +20,11 @@ from seed_sim.membrane.sheet import Corners, Sheet
 from seed_sim.membrane.surface import ToolSurface
 
 _MOST = 40  # Newton steps of one solve
-_CALM = 20  # of them at full length
+_CALM = 8  # of them that may leave more unbalanced than before
+_HALVINGS = 5  # of a step that leaves more unbalanced
+_TURNS = 12  # of friction and equilibrium
+_LAGGED = 0.02  # [N] unbalanced with friction of the turn before
+_ENOUGH = 10.0  # [tolerances] that will do where no step comes nearer
 _WORTH = 0.3  # share of the unbalanced forces that a step with old factors may leave
 _LONGEST = 0.5  # [spacings] that a node moves in one Newton step
 _DEEPEST = 0.0015  # [m] that a node may lie inside the tool
@@ -191,7 +195,7 @@ class Bubble:
         """
         x = self.x if x is None else x
         rows, cap = self._band.rows, _LONGEST * self.p.spacing
-        last = math.inf
+        last, step, halvings, best = math.inf, np.zeros(len(rows)), 0, (math.inf, x)
         for count in range(_MOST):
             whole, touch = self.residual(x, pose, gauge)
             force = whole.ravel()[rows]
@@ -201,18 +205,60 @@ class Bubble:
             if norm < self.p.tolerance:
                 self.x, self.load = x, touch
                 return True
+            best = min(best, (norm, x), key=lambda b: b[0])
+            if count > _CALM and norm > last and halvings < _HALVINGS:
+                # nodes that stick and slip in turn, or touch and leave: the equilibrium lies between
+                halvings += 1
+                step *= 0.5
+                x = x.copy()
+                x.ravel()[rows] -= step
+                continue
             if factors is None or norm > _WORTH * last:
                 # a slack sheet has no stiffness across itself yet
                 factors = self._factors(x, pose, gauge, 0.0 if gauge is None else min(100.0, 30.0 * norm))
                 if factors.info != 0:
                     return False
-            last = norm
+            last, halvings = norm, 0
             self.iterations += 1
             step = -factors.solve(force)
-            longest = float(np.abs(step).max())
-            step *= (1.0 if count < _CALM else 0.7) * min(1.0, cap / max(longest, 1e-15))
+            step *= min(1.0, cap / max(float(np.abs(step).max()), 1e-15))
             x = x.copy()
             x.ravel()[rows] += step
+        return self._accept(best[1], pose, gauge) if best[0] < _ENOUGH * self.p.tolerance else False
+
+    def _accept(self, x: Array, pose: Pose | None, gauge: float | None) -> bool:
+        """Take nodes x for the equilibrium."""
+        self.x, self.load = x, self.residual(x, pose, gauge)[1]
+        return True
+
+    def _settle_by_turns(self, pose: Pose) -> bool:
+        """As _settle, but what friction bears is held in each solve and taken from the one before.
+
+        For states between which Newton's method jumps: with the bound held, each solve is a minimum of energy.
+        """
+        start = self.x
+        touch = self.residual(start, pose)[1]
+        bound, norm = None, math.inf
+        try:
+            for _ in range(_TURNS):
+                assert touch is not None
+                goal = self.contact.bounds(touch)
+                bound = goal if bound is None else 0.5 * (bound + goal)
+                self.contact.bound = bound
+                settled = self._settle(pose)
+                self.contact.bound = None
+                if not settled:
+                    norm = math.inf
+                    break
+                force, touch = self.residual(self.x, pose)
+                norm = float(np.linalg.norm(force.ravel()[self._band.rows]))
+                if norm < _ENOUGH * self.p.tolerance:
+                    break
+        finally:
+            self.contact.bound = None
+        if norm < _LAGGED:
+            return self._accept(self.x, pose, None)
+        self.x = start
         return False
 
     def move(self, pose: Pose) -> bool:
@@ -225,7 +271,7 @@ class Bubble:
             guess = start.copy()
             guess.ravel()[self._band.rows] += self._sensitivity @ motion
         settled = self._settle(pose, x=guess, factors=self._factors_now)
-        if not settled and not self._settle(pose, x=start):
+        if not settled and not self._settle(pose, x=start) and not self._settle_by_turns(pose):
             return False
         assert self.load is not None
         if self.load.depth > _DEEPEST:

@@ -20,13 +20,15 @@ class ContactLoad(NamedTuple):
     """What the tool does to the nodes that touch it.
 
     Attributes:
-        nodes: (k,) indices. force: (k, 3) [N] on them in T. stiffness: (k, 3, 3) [N/m], minus the force's slope.
+        nodes: (k,) indices. force: (k, 3) [N] on them in T. push: (k,) [N] its part along the
+            normal. stiffness: (k, 3, 3) [N/m], minus the force's slope.
         sliding: (k,) bool. anchors: (k, 3) [m] to keep if this state is the equilibrium. energy: [J] of the normal
             springs. depth: [m] of the deepest node.
     """
 
     nodes: NDArray[Any]
     force: Array
+    push: Array
     stiffness: Array
     sliding: Mask
     anchors: Array
@@ -39,6 +41,7 @@ class Contact:
 
     Attributes:
         anchors: (n, 3) [m] in T; NaN where a node does not touch.
+        bound: (n,) [N] that friction bears, where that is held for now; None: friction times the present push.
     """
 
     def __init__(self, surface: ToolSurface, area: Array, friction: float, normal: float, shear: float) -> None:
@@ -46,6 +49,7 @@ class Contact:
         self.surface, self.area, self.friction = surface, area, friction
         self._kn, self._kt = normal * area, shear * area
         self.anchors = np.full((len(area), 3), np.nan)
+        self.bound: Array | None = None
 
     def load(self, x: Array) -> ContactLoad:
         """Forces at nodes x (n, 3) [m] in T."""
@@ -64,7 +68,7 @@ class Contact:
         normal_part = np.einsum("ni,ni->n", n, delta)
         g = delta - normal_part[:, None] * n
         length = np.linalg.norm(g, axis=1)
-        limit = self.friction * push
+        limit = self.friction * push if self.bound is None else self.bound[nodes]
         sliding = old & (kt * length > limit)
         if self.friction > 0.0:
             # slope of the shear displacement; new nodes bear no shear in the step in which they touch
@@ -80,12 +84,19 @@ class Contact:
                 sliding[:, None, None], slope - s[:, :, None] * np.einsum("ni,nij->nj", s, slope)[:, None, :], slope
             )
             K = K + scale[:, None, None] * turn
-            K = K - np.where(sliding, self.friction * kn, 0.0)[:, None, None] * s[:, :, None] * n[:, None, :]
+            rise = self.friction * kn if self.bound is None else 0.0
+            K = K - np.where(sliding, rise, 0.0)[:, None, None] * s[:, :, None] * n[:, None, :]
             reach = np.where(sliding, limit / kt, length)
             anchors = np.where(old[:, None], np.where(sliding[:, None], point - s * reach[:, None], anchors), point)
         energy = 0.5 * float(kn @ phi**2)
         depth = float(-phi.min()) if len(nodes) else 0.0
-        return ContactLoad(nodes, force, K, sliding & (self.friction > 0.0), anchors, energy, depth)
+        return ContactLoad(nodes, force, push, K, sliding & (self.friction > 0.0), anchors, energy, depth)
+
+    def bounds(self, load: ContactLoad) -> Array:
+        """(n,) [N] that friction bears at a state."""
+        push = np.zeros(len(self.area))
+        push[load.nodes] = load.push
+        return self.friction * push
 
     def keep(self, load: ContactLoad) -> None:
         """Remember the anchors of an equilibrium; nodes that do not touch forget theirs."""
