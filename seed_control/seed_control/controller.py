@@ -7,6 +7,7 @@ Inputs come with their own stamps, time comes as an argument, and nothing moves 
 the kinematics go stale or invalid it decelerates to a hold, latched with the reason, until it is enabled again.
 """
 
+from dataclasses import replace
 from math import inf
 
 from seed_control.algorithm2 import gripper_pose
@@ -15,6 +16,8 @@ from seed_control.command.guard import Guard
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact_watch import ContactWatch
+from seed_control.monitor.references import References
+from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
@@ -27,7 +30,7 @@ from seed_core.config import checked
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
-from seed_core.spatial import Array
+from seed_core.spatial import Array, Wrench
 from seed_core.vector3 import as_vector3
 from seed_core.wrench_model import WrenchModel
 
@@ -45,6 +48,7 @@ class Controller:
 
     Attributes:
         wrench_estimator: the stiffness map in use, with the tool's weight.
+        references: what the wrench is checked against, and corrected by.
         law: what turns set-points and images into gripper poses.
         checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
         watch: what the contact says about clocks and swings.
@@ -57,6 +61,7 @@ class Controller:
         tool: Tool,
         stiffness: Stiffness,
         wrench_model: WrenchModel | None = None,
+        references: ReferenceSettings | None = None,
     ) -> None:
         """Disabled, until `enable`.
 
@@ -64,6 +69,7 @@ class Controller:
             stiffness: of the grasp.
             wrench_model: what the wrench comes from; None: a map of this stiffness. Another model than that brings its
                 own local stiffness.
+            references: what the wrench is checked against; None: the defaults.
 
         Raises:
             ConfigError: a parameter is out of its bounds.
@@ -79,6 +85,10 @@ class Controller:
         self.checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)
         self._known = WrenchKnowledge(self.wrench_estimator)
+        checks = checked(references or ReferenceSettings(), "reference")
+        if not law.gravity:  # the paper's law has the paper's wrench
+            checks = replace(checks, correct=False)
+        self.references = References(checks, hand, tool, self.wrench_estimator)
         self._guard = Guard(p, self._counting)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self._command = FlangeCommand(p, hand.X_EC)
@@ -98,7 +108,16 @@ class Controller:
         good = self._inputs.add_estimate(estimate, self._unobserved(estimate))
         if self._inputs.bad_in_a_row >= MOST_BAD:
             self._guard.hold(self._counting.remark)
+            self.references.new_grasp()
         return good
+
+    def add_arm_wrench(self, stamp: float, load: Wrench) -> None:
+        """The arm's own force/torque reading at stamp [s]: load on the flange about its origin, in E.
+
+        Raises:
+            SeedError: it cannot be used.
+        """
+        self.references.arm.add(stamp, load)
 
     def enable(self, t: float) -> None:
         """Allow motion, from where the arm is; also clears a hold.
@@ -204,7 +223,9 @@ class Controller:
         if self.law.contact.lost > self._counting.counters.contacts_lost:
             self._counting.count("contacts_lost")
         self._guard.check_overload(m)
-        self._known.update(m, self.law.plan.R_W_task)
+        if self._known.update(m, self.law.plan.R_W_task):
+            self.references.update(m, self._known.by_pose, self.law.contact.made, t)
+            self._guard.hold(self.references.why_hold)
         self.watch.update(m, self.law, self._inputs.history)
         self._guard.hold(self.watch.reason)
 
@@ -263,6 +284,7 @@ class Controller:
             filtered=law.filtered_task,
             deviation=self._known.deviation,
             covariance=self._known.covariance,
+            contradictions=self.references.contradictions,
             doubt=m.doubt if m is not None else "",
             desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
             measured_X_CT=m.X_CT if m is not None else None,

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from seed_control.controller import Controller, ControllerParameters
+from seed_control.monitor.settings import ReferenceSettings
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
-from seed_core.bushing import Stiffness
+from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
@@ -32,6 +33,8 @@ class Bench:
     law: str = "seed"
     stiffness: Stiffness = DEFAULT_STIFFNESS
     believed: Stiffness | None = None
+    references: ReferenceSettings = field(default_factory=ReferenceSettings)
+    arm_noise: float | None = None  # [N] of the arm's own reading, which has an offset of newtons; None: it has none
     model: WrenchModel | None = None  # of the wrench, in place of the bushing
     parameters: ControllerParameters = field(default_factory=ControllerParameters)
     table: float = 0.0
@@ -49,7 +52,8 @@ class Bench:
     def __post_init__(self) -> None:
         self.hand = Hand()
         parameters = replace(self.parameters, law=self.law)
-        self.controller = Controller(parameters, self.hand, self.tool, self.believed or self.stiffness, self.model)
+        believed = self.believed or self.stiffness
+        self.controller = Controller(parameters, self.hand, self.tool, believed, self.model, self.references)
         self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)
         self.t, self._next_image = 0.0, 0.0
         self._queue: list[tuple[float, RelativePoseEstimate]] = []
@@ -62,6 +66,7 @@ class Bench:
         self.observed = (True,) * 6
         self.regrasp = Regrasp()
         self.X_TT_new = np.eye(4)  # T as it is counted since the last `initialize_grasp`
+        self._rng = np.random.default_rng(3)
         self.lost: Callable[[RelativePoseEstimate], bool] = lambda _: False  # of the messages
 
     def grasp(self) -> np.ndarray:
@@ -87,6 +92,8 @@ class Bench:
         X_CT = self.grasp()
         if self.kinematics:
             self.controller.add_kinematics(self.t, self.X_WE)
+        if self.arm_noise is not None:
+            self.controller.add_arm_wrench(self.t, self.arm_reading(X_CT))
         if self.t >= self._next_image:
             self._next_image += 1.0 / self.image_rate
             X = X_CT @ self.X_TT_new
@@ -107,6 +114,17 @@ class Bench:
         self.t += DT
         self.state = out.state
         return out.state
+
+    def arm_reading(self, X_CT: np.ndarray) -> Wrench:
+        """Load of the spring's reaction on the flange about its origin, in E, with an offset."""
+        X_EC = self.hand.X_EC
+        on_hand = Wrench.zero().minus(Bushing(self.stiffness).wrench(inverse_pose(X_CT)))
+        X_ET = X_EC @ X_CT
+        force = X_ET[:3, :3] @ on_hand.force
+        torque = X_ET[:3, :3] @ on_hand.torque + np.cross(X_ET[:3, 3], force)
+        noise = (self.arm_noise or 0.0) * self._rng.standard_normal(6)
+        offset = np.array((0.1, -0.2, 0.1, 2.0, -3.0, 4.0))
+        return Wrench.from_vector(np.concatenate((torque, force)) + offset + noise * np.array((0.1,) * 3 + (1.0,) * 3))
 
     def run(self, seconds: float) -> ControllerState:
         for _ in range(round(seconds / DT)):

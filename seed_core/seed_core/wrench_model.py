@@ -119,23 +119,22 @@ class BushingModel:
         X_CT = observed_part(estimate)
         X_TC = inverse_pose(X_CT)
         wrench = self.bushing.wrench(X_TC)
-        return SpringWrench(wrench, self.covariance(X_TC, wrench, pose_covariance(estimate)))
+        by_pose, by_map = self.covariances(X_TC, wrench, pose_covariance(estimate))
+        return SpringWrench(wrench, by_pose + by_map)
 
-    def covariance(self, X_TC: Array, wrench: Wrench, of_pose: Array) -> Array:
-        """(6, 6) of (torque, force).
+    def covariances(self, X_TC: Array, wrench: Wrench, of_pose: Array) -> tuple[Array, Array]:
+        """Covariances (6, 6) of (torque, force) by the pose, and by the map; their sum is the wrench's.
 
         Args:
             X_TC: (4, 4) displacement at which the map gives this wrench.
             of_pose: (6, 6) of [rotation vector in C, translation in C], see `pose_covariance`.
         """
         J, u = self._derivative(X_TC, wrench), self._uncertainty
-        C: Array = J @ of_pose @ J.T
         w = wrench.vector()
         size = float(wrench.force @ wrench.force)
         across = np.full(6, u.coupling**2 * size)
         across[:3] = (1e-3 * u.lever) ** 2 * size
-        C.flat[::7] += self._own * w * w + across
-        return C
+        return J @ of_pose @ J.T, np.diag(self._own * w * w + across)
 
     def _derivative(self, X_TC: Array, wrench: Wrench) -> Array:
         """(6, 6) of [torque, force] in T by [rotation vector in C, translation in C], to first order of the deflection.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from seed_control.monitor.settings import ReferenceSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
@@ -67,6 +68,21 @@ class TableSection:
 
 
 @dataclass(frozen=True)
+class ArmSensorSection:
+    """The arm's own force/torque reading at the flange."""
+
+    present: bool = field(False, doc="the arm has one")
+    rate: float = field(125.0, unit="Hz", low=10.0, high=1000.0, doc="of the readings")
+    force_noise: float = field(0.3, unit="N", low=0.0, high=20.0, doc="white, per axis and reading")
+    torque_noise: float = field(0.03, unit="N m", low=0.0, high=2.0, doc="likewise")
+    force_zero: float = field(3.0, unit="N", low=0.0, high=50.0, doc="offset of each axis, drawn up to this")
+    torque_zero: float = field(0.1, unit="N m", low=0.0, high=5.0, doc="likewise")
+    force_drift: float = field(0.005, unit="N/s", low=0.0, high=1.0, doc="of the offset, drawn up to this")
+    torque_drift: float = field(5e-4, unit="N m/s", low=0.0, high=0.1, doc="likewise")
+    gain: float = field(0.01, low=0.0, high=0.5, doc="error of each axis' gain, drawn up to this")
+
+
+@dataclass(frozen=True)
 class MeasurementSection:
     """How relative poses are measured when no images are rendered, and when they arrive."""
 
@@ -84,6 +100,7 @@ class MeasurementSection:
         0.0, unit="s", low=-0.5, high=0.5, doc="by which the stamps of images are ahead of the robot's clock"
     )
     kinematics_noise: float = field(0.0, unit="mm", low=0.0, high=10.0, doc="white, of the reported flange position")
+    arm_sensor: ArmSensorSection = field(ArmSensorSection(), doc="the arm's own force/torque reading")
 
 
 @dataclass(frozen=True)
@@ -105,6 +122,7 @@ class Scenario:
     estimator: dict[str, Any] = field({}, doc="parameters of the estimator that differ from their defaults")
     calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
+    reference: ReferenceSettings = field(ReferenceSettings(), doc="what the controller checks the wrench against")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
 
     @property

@@ -14,6 +14,7 @@ from seed_msgs.msg import WrenchSetpoint as WrenchMsg
 from std_srvs.srv import SetBool
 
 from seed_control.controller import Controller
+from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.follow_setpoints import FollowServer
@@ -40,6 +41,7 @@ from seed_ros.conversions import (
     stamped,
     transform_stamped,
     wrench_stamped,
+    wrench_to_core,
 )
 
 AWAY = 0.02  # [m] an arm at rest this far from its command was moved by something else
@@ -69,10 +71,11 @@ class ControllerNode(SeedNode):
         hand = self.declare(Hand(), "hand")
         schedule = self.declare(ScheduleSettings(), "grip")
         uncertainty = self.declare(MapUncertainty(), "wrench")
+        references = self.declare(ReferenceSettings(), "reference")
         self.refuse_unknown()
 
         self._model = BushingModel(Bushing(stiffness), uncertainty)
-        self.core = Controller(self.parameters, hand, self.tool, stiffness, self._model)
+        self.core = Controller(self.parameters, hand, self.tool, stiffness, self._model, references)
         self.clocks = clocks(self.settings.clocks)
         self.core.checks.clock_problem = self.clocks.problem
         if self.clocks.problem:
@@ -101,6 +104,7 @@ class ControllerNode(SeedNode):
         self.listen(
             RelativePoseMsg, "~/relative_pose_setpoint", self._on_relative, COMMAND, refused="setpoints_unreadable"
         )
+        self.listen(WrenchStamped, "arm_wrench", self._on_arm_wrench, QUEUE, refused="arm_wrench_refused")
         StiffnessScheduleInput(self, schedule, self._on_stiffness)
 
         self.serve(SetBool, "~/enable", self._enable)
@@ -119,6 +123,10 @@ class ControllerNode(SeedNode):
         check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
         check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
         self.core.add_estimate(estimate_from_message(message))
+
+    def _on_arm_wrench(self, message: WrenchStamped) -> None:
+        check_frame(message.header.frame_id, (self.frames.flange,), "arm_wrench")
+        self.core.add_arm_wrench(seconds(message.header.stamp), wrench_to_core(message.wrench, "arm_wrench"))
 
     def _on_hybrid(self, message: HybridMsg) -> None:
         self._take(hybrid_setpoint(message, self.frames))
@@ -211,8 +219,10 @@ class ControllerNode(SeedNode):
         late = self.core.watch.late
         if late.error is not None:
             values |= {"stamp_error_ms": 1e3 * late.error, "stamp_error_deviation_ms": 1e3 * late.deviation}
-        level = diagnostics.WARN if state.mode == "holding" or late.warning else diagnostics.OK
-        return level, state.reason or late.warning or state.mode, values
+        doubts = "; ".join(filter(None, (late.warning, *state.contradictions, state.doubt)))
+        holding = state.mode == "holding"
+        level = diagnostics.WARN if holding or doubts else diagnostics.OK
+        return level, (state.reason if holding else doubts or state.reason) or state.mode, values
 
 
 main = ControllerNode.main

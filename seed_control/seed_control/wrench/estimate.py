@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wrench of the tool on the environment, from one image that has met the kinematics of its own moment."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -24,6 +24,7 @@ class Measurement(NamedTuple):
         tip: (3,) [m] in W. undeflected: (3,) the same if T's origin were at C's, with the tool's rotation as it is.
         spring: the bushing's load on the tool about T's origin, in T, at this displacement.
         on_environment: the tool's load on the environment about the tip, in W, as the wrench model tells it.
+        told: what the wrench model tells of the spring, before any correction; on_environment is after it.
         discrepancy: bushing less model, on the tool about T's origin, in T; None where the model is the bushing.
         spring_covariance: (6, 6) of the model's (torque, force) on the tool, in T; None: `WrenchEstimator.covariance`
             works it out from the estimate.
@@ -43,10 +44,23 @@ class Measurement(NamedTuple):
     on_environment: Wrench
     variance: float
     rotation_deviation: float
+    told: Wrench
     discrepancy: Wrench | None = None
     spring_covariance: Array | None = None
     estimate: RelativePoseEstimate | None = None
     doubt: str = ""
+
+
+class WrenchCorrection(Protocol):
+    """What other knowledge adds to a model's wrench."""
+
+    active: bool
+
+    def wrench(self, told: Wrench) -> Wrench | None:
+        """On the tool about T's origin, in T; None for nothing."""
+
+    def mismatch(self, told: Array) -> tuple[Array, Array]:
+        """What the model is off by (6,) of (torque, force), with covariance (6, 6)."""
 
 
 class WrenchEstimator:
@@ -56,7 +70,7 @@ class WrenchEstimator:
     local stiffness, and what the two differ by at the measured deflection is the measurement's `discrepancy`.
 
     Attributes:
-        model: what the wrench comes from. bushing: the map in use.
+        model: what the wrench comes from. bushing: the map in use. correction: of the model's wrench, or None.
         p_Ttip: (3,) [m].
     """
 
@@ -75,6 +89,7 @@ class WrenchEstimator:
             model: of the wrench; None: the bushing itself. A BushingModel takes over this bushing.
         """
         self.tool, self.bushing = tool, bushing
+        self.correction: WrenchCorrection | None = None
         self._of_bushing: BushingModel | None = None
         self.model: WrenchModel
         if model is None or isinstance(model, BushingModel):
@@ -114,6 +129,10 @@ class WrenchEstimator:
         """Weight about T's origin in T, of the tool at R_WT (3, 3); zero for a law without gravity."""
         return weight_about_T(self._mass, self._com, R_WT)
 
+    def true_weight(self, R_WT: Array) -> Wrench:
+        """The same whatever the law."""
+        return weight_about_T(self.tool.mass, self._com, R_WT)
+
     def measure(self, estimate: RelativePoseEstimate, X_WC: Array) -> Measurement:
         """The measurement of one estimate, the gripper having been at X_WC (4, 4) at its stamp."""
         X_CT = observed_part(estimate)
@@ -125,6 +144,10 @@ class WrenchEstimator:
         if self._of_bushing is None:
             told, covariance, doubt = self.model.spring(estimate)
             discrepancy = bounded(spring.minus(told), spring)
+        corrected = told
+        if self.correction is not None and (more := self.correction.wrench(told)) is not None:
+            corrected = told.plus(more)
+            discrepancy = bounded(spring.minus(corrected), spring)
         stated, seen = estimate.covariance.diagonal(), np.array(estimate.observed_translation)
         turning = sum(stated[:3].tolist()) / 3.0
         variance = float(np.mean(stated[3:][seen] if seen.any() else stated[3:]))  # force is controlled along these
@@ -137,28 +160,38 @@ class WrenchEstimator:
             tip=X_WT[:3, 3] + lever,
             undeflected=X_WC[:3, 3] + lever,
             spring=spring,
-            on_environment=told.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
+            on_environment=corrected.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
             variance=max(variance, 1e-10) if variance > 0.0 else self._default_variance,
             rotation_deviation=turning**0.5 if turning > 0.0 else ROTATION_DEVIATION,
+            told=told,
             discrepancy=discrepancy,
             spring_covariance=covariance,
             estimate=estimate,
             doubt=doubt,
         )
 
-    def covariance(self, m: Measurement) -> Array:
-        """(6, 6) of (torque, force) of a measurement's `on_environment`, about the tip in W."""
-        C = m.spring_covariance
-        if C is None:
-            assert self._of_bushing is not None
+    def covariance(self, m: Measurement) -> tuple[Array, Array]:
+        """Two covariances (6, 6) of (torque, force).
+
+        Returns:
+            Of the tool's wrench `on_environment`, about the tip in W; and of the spring's in T by the pose alone, where
+            the model is the bushing, else the model's.
+        """
+        if self._of_bushing is not None:
             assert m.estimate is not None
             of_pose = pose_covariance(m.estimate, self._default_variances)
-            C = self._of_bushing.covariance(m.X_TC, m.spring, of_pose)
+            by_pose, by_map = self._of_bushing.covariances(m.X_TC, m.spring, of_pose)
+        else:
+            assert m.spring_covariance is not None
+            by_pose, by_map = m.spring_covariance, np.zeros((6, 6))
+        C = by_pose + by_map
+        if self.correction is not None and self.correction.active:
+            C = by_pose + self.correction.mismatch(m.told.vector())[1]
         R = m.X_WT[:3, :3]
         A = np.zeros((6, 6))
         A[:3, :3] = A[3:, 3:] = R
         A[:3, 3:] = -R @ skew(self.p_Ttip)
-        return np.asarray(A @ C @ A.T)
+        return A @ C @ A.T, by_pose
 
 
 def bounded(discrepancy: Wrench, spring: Wrench) -> Wrench:

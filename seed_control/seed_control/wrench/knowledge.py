@@ -17,6 +17,7 @@ class WrenchKnowledge:
     Attributes:
         covariance: (6, 6) of the tool's (torque, force) on the environment about the tip, in W; None before an image.
         deviation: the standard deviations, in the task frame.
+        by_pose: (6, 6) of the spring's (torque, force) in T by the pose, without what the model is off by.
     """
 
     def __init__(self, wrench_estimator: WrenchEstimator) -> None:
@@ -24,13 +25,15 @@ class WrenchKnowledge:
         self._stamp = -inf
         self.covariance: Array | None = None
         self.deviation: Wrench | None = None
+        self.by_pose = np.zeros((6, 6))
 
     def update(self, m: Measurement, R_W_task: Array) -> bool:
         """Take in one image; whether the covariance is new."""
         if m.stamp - self._stamp < PERIOD:
             return False
         self._stamp = m.stamp
-        C = self.covariance = self._wrench_estimator.covariance(m)
+        C, self.by_pose = self._wrench_estimator.covariance(m)
+        self.covariance = C
         R = R_W_task
         variances = ((R.T @ C[:3, :3]) * R.T).sum(axis=1), ((R.T @ C[3:, 3:]) * R.T).sum(axis=1)
         self.deviation = Wrench(np.sqrt(np.maximum(variances[0], 0.0)), np.sqrt(np.maximum(variances[1], 0.0)))

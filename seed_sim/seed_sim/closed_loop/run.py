@@ -12,6 +12,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_sim.closed_loop.arm_sensor import ArmSensor
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
@@ -74,7 +75,8 @@ class SeedSteering:
         parameters = parameters_of(scenario, law)
         grasp = scenario.grasp
         believed = grasp.believed or grasp.stiffness
-        self.controller = Controller(parameters, scenario.hand, scenario.tool, believed)
+        self.controller = Controller(parameters, scenario.hand, scenario.tool, believed, references=scenario.reference)
+        self._arm_sensor = ArmSensor(scenario.measurement.arm_sensor, seed)
         self.rate, self._plant, self._enabled = parameters.rate, plant, False
         self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate)
         self._rng = np.random.default_rng([seed, 3])
@@ -89,6 +91,8 @@ class SeedSteering:
         if self._kinematics_noise:
             reported[:3, 3] += self._kinematics_noise * self._rng.standard_normal(3)
         self.controller.add_kinematics(t, reported)
+        for stamp, load in self._arm_sensor.readings(self._plant, t):
+            self.controller.add_arm_wrench(stamp, load)
         for estimate in self._poses.arrived(t):
             self.controller.add_estimate(estimate)
         if not self._enabled and t >= SETTLE:

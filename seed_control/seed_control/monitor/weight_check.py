@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The spring's wrench against the tool's own weight, whenever the tool hangs free.
+
+At rest in free space the spring carries the weight: w_spring + w_weight = 0, about T's origin in T, in any attitude.
+An offset of the pose shows at once, a wrong stiffness in proportion to the weight, and both apart as the arm turns.
+
+Whether the tool hangs free is known late and not for certain: a touch is told only once it is strong enough. So a
+sample waits before it counts, and a correction learns from it only if the tip has travelled along the difference, which
+a touch would have changed.
+"""
+
+from collections import deque
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from seed_control.monitor.contradiction import WindowTest
+from seed_control.monitor.settings import ReferenceSettings
+from seed_control.wrench.estimate import Measurement
+from seed_core.hand import GRAVITY, Tool
+from seed_core.spatial import Array, Wrench, skew
+
+WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
+CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again
+TRAVEL = 4e-3  # [m] of the tip along a difference after which it is no touch
+_SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
+_FLOOR = np.array((0.01, 0.01, 0.01, 0.05, 0.05, 0.05)) ** 2  # of a tool that swings a little
+
+
+class Sample(NamedTuple):
+    """One moment in free space.
+
+    Attributes:
+        spring: (6,) as the model tells it, uncorrected, in T. load: (6,) what the weight asks for.
+        random, systematic: (6, 6) covariances of their difference. verified: a touch is ruled out.
+    """
+
+    m: Measurement
+    spring: Array
+    load: Array
+    random: Array
+    systematic: Array
+    verified: bool = False
+
+
+class WeightCheck:
+    """`update` ten times a second; `reason` says what does not agree.
+
+    Attributes:
+        passed: the samples that have become certain by the last update.
+    """
+
+    def __init__(self, settings: ReferenceSettings, tool: Tool) -> None:
+        self._tool = tool
+        self._test = WindowTest(settings.force_tolerance, settings.torque_tolerance)
+        self._mass = settings.mass_deviation * tool.mass * GRAVITY  # [N]
+        self._lever = 1e-3 * settings.centre_deviation  # [m]
+        self._waiting: deque[Sample] = deque()
+        self._touched: tuple[Array, Array] | None = None  # tip and direction of the last touch
+        self.passed: list[Sample] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """A new grasp."""
+        self._waiting.clear()
+        self._test.reset()
+        self._low, self._high = np.full(3, inf), np.full(3, -inf)  # of the tip in free space
+        self._before: tuple[float, Array] | None = None
+        self.passed, self.reason = [], ""
+
+    def free(self, m: Measurement, in_contact: bool) -> bool:
+        """Whether the tool seems to hang free, as far as is known now."""
+        if in_contact:
+            force = m.on_environment.force
+            self._touched = m.tip, force / max(float(np.sqrt(force @ force)), 1e-9)
+        elif self._touched is not None:
+            tip, into = self._touched
+            if float((tip - m.tip) @ into) > CLEAR:
+                self._touched = None
+        return self._touched is None
+
+    def update(self, m: Measurement, spring: Wrench, weight: Wrench, random: Array, in_contact: bool) -> None:
+        """Take in a measurement.
+
+        Args:
+            spring: as the model tells it, uncorrected, about T's origin in T. weight: of the tool, likewise.
+            random: (6, 6) covariance of the spring's wrench by the pose.
+        """
+        self.passed = []
+        if self._tool.mass == 0.0:
+            return
+        told = spring.vector()
+        before, self._before = self._before, (m.stamp, told)
+        if not self.free(m, in_contact):
+            self._waiting.clear()
+            self._test.reset()
+            self._low, self._high = np.full(3, inf), np.full(3, -inf)
+            return  # the reason stays: what was found while it hung free is not mended by pressing
+        self._low, self._high = np.minimum(self._low, m.tip), np.maximum(self._high, m.tip)
+        noise = 4.0 * float(np.sqrt(random.diagonal()[3:].max()))
+        if before is None or float(np.abs(told - before[1])[3:].max()) > _SETTLED * (m.stamp - before[0]) + noise:
+            return
+        load = -weight.vector()
+        self._waiting.append(Sample(m, told, load, random, self._systematic(weight)))
+        while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
+            self._take(self._waiting.popleft())
+        if not self._test.significant:
+            self.reason = ""
+        elif self._test.to_be_told(m.stamp):
+            self.reason = (
+                f"hanging free, the grasp's wrench differs from the tool's weight of {self._tool.mass * GRAVITY:.2f} N "
+                f"{self._test.told()}: is tool.mass right, the stiffness, and was the grasp taken free of load?"
+            )
+
+    def _take(self, s: Sample) -> None:
+        difference = s.spring - s.load
+        self._test.add(s.m.stamp, difference, s.random, s.systematic)
+        mean = difference if self._test.difference is None else self._test.difference.mean
+        force = s.m.X_WT[:3, :3] @ mean[3:]
+        size = float(np.sqrt(force @ force))
+        travelled = float(np.abs(force) @ (self._high - self._low)) / size if size > 0.0 else inf
+        self.passed.append(s._replace(verified=travelled > TRAVEL))
+
+    def _systematic(self, weight: Wrench) -> Array:
+        """(6, 6) by mass and centre of mass."""
+        C = np.diag(_FLOOR)
+        w = weight.vector() * (self._mass / max(self._tool.mass * GRAVITY, 1e-9))
+        C += np.outer(w, w)
+        shift = self._lever * skew(weight.force)
+        C[:3, :3] += shift @ shift.T
+        return C

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Weight and arm reading against the wrench: what is wrong is told with numbers, mended, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from quasi_static import DT, Bench
+
+from seed_control.monitor.contradiction import WindowTest
+from seed_control.monitor.correction import Correction
+from seed_control.monitor.settings import ReferenceSettings
+from seed_core.bushing import Stiffness
+from seed_core.errors import SeedError
+from seed_core.hand import DEFAULT_STIFFNESS, Tool
+from seed_core.spatial import Wrench, make_pose
+
+SENSOR = ReferenceSettings(
+    arm_force_noise=0.1, arm_torque_noise=0.01, arm_force_offset=0.05, arm_torque_offset=0.02, arm_gain=0.005
+)
+HOLDING = replace(SENSOR, on_contradiction="hold")
+HIGH = make_pose(p=(0.0, 0.0, 0.03))  # so much free travel before the table
+
+
+def softer(share: float) -> Stiffness:
+    """Than the controller believes, along z alone."""
+    x, y, z = DEFAULT_STIFFNESS.translation
+    return Stiffness(DEFAULT_STIFFNESS.rotation, (x, y, share * z))
+
+
+def pressing(bench: Bench, force: float = 10.0, seconds: float = 2.0) -> float:
+    """Press, and go on for so long after the first contact; returns when contact was told [s]."""
+    bench.enabled()
+    bench.press(force)
+    while not bench.state.in_contact:
+        bench.step()
+        assert bench.t < 5.0, bench.state.reason
+    began = bench.t
+    bench.run(seconds)
+    return began
+
+
+def start() -> np.ndarray:
+    return np.asarray(HIGH @ Bench().start)
+
+
+def test_a_stiffness_that_is_20_per_cent_off_is_told_and_mended_by_the_arms_reading() -> None:
+    bench = Bench(stiffness=softer(0.8), believed=DEFAULT_STIFFNESS, arm_noise=0.1, references=SENSOR, start=start())
+    pressing(bench, seconds=2.0)
+    assert "arm_wrench" in " ".join(bench.state.contradictions)
+    assert "along the tool's z" in " ".join(bench.state.contradictions)
+    bench.run(2.0)
+    assert_allclose(bench.forces[-round(1.0 / DT) :], 10.0, atol=0.2)  # 8.4 N without the reading
+
+
+def test_without_a_reading_nothing_tells_it() -> None:
+    """Of the weight alone, 2 N, so much is not enough for its uncertainty: the force stays what the stiffness makes."""
+    bench = Bench(stiffness=softer(0.95), believed=DEFAULT_STIFFNESS, start=start())
+    pressing(bench, seconds=3.0)
+    assert bench.state.contradictions == ()
+    assert 9.4 < bench.forces[-1] < 9.8
+
+
+def test_a_wrench_that_agrees_is_left_alone() -> None:
+    """With an arm's reading or without: the very same commands."""
+    commands = []
+    for noise in (None, 0.1):
+        bench = Bench(arm_noise=noise, references=SENSOR, start=start())
+        pressing(bench, seconds=3.0)
+        assert bench.state.contradictions == ()
+        commands.append(np.array(bench.commands))
+    assert np.array_equal(*commands)
+
+
+@pytest.mark.parametrize(("share", "reference"), [(0.85, "arm_wrench"), (0.7, "weight")])
+def test_hold_stops_the_arm_at_a_contradiction(share: float, reference: str) -> None:
+    """The larger one shows in the air already: the weight of 2 N seems to be 2.8."""
+    bench = Bench(stiffness=softer(share), believed=DEFAULT_STIFFNESS, arm_noise=0.1, references=HOLDING, start=start())
+    bench.enabled()
+    bench.press(10.0)
+    bench.run(4.0)
+    assert bench.state.mode == "holding"
+    assert reference in bench.state.reason
+    assert bench.state.in_contact == (reference == "arm_wrench")
+
+
+def test_a_grasp_taken_while_the_tool_hung_is_told_in_free_space_and_tared() -> None:
+    bench = Bench(start=start())
+    bench.X_TT_new = np.linalg.inv(bench.grasp())  # T := C under the weight
+    pressing(bench, force=8.0, seconds=3.0)
+    assert "tool's weight of 1.96 N along the tool's z" in bench.state.contradictions[0]
+    assert_allclose(bench.forces[-round(1.0 / DT) :], 8.0, atol=0.25)  # 2 N off without
+
+
+def test_a_touch_is_not_tared() -> None:
+    """Enabled while the tip presses on the table with some newtons, unmoved: told, but believed."""
+    bench = Bench(start=make_pose(p=(0.0, 0.0, -0.024)) @ Bench().start)
+    bench.enabled()
+    bench.run(3.0)
+    assert bench.force > 2.0
+    assert "hanging free" in " ".join(bench.state.contradictions)
+    assert not bench.controller.references.correction.active
+
+
+@pytest.mark.parametrize(("seconds", "what"), [(0.3, "is silent: none for"), (0.0, "is stuck: the very same reading")])
+def test_a_reading_that_stops_is_named(seconds: float, what: str) -> None:
+    bench = Bench(arm_noise=0.1, references=SENSOR, start=start())
+    bench.enabled()
+    bench.arm_noise = None if seconds else 0.0
+    reading = bench.arm_reading(np.eye(4))
+    for _ in range(200):
+        if not seconds:
+            bench.controller.add_arm_wrench(bench.t, reading)
+            bench.arm_noise = None
+        bench.step()
+    assert what in " ".join(bench.state.contradictions)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "force", "words"),
+    [
+        (1.0, np.nan, "not finite"),
+        (np.inf, 0.0, "not finite"),
+        (-1.0, 0.0, "comes after one of"),
+        (1.0, 3e4, "3e+04 N, 0 N m; at most 2000 N"),
+    ],
+)
+def test_bad_readings_are_refused_by_name_and_value(stamp: float, force: float, words: str) -> None:
+    controller = Bench().controller
+    controller.add_arm_wrench(0.0, Wrench.zero())
+    with pytest.raises(SeedError, match="arm_wrench") as refusal:
+        controller.add_arm_wrench(stamp, Wrench(np.zeros(3), np.array((0.0, 0.0, force))))
+    assert words in str(refusal.value)
+
+
+def test_the_window_test_is_as_strict_as_its_covariances() -> None:
+    """Agreeing series are called so, whatever the seed; two deviations of the systematic part are no contradiction."""
+    random, systematic = np.diag([1e-4] * 3 + [0.04] * 3), np.diag([1e-4] * 3 + [0.01] * 3)
+    rng, called = np.random.default_rng(0), 0
+    for _ in range(100):
+        test = WindowTest(0.05, 0.01)
+        offset = np.sqrt(systematic.diagonal()) * rng.standard_normal(6)
+        for i in range(60):
+            noise = np.sqrt(random.diagonal()) * rng.standard_normal(6)
+            test.add(0.1 * i, offset + noise, random, systematic)
+        called += test.significant
+    assert called <= 3
+    test = WindowTest(0.05, 0.01)
+    for i in range(20):
+        test.add(0.1 * i, np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.6)), random, systematic)
+    assert test.significant
+    assert "along the tool's z by +0.60 +- 0.1" in test.told()
+
+
+def test_the_correction_finds_offset_and_scale_once_both_are_excited() -> None:
+    """From made-up comparisons: reference = 1.2 f_z + 0.3 N along z."""
+    rng, correction = np.random.default_rng(1), Correction(ReferenceSettings())
+    C = np.diag([1e-4] * 3 + [0.01] * 3)
+    for i in range(200):
+        told = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 2.0 if i % 40 < 20 else -8.0))
+        noise = np.sqrt(C.diagonal()) * rng.standard_normal(6)
+        correction.learn(0.1 * i, told, told * 1.2 + 0.3 * np.eye(6)[5] + noise, C, 0.01 * C)
+        correction.advance(0.1 * i, told)
+    more = correction.wrench(Wrench(np.zeros(3), np.array((0.0, 0.0, -8.0))))
+    assert more is not None
+    assert_allclose(more.force, (0.0, 0.0, -1.6 + 0.3), atol=0.15)
+    more = correction.wrench(Wrench(np.zeros(3), np.array((0.0, 0.0, 2.0))))
+    assert more is not None
+    assert_allclose(more.force, (0.0, 0.0, 0.4 + 0.3), atol=0.15)
+
+
+def test_the_correction_is_bounded() -> None:
+    settings = ReferenceSettings(correction_offset=1.0, correction_share=0.1)
+    correction = Correction(settings)
+    told = np.array((0.0, 0.0, 0.0, 0.0, 0.0, -10.0))
+    for i in range(100):
+        correction.learn(0.1 * i, told, 3.0 * told, 1e-4 * np.eye(6), 1e-4 * np.eye(6))
+        correction.advance(0.1 * i, told)
+    more = correction.wrench(Wrench.from_vector(told))
+    assert more is not None
+    assert_allclose(np.linalg.norm(more.force), 2.0, atol=1e-6)
+
+
+def test_a_tool_without_mass_is_no_reference() -> None:
+    bench = Bench(tool=Tool(mass=0.0), start=start())
+    pressing(bench, force=5.0)
+    assert bench.state.contradictions == ()
