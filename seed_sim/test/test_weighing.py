@@ -32,7 +32,7 @@ def weighed(scenario: Scenario, believed: float = 1.0, estimator: str = "noisy",
             controller.add_estimate(estimate)
         if run is None and t >= 0.6:
             controller.enable(t)
-            run = PayloadRun(controller.wrench_estimator.bushing, scenario.tool, controller.step(t).state)
+            run = PayloadRun(controller.wrench_estimator, scenario.tool, controller.step(t).state)
         if run is not None:
             status = run.step(t, controller.state)
             if status.done:

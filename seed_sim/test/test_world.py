@@ -215,7 +215,12 @@ def test_the_summary_is_over_draws_and_names_what_went_wrong():
 
 
 def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused(tmp_path):
-    settings = dict.fromkeys(("force", "scenario")) | {"task": "squeegee", "law": "seed", "estimator": "truth"}
+    settings = dict.fromkeys(("force", "scenario")) | {
+        "task": "squeegee",
+        "law": "seed",
+        "estimator": "truth",
+        "model": "bushing",
+    }
     settings |= {"world": "spring", "late_stamps": False}
     file = tmp_path / "draws.jsonl"
     file.write_text(to_json(run_of(3, 0.5, message="as it stood") | settings) + "\n", encoding="utf-8")

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from seed_core.bushing import Bushing, Stiffness
+from seed_core.hysteretic_spring import coordinates
 from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
 from seed_sim.world.parameters import SpringWorld
-from seed_sim.world.spring import YIELDS, WorldSpring, coordinates
+from seed_sim.world.spring import YIELDS, WorldSpring
 from seed_sysid.stiffness_map import stiffness_map
 
 K = Stiffness((4.0, 3.0, 4.0), (800.0, 1200.0, 800.0))

@@ -54,10 +54,13 @@ class PayloadFit:
         self._g: list[Array] = []  # of each sample, in T [m/s^2]
         self._springs: list[Wrench] = []
 
-    def add(self, X_WT: Array, X_CT: Array) -> None:
-        """One sample: the tool's pose in the world, and in the grasp, each (4, 4)."""
+    def add(self, X_WT: Array, X_CT: Array, spring: Wrench | None = None) -> None:
+        """One sample: the tool's pose in the world, and in the grasp, each (4, 4).
+
+        spring: load on the tool about T's origin, in T, by another model than the bushing.
+        """
         self._g.append(-GRAVITY * X_WT[2, :3])
-        self._springs.append(self._bushing.wrench(inverse_pose(X_CT)))
+        self._springs.append(self._bushing.wrench(inverse_pose(X_CT)) if spring is None else spring)
 
     def result(self, known_mass: float | None = None) -> Payload:
         """Least squares over all samples; known_mass [kg] cross-checks the stiffness.

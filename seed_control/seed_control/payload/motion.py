@@ -7,7 +7,7 @@ from seed_control.payload.identify import Payload, PayloadError, PayloadFit
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.task import Phase, Task, WorkFrame
-from seed_core.bushing import Bushing
+from seed_control.wrench.estimate import WrenchEstimator
 from seed_core.hand import GRAVITY, Tool
 from seed_core.spatial import Array, inverse_pose, rpy_from_rotation
 
@@ -50,7 +50,7 @@ class PayloadRun:
         PayloadError: at the start, while something carries or presses the tool.
     """
 
-    def __init__(self, bushing: Bushing, tool: Tool, state: ControllerState) -> None:
+    def __init__(self, wrench_estimator: WrenchEstimator, tool: Tool, state: ControllerState) -> None:
         if state.X_W_tip is None or state.filtered is None:
             raise PayloadError("cannot weigh the tool: no estimate of the relative pose has come yet")
         # the estimate has the stated weight taken off: in free space little of it is left
@@ -63,7 +63,7 @@ class PayloadRun:
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
         self._player = TaskPlayer(payload_task(state.X_W_tip))
-        self._fit = PayloadFit(bushing)
+        self._wrench_estimator, self._fit = wrench_estimator, PayloadFit(wrench_estimator.bushing)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
 
@@ -88,8 +88,13 @@ class PayloadRun:
             return
         assert state.X_W_tip is not None
         assert state.measured_X_CT is not None
+        assert state.estimated is not None
         self._seen = image
-        self._fit.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT)
+        X_WT = state.X_W_tip @ self._X_tipT
+        on_tip = state.estimated.rotated(X_WT[:3, :3].T @ state.R_W_task)
+        load = on_tip.about(-self._wrench_estimator.p_Ttip)  # about T, in T: the spring's, and the stated weight
+        spring = load.minus(self._wrench_estimator.weight(X_WT[:3, :3]))
+        self._fit.add(X_WT, state.measured_X_CT, spring)
 
 
 def report(payload: Payload, tool: Tool) -> str:

@@ -40,7 +40,7 @@ class PayloadIdentification:
             raise ControlRefusedError(
                 f"cannot weigh the tool: {state.reason or 'the controller is not enabled'}; call ~/enable first"
             )
-        self._run = run = PayloadRun(self._core.wrench_estimator.bushing, self._core.tool, state)
+        self._run = run = PayloadRun(self._core.wrench_estimator, self._core.tool, state)
         self._done = Future()
         ended_early = await self._done
         if ended_early:

@@ -17,6 +17,7 @@ from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
 from seed_sim.world import perturb
 from seed_sim.world.perturb import PERTURBATIONS
+from seed_sim.world.procedures.find_out import MODELS
 from seed_sim.world.score import DRAWS, score_draws, table
 
 
@@ -86,6 +87,13 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--draws", type=whole(1), metavar="N", help=f"hidden worlds; default: {DRAWS}")
     p.add_argument("--late-stamps", action="store_true", help="hidden worlds with stamps 0 to 100 ms late")
     p.add_argument(
+        "--model",
+        choices=MODELS,
+        default="hysteretic",
+        help="hidden worlds: what the wrench is computed from: the paper's stiffness map, or a spring that stiffens "
+        "and has hysteresis, both as identified in each world",
+    )
+    p.add_argument(
         "--out", type=Path, metavar="FILE", help="hidden worlds: a JSON line per draw; draws in it are not repeated"
     )
     p.add_argument(
@@ -124,7 +132,7 @@ def _text(r: dict[str, Any]) -> str:
 
 def _draws(args: argparse.Namespace) -> int:
     """The score over hidden worlds: 1 when a draw was not finished."""
-    names = ("task", "law", "estimator", "force", "scenario", "late_stamps")
+    names = ("task", "law", "model", "estimator", "force", "scenario", "late_stamps")
     settings = {name: getattr(args, name) for name in names} | {"world": "spring"}
     if args.law not in CONTROL_LAWS:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")

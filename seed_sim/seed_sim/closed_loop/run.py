@@ -12,6 +12,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_core.wrench_model import WrenchModel
 from seed_sim.closed_loop.arm_sensor import ArmSensor
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
@@ -70,12 +71,23 @@ class SeedSteering:
         estimator: str,
         seed: int,
         poses: PoseSource | None = None,
+        wrench_model: WrenchModel | None = None,
     ) -> None:
-        """scenario: as it is believed; poses: another source of relative poses than `estimator` names."""
+        """The controller in front of a plant.
+
+        Args:
+            plant: as it is. scenario: as it is believed.
+            law, estimator: by their names.
+            seed: of noise.
+            poses: another source of relative poses than `estimator` names.
+            wrench_model: another than the stiffness that the scenario believes in.
+        """
         parameters = parameters_of(scenario, law)
         grasp = scenario.grasp
         believed = grasp.believed or grasp.stiffness
-        self.controller = Controller(parameters, scenario.hand, scenario.tool, believed, references=scenario.reference)
+        self.controller = Controller(
+            parameters, scenario.hand, scenario.tool, believed, wrench_model, references=scenario.reference
+        )
         self._arm_sensor = ArmSensor(scenario.measurement.arm_sensor, seed)
         self.rate, self._plant, self._enabled = parameters.rate, plant, False
         self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_control.tasks import Task
+from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import SeedSteering, start_pose
@@ -51,9 +52,10 @@ def make_steering(
     estimator: str = "rigid_fit",
     calibration: Calibration | None = None,
     clock_offset: float = 0.0,
+    wrench_model: WrenchModel | None = None,
 ) -> SeedSteering:
     """The controller with what the suite believes, and with relative poses from the world's images, or the truth's."""
     poses = None
     if estimator in FROM_IMAGES:
         poses = WorldPoses(believed, world, seed, estimator, calibration, clock_offset)
-    return SeedSteering(plant, believed, law, estimator, seed, poses)
+    return SeedSteering(plant, believed, law, estimator, seed, poses, wrench_model)

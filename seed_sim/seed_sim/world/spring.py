@@ -11,12 +11,13 @@ d xi / y_i. One element gives a parallelogram, several the rounded loop of a mem
 edge inwards. A loop of amplitude A >= y_i loses sum_i 4 h_i (A - y_i).
 """
 
-from math import cos, exp, sin
+from math import exp
 
 import numpy as np
 
 from seed_core.bushing import Stiffness
-from seed_core.spatial import Array, Wrench, cross, rpy_from_rotation, so3_exp, so3_log
+from seed_core.hysteretic_spring import coordinates
+from seed_core.spatial import Array, Wrench, cross
 from seed_sim.world.parameters import SpringWorld
 
 YIELDS = (0.05, 0.1, 0.2, 0.4)  # [full scale] of the way after which an element slides; all bear the same friction
@@ -83,20 +84,3 @@ class WorldSpring:
         if world.fade:
             elastic = elastic * (1.0 - world.fade * min(max(t / world.fade_time, 0.0), 1.0))
         return np.asarray(elastic + self.friction * self._z.mean(axis=0))
-
-
-def coordinates(R: Array, p: Array) -> tuple[Array, Array]:
-    """B (6, 6) and xi (6,) of the midpoint stiffness map at R (3, 3), p (3,) [m]: the wrench is B times the load.
-
-    The same as seed_sysid.stiffness_map for one pose, at a tenth of its cost.
-    """
-    q = rpy_from_rotation(R)
-    pitch, yaw = float(q[1]), float(q[2])
-    c1, s1, c2, s2 = cos(pitch), sin(pitch), cos(yaw), sin(yaw)
-    R_TB = so3_exp(0.5 * so3_log(R))
-    B = np.zeros((6, 6))
-    B[:3, :3] = np.array(((c2 / c1, s2 / c1, 0.0), (-s2, c2, 0.0), (c2 * s1 / c1, s2 * s1 / c1, 1.0))).T
-    B[3:, 3:] = R_TB
-    x, y, z = p.tolist()
-    B[:3, 3:] = 0.5 * np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))) @ R_TB
-    return B, np.concatenate([q, R_TB.T @ p])

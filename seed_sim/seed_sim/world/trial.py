@@ -14,11 +14,12 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import play
 from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import World
-from seed_sim.world.procedures.find_out import Belief, find_out
+from seed_sim.world.procedures.find_out import Belief, Model, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
@@ -43,6 +44,7 @@ def run_trial(
     estimator: str = "rigid_fit",
     force: float | None = None,
     scenario: str | Path | Scenario | None = None,
+    model: Model = "hysteretic",
     belief: Belief | None = None,
 ) -> Trial:
     """Find out what can be found out about a world, and play the task in it; deterministic but for times.
@@ -51,7 +53,7 @@ def run_trial(
         task: name, path or task.
         world: that nobody knows.
         seed: of the plant's and the images' noise.
-        law, estimator: of the control.
+        law, estimator: of the control. model: what the wrench is computed from: the stiffness, or a hysteretic spring.
         force: [N] replaces the size of every force in the task.
         scenario: what the world departs from; default: the task's own.
         belief: found before, in this very world; default: find it out now.
@@ -65,7 +67,7 @@ def run_trial(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     began = time.perf_counter()
-    belief = belief or find_out(scenario, world, seed, estimator)
+    belief = belief or find_out(scenario, world, seed, estimator if estimator in FROM_IMAGES else "rigid_fit", model)
     plant = make_plant(scenario, world, seed, task)
     recording = Recording([])
     try:
@@ -78,6 +80,7 @@ def run_trial(
             estimator=estimator,
             calibration=belief.calibration,
             clock_offset=belief.clock_offset,
+            wrench_model=belief.wrench_model(),
         )
         recording = play(task, plant, steering)
         scored = score(recording, scored_phase(task)) | beliefs(recording, scored_phase(task))
@@ -88,6 +91,7 @@ def run_trial(
         "scenario": scenario.name,
         "law": law,
         "estimator": estimator,
+        "model": model if belief.spring is not None else "bushing",
         "world": world.kind,
         "draw": world.seed,
         **scored,

@@ -8,13 +8,15 @@ runs in that very world on what the ones before have found. Nothing else is hand
 
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from seed_control.payload.identify import PayloadError
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
+from seed_core.hysteretic_spring import HystereticSpring, HystereticStiffness
+from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
@@ -24,7 +26,11 @@ from seed_sim.world.procedures.captures import captures
 from seed_sim.world.procedures.clocks import compare_clocks
 from seed_sim.world.procedures.identify import identify
 from seed_sim.world.procedures.weigh import weigh
+from seed_sysid.fit.hysteretic_fit import HystereticFit, fit_hysteretic
+from seed_sysid.stiffness_map import AXES
 
+Model = Literal["bushing", "hysteretic"]
+MODELS: tuple[Model, ...] = ("bushing", "hysteretic")
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
 
 
@@ -36,6 +42,7 @@ class Belief:
         scenario: the cell as believed: hand as drawn, tool as weighed, `grasp.believed` the stiffness as identified.
         calibration: of range and cameras; None: hand as drawn, range as it comes.
         clock_offset: [s] that is taken off the images' stamps.
+        spring: what the wrench is computed from; None: the stiffness.
         figures: what the procedures say about themselves; seconds: that each took.
         problems: what a procedure could not do, in words.
     """
@@ -43,16 +50,23 @@ class Belief:
     scenario: Scenario
     calibration: Calibration | None = None
     clock_offset: float = 0.0
+    spring: HystereticStiffness | None = None
     figures: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
 
+    def wrench_model(self) -> WrenchModel | None:
+        """The model at a new grasp; None: the map of the stiffness."""
+        return HystereticSpring(self.spring) if self.spring is not None else None
 
-def find_out(scenario: Scenario, world: World, seed: int, method: str = "rigid_fit") -> Belief:
+
+def find_out(
+    scenario: Scenario, world: World, seed: int, method: str = "rigid_fit", model: Model = "hysteretic"
+) -> Belief:
     """Run the procedures of a world, or tell the scenario's own values where it runs none."""
     if not world.procedures.run:
         return Belief(told(scenario, world))
-    work = _Work(scenario, world, seed, method)
+    work = _Work(scenario, world, seed, method, model)
     for name in ("calibrate", "identify", "clocks", "weigh"):
         began = perf_counter()
         try:
@@ -60,7 +74,8 @@ def find_out(scenario: Scenario, world: World, seed: int, method: str = "rigid_f
         except SeedError as error:
             work.problems.append(f"{name}: {error}")
         work.seconds[name] = perf_counter() - began
-    return Belief(work.believed, work.calibration, work.offset, work.figures, work.seconds, tuple(work.problems))
+    problems = tuple(work.problems)
+    return Belief(work.believed, work.calibration, work.offset, work.spring, work.figures, work.seconds, problems)
 
 
 def told(scenario: Scenario, world: World) -> Scenario:
@@ -72,8 +87,9 @@ def told(scenario: Scenario, world: World) -> Scenario:
 class _Work:
     """The procedures of one world, and what they have found so far."""
 
-    def __init__(self, scenario: Scenario, world: World, seed: int, method: str) -> None:
-        self.believed, self._world, self._seed, self._method = scenario, world, seed, method
+    def __init__(self, scenario: Scenario, world: World, seed: int, method: str, model: Model) -> None:
+        self.believed, self._world, self._seed, self._method, self._model = scenario, world, seed, method, model
+        self.spring: HystereticStiffness | None = None
         self.calibration: Calibration | None = None
         self.offset = 0.0
         self.figures: dict[str, Any] = {}
@@ -99,6 +115,10 @@ class _Work:
         found = identify(self.believed, self._world, self._seed)
         self.figures["identify"] = found.figures
         self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found.stiffness))
+        if self._model == "hysteretic":
+            fit = fit_hysteretic(found.analysis)
+            self.spring = fit.identified
+            self.figures["hysteretic"] = figures_of(fit)
 
     def clocks(self) -> None:
         """The offset of the cameras' clock."""
@@ -108,7 +128,8 @@ class _Work:
 
     def weigh(self) -> None:
         """Mass and centre of mass of the tool."""
-        payload = weigh(self.believed, self._world, self._seed, self._method, self.calibration, self.offset)
+        model = HystereticSpring(self.spring) if self.spring is not None else None
+        payload = weigh(self.believed, self._world, self._seed, self._method, self.calibration, self.offset, model)
         com, known = payload.center_of_mass, np.isfinite(payload.center_of_mass_std)
         if not payload.mass > 0.0:
             raise PayloadError(f"a tool of {payload.mass:g} kg is none")
@@ -116,3 +137,19 @@ class _Work:
         x, y, z = np.where(known, com, drawn.center_of_mass).tolist()
         self.figures["weigh"] = {"mass": payload.mass, "mass_std": payload.mass_std, "center_of_mass": [x, y, z]}
         self.believed = replace(self.believed, tool=replace(drawn, mass=payload.mass, center_of_mass=(x, y, z)))
+
+
+def figures_of(fit: HystereticFit) -> dict[str, Any]:
+    """The spring as plain data, by axis."""
+    s = fit.identified
+    share = s.friction.sum(axis=0) / (s.stiffness * s.largest)
+    columns = {
+        "stiffness": s.stiffness,
+        "rise": s.rise * s.largest / s.stiffness,
+        "friction": share,
+        "largest": s.largest,
+    }
+    out: dict[str, Any] = {k: dict(zip(AXES, v.tolist(), strict=True)) for k, v in columns.items()}
+    out["stiffness_std"] = dict(zip(AXES, fit.std[:, 0].tolist(), strict=True))
+    left = {"left": fit.left.tolist(), "left_linear": fit.left_linear.tolist()}
+    return out | left | {"centre_mm": (1e3 * s.centre).tolist()}

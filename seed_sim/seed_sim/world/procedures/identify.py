@@ -20,9 +20,12 @@ from seed_sim.world.cameras import true_hand
 from seed_sim.world.parameters import World
 from seed_sim.world.spring import WorldSpring
 from seed_sysid.fit.analysis import Analysis, analyse
-from seed_sysid.parameters import Procedure
+from seed_sysid.parameters import ExcitationParameters, Procedure
 from seed_sysid.report.summary import stiffness_file
 from seed_sysid.stiffness_map import AXES, wrench_transform
+
+# As far along x and z as a task of 10 N deflects the grasp: what is beyond the poses identified is guessed.
+EXCITATION = ExcitationParameters(translation=(0.009, 0.005, 0.009))
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ def identification_of(scenario: Scenario) -> IdentificationScenario:
         ),
         hand=scenario.hand,
         tactile=tactile_of(scenario),
-        procedure=Procedure(widths=[grasp.nominal_width]),
+        procedure=Procedure(widths=[grasp.nominal_width], excitation=EXCITATION),
     )
 
 

@@ -4,6 +4,7 @@
 from seed_control.payload.identify import Payload, PayloadError
 from seed_control.payload.motion import PayloadRun
 from seed_control.tasks import load_task
+from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
 from seed_sim.world.cell import make_plant, make_steering
@@ -13,23 +14,36 @@ _LONGEST = 40.0  # [s]
 
 
 def weigh(
-    believed: Scenario, world: World, seed: int, estimator: str, calibration: Calibration | None, clock_offset: float
+    believed: Scenario,
+    world: World,
+    seed: int,
+    estimator: str,
+    calibration: Calibration | None,
+    clock_offset: float,
+    wrench_model: WrenchModel | None,
 ) -> Payload:
-    """Mass and centre of mass of the tool by the stiffness that is believed.
+    """Mass and centre of mass of the tool by the stiffness or the model that is believed.
 
     Args:
         believed: the cell as it is believed.
         world: what differs.
         seed: of the plant's and the images' noise.
         estimator: of relative poses.
-        calibration, clock_offset: as found before.
+        calibration, clock_offset, wrench_model: as found before.
 
     Raises:
         SeedError: the tool cannot be weighed, or the controller held.
     """
     plant = make_plant(believed, world, seed, load_task("squeegee"))
     steering = make_steering(
-        plant, believed, world, seed, estimator=estimator, calibration=calibration, clock_offset=clock_offset
+        plant,
+        believed,
+        world,
+        seed,
+        estimator=estimator,
+        calibration=calibration,
+        clock_offset=clock_offset,
+        wrench_model=wrench_model,
     )
     run: PayloadRun | None = None
     for step in range(round(_LONGEST * steering.rate)):
@@ -39,7 +53,7 @@ def weigh(
             if not state.enabled:
                 steering.steer(t, None)
                 continue
-            run = PayloadRun(steering.controller.wrench_estimator.bushing, believed.tool, state)
+            run = PayloadRun(steering.controller.wrench_estimator, believed.tool, state)
         status = run.step(t, state)
         if status.done:
             if status.failed or status.cancelled:
