@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, results_folder, seed_number
+from seed_core.program.command_line import Help, command, results_folder, seed_number, whole
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
@@ -42,6 +42,10 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
     )
+    out.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
+    out.add_argument(
+        "--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed; the grasp of `nominal`"
+    )
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
     out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
@@ -54,6 +58,8 @@ def parser() -> argparse.ArgumentParser:
 
 def _run(args: argparse.Namespace) -> int:
     _refuse_what_would_be_ignored(args)
+    if args.world == "hidden":
+        return _worlds(args)
     if args.procedure == "weight":
         return _weight(args)
     if args.live:
@@ -73,7 +79,12 @@ def _run(args: argparse.Namespace) -> int:
 
 def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
     weight, live, recorded = args.procedure == "weight", args.live, args.source is not None
+    hidden = args.world == "hidden"
     for wrong, text in (
+        (
+            hidden and (weight or live or recorded or args.in_the_loop or args.poses != "kinematic" or args.out),
+            "--world hidden goes with --seed, --draws and --json alone",
+        ),
         (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
         (live and recorded, "--live and --from exclude each other"),
         (live and weight, "--procedure weight does not run --live: record the poses and weights"),
@@ -87,6 +98,14 @@ def _live(args: argparse.Namespace) -> int:
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
     figures = client.identify(args.out or results_folder() / "identification", args.poses, args.zero_sensor)
     print(json.dumps(figures) if args.json else client.table(figures))
+    return 0
+
+
+def _worlds(args: argparse.Namespace) -> int:
+    from seed_sim.world.procedures import identify
+
+    result = identify.identify_draws(range(args.seed, args.seed + args.draws))
+    print(json.dumps(result) if args.json else identify.table(result))
     return 0
 
 

@@ -18,7 +18,8 @@ from seed_sim.world.cell import true_scenario
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, SpringWorld, World
 from seed_sim.world.procedures.clocks import motion
 from seed_sim.world.procedures.find_out import Belief, told
-from seed_sim.world.procedures.identify import identify
+from seed_sim.world.procedures.identify import identify, identify_draws
+from seed_sim.world.procedures.identify import table as identify_table
 from seed_sim.world.score import score_draws, spread, summarised
 from seed_sim.world.trial import beliefs, run_trial
 from seed_sysid.parameters import Procedure
@@ -272,3 +273,11 @@ def test_a_perturbation_has_its_row_with_what_was_said():
     assert "stiffness of the force axis x1.1" in text
     assert rows[0]["force_z"]["rmse"] == pytest.approx(0.84, abs=0.06)  # as the audit found it
     assert "finished; no" in text
+
+
+def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear_one():
+    result = identify_draws([31])
+    error = result["summary"]["force_error"]
+    assert error["hysteretic"]["worst"] < 0.3 * error["linear"]["worst"]
+    assert result["summary"]["within_two_deviations"] == 1.0
+    assert "31" in identify_table(result)

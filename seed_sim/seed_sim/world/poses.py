@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from seed_core.config import from_mapping
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array
 from seed_estimation import Estimator, EstimatorParameters
@@ -28,7 +29,9 @@ def make_estimator(
 
     With the reference taken, after which membranes and cameras age. Raises SeedError.
     """
-    estimator = Estimator(EstimatorParameters(method=method), scenario.hand, cameras.cameras, calibration)
+    given = {**scenario.estimator, "method": method}
+    parameters = from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
+    estimator = Estimator(parameters, scenario.hand, cameras.cameras, calibration)
     start = -_REFERENCE_AGE - period * (REFERENCE_FRAMES + GRASP_FRAMES)
     estimator.capture_reference([cameras.no_contact(start + period * i) for i in range(REFERENCE_FRAMES)])
     cameras.age()

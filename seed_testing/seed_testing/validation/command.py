@@ -3,6 +3,7 @@
 
 seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--json] [--report FILE.png]
 seed validate estimator --method rigid_fit --from BAG
+seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
 """
 
@@ -12,10 +13,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-from seed_core.program.command_line import Help, command, number, seed_number, whole
+from seed_core.errors import SeedError
+from seed_core.program.command_line import Help, command, number, seed_number, to_json, whole
 from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, shipped_scenarios
-from seed_testing.validation import run, slip
+from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
 from seed_testing.validation.scores import NAMED, scores
 
@@ -46,6 +48,8 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         help="draw truth and estimate",
     )
+    one.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
+    one.add_argument("--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed")
     one.set_defaults(run=_estimator)
     two = commands.add_parser(
         "slip", formatter_class=Help, help="alarms when the tool slides, and none when it does not"
@@ -55,9 +59,11 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument(
         "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
     )
-    two.add_argument("--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core")
     two.set_defaults(run=_slip)
     for either in (one, two):
+        either.add_argument(
+            "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
+        )
         either.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
         either.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
@@ -65,6 +71,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def _estimator(options: argparse.Namespace) -> int:
     scenario, name = load_scenario(options.scenario, *run.FOLDERS), options.scenario
+    if options.world == "hidden":
+        if options.bag is not None or options.report is not None:
+            raise SeedError("--from and --report are of one run: leave out --world hidden")
+        draws = range(options.seed, options.seed + options.draws)
+        result = worlds.score_worlds(scenario, options.method, draws, options.jobs)
+        print(to_json(result) if options.json else worlds.table(result))
+        return 0
     if options.bag is not None:
         from seed_testing.validation.bag import run_bag
 

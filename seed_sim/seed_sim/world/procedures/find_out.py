@@ -20,6 +20,7 @@ from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
+from seed_sim.tactile.parameters import ToolShape
 from seed_sim.world.cameras import WorldCameras
 from seed_sim.world.parameters import World
 from seed_sim.world.procedures.captures import captures
@@ -78,6 +79,27 @@ def find_out(
     return Belief(work.believed, work.calibration, work.offset, work.spring, work.figures, work.seconds, problems)
 
 
+def calibrate_cameras(scenario: Scenario, world: World, seed: int) -> Calibration:
+    """`./seed calibrate` in a world: range by the dome as it is drawn, camera poses by a grasped cylinder.
+
+    Raises:
+        SeedError: the captures do not show what they should.
+    """
+    tool = scenario.tactile.tool
+    if not tool.round:  # a cylinder is taken for it
+        scenario = replace(scenario, tactile=replace(scenario.tactile, tool=ToolShape()))
+    data = captures(WorldCameras(scenario, world, seed), _FRAMES, _PER_POSE)
+    rim_x, rim_y, height = world.procedures.dome
+    drawn: MembraneShape = data.pop("shape")
+    shape = replace(
+        drawn,
+        rim_x=drawn.rim_x * (1.0 + rim_x),
+        rim_y=drawn.rim_y * (1.0 + rim_y),
+        height=drawn.height * (1.0 + height),
+    )
+    return calibrate(**data, shape=shape, hand=scenario.hand)
+
+
 def told(scenario: Scenario, world: World) -> Scenario:
     """The scenario with the stiffness that the suite is told: the world's own, times the factor on it."""
     k = (scenario.grasp.believed or scenario.grasp.stiffness).vector() * np.array(world.procedures.stiffness)
@@ -98,17 +120,7 @@ class _Work:
 
     def calibrate(self) -> None:
         """Range by the drawn dome, camera poses by a grasped cylinder."""
-        cameras = WorldCameras(self.believed, self._world, self._seed)
-        data = captures(cameras, _FRAMES, _PER_POSE)
-        rim_x, rim_y, height = self._world.procedures.dome
-        drawn: MembraneShape = data.pop("shape")
-        shape = replace(
-            drawn,
-            rim_x=drawn.rim_x * (1.0 + rim_x),
-            rim_y=drawn.rim_y * (1.0 + rim_y),
-            height=drawn.height * (1.0 + height),
-        )
-        self.calibration = calibrate(**data, shape=shape, hand=self.believed.hand)
+        self.calibration = calibrate_cameras(self.believed, self._world, self._seed)
 
     def identify(self) -> None:
         """The stiffness, on a fixed force/torque sensor."""

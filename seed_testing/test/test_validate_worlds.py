@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An estimator in hidden worlds, on a short trajectory."""
+
+from dataclasses import replace
+
+import pytest
+
+from seed_sim.scenario import load_scenario
+from seed_sim.world.parameters import CameraWorld, ImageWorld, World
+from seed_testing.validation import command
+from seed_testing.validation.run import FOLDERS
+from seed_testing.validation.scores import scores
+from seed_testing.validation.worlds import run_world, score_worlds, table
+
+CYLINDER = load_scenario("long_cylinder", *FOLDERS)
+SHORT = replace(CYLINDER, trajectory=replace(CYLINDER.trajectory, duration=2.0, rate=20.0))
+
+
+def test_a_world_as_believed_is_followed_and_a_scale_of_depth_scales_what_it_sees():
+    known = scores(run_world(SHORT, World(), "rigid_fit", 3))
+    assert known["valid_fraction"] == 1.0
+    scaled = CameraWorld(depth_scale=0.05)
+    other = scores(run_world(SHORT, World(images=ImageWorld(left=scaled, right=scaled)), "rigid_fit", 3))
+    assert abs(other["gain"]["x"] - known["gain"]["x"]) > 0.01  # 5 % further away, 5 % more to the side
+    assert other["gain"]["x"] == pytest.approx(1.05 * known["gain"]["x"], abs=0.02)
+
+
+def test_the_score_of_draws_has_every_draw_and_names_those_that_fail():
+    result = score_worlds(SHORT, "rigid_fit", [2])
+    (run,) = result["draws"]
+    assert run["draw"] == 2
+    assert result["summary"]["nees"]["worst"] == run["nees"]
+    assert "rigid_fit, long_cylinder" in table(result)
+    blind = replace(SHORT, estimator={"threshold": 0.019, "largest": 0.02})
+    failed = score_worlds(blind, "rigid_fit", [2])
+    assert "touches nothing" in failed["draws"][0]["error"]
+    assert "touches nothing" in table(failed)
+
+
+def test_hidden_worlds_take_no_bag(capsys):
+    assert command.main(["estimator", "--world", "hidden", "--from", "a_bag"]) == 2
+    assert "leave out --world hidden" in capsys.readouterr().err
