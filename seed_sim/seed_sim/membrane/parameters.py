@@ -38,7 +38,7 @@ class MembraneParameters:
     friction: float = field(1.0, low=0.0, high=5.0, doc="Coulomb's coefficient between sheet and tool")
     normal_stiffness: float = field(1e8, unit="N/m^3", low=1e6, high=1e10, doc="pressure per penetration")
     shear_stiffness: float = field(1e8, unit="N/m^3", low=1e6, high=1e10, doc="shear stress per displacement, sticking")
-    edge: float = field(0.002, unit="m", low=0.0002, high=0.01, doc="radius of the edges of box and ends")
+    edge: float = field(0.002, unit="m", low=0.0002, high=0.03, doc="radius of the edges of box and ends")
 
     # grip
     squeeze: float = field(0.0065, unit="m", low=0.0005, high=0.025, doc="imprint of the tool in each bubble, grasped")
@@ -68,14 +68,15 @@ def random_membrane(seed: int, spacing: float = 0.004) -> MembraneParameters:
         spacing: [m] of the nodes.
     """
     draw = np.random.default_rng((seed, 0x5EED))
-    Et = float(np.exp(draw.uniform(np.log(500.0), np.log(1000.0))))
+    pressure = float(draw.uniform(2000.0, 4000.0))
+    stretch = float(np.exp(draw.uniform(np.log(3.5), np.log(7.0))))  # [1/m]; a free dome of 30 to 34 mm
     return MembraneParameters(
-        Et=Et,
+        Et=pressure / stretch,
         thickness=float(draw.uniform(0.0004, 0.0006)),
         poisson=float(draw.uniform(0.40, 0.49)),
         moulded=float(draw.uniform(0.026, 0.028)),
         exponent=float(draw.uniform(0.70, 0.80)),
-        pressure=float(draw.uniform(3000.0, 4500.0)),
+        pressure=pressure,
         dead_volume=float(draw.uniform(0.00005, 0.0002)),
         friction=float(draw.uniform(0.7, 1.5)),
         squeeze=float(draw.uniform(0.0055, 0.0085)),

@@ -13,6 +13,7 @@ from seed_testing.figures import text
 BENCHES = {
     "estimator": "seed_testing.bench.estimator",
     "control": "seed_testing.bench.control",
+    "membrane": "seed_testing.bench.membrane",
     "driver": "seed_testing.bench.driver",
     "node": "seed_testing.bench.ros.pose_age",
 }
