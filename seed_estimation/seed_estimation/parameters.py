@@ -59,8 +59,8 @@ class EstimatorParameters:
     max_std_rotation: float = field(0.035, unit="rad", low=1e-4, high=1.0, doc="beyond it an axis is not observed")
 
     # what the cameras may get wrong all the time: standard deviations, which enter the covariance
-    mount_rotation_std: float = field(0.005, unit="rad", low=0.0, high=0.2, doc="of a camera's mount, about each axis")
-    mount_position_std: float = field(0.0003, unit="m", low=0.0, high=0.02, doc="of a camera's mount, along each axis")
+    mount_rotation_std: float = field(0.0065, unit="rad", low=0.0, high=0.2, doc="of a camera's mount, about each axis")
+    mount_position_std: float = field(0.0004, unit="m", low=0.0, high=0.02, doc="of a camera's mount, along each axis")
     focal_std: float = field(0.006, low=0.0, high=0.2, doc="of the focal length, as a share of it")
     depth_scale_std: float = field(0.006, low=0.0, high=0.2, doc="of the scale of depth, as a share of it")
     depth_offset_std: float = field(0.0002, unit="m", low=0.0, high=0.02, doc="of depth and of the membrane's shape")
