@@ -19,6 +19,7 @@ from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, shipped_scenarios
 from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
+from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
 
 
@@ -39,6 +40,16 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
     )
+    one.add_argument(
+        "--renderer",
+        choices=("own", "other"),
+        default="own",
+        help="other: one that shares nothing with the simulator's",
+    )
+    one.add_argument(
+        "--astray", type=number(0.0, "1"), default=0.0, metavar="SHARE",
+        help="other renderer: mounts up to 0.5 degrees and 0.5 mm off, focal length and depth 1 %%, times SHARE",
+    )  # fmt: skip
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
     one.add_argument(
         "--report",
@@ -83,6 +94,9 @@ def _estimator(options: argparse.Namespace) -> int:
 
         series, name = run_bag(options.bag, options.method, scenario), str(options.bag)
         result = scores(series)
+    elif options.renderer == "other":
+        series = run_other(scenario, options.method, options.seed, options.astray)
+        result = scores(series, scenario.trajectory.score_from)
     else:
         series = run.run(scenario, options.method, options.seed)
         result = scores(series, scenario.trajectory.score_from)

@@ -17,7 +17,7 @@ D = np.array((0.368, -4.494, 0.0, 0.0, 7.971))
 SIZE = 224, 171  # [px]
 CELL = 1e-4  # [m] of the printed sheet's picture
 MARCHES = 6
-NO_MOTION, I = (np.zeros(3), np.zeros(3)), np.eye(3)
+NO_MOTION, UNIT = (np.zeros(3), np.zeros(3)), np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class Bubble:
         seen = np.stack(((u.ravel() - lens[0, 2]) / lens[0, 0], (v.ravel() - lens[1, 2]) / lens[1, 1]))
         flat = seen.copy()
         for _ in range(40):  # OpenCV's own steps are too few for this lens
-            flat += 0.7 * (seen - cv2.projectPoints(np.stack((*flat, np.ones(flat.shape[1]))).T, *NO_MOTION, I, D)[0][:, 0].T)
+            flat += 0.7 * (
+                seen - cv2.projectPoints(np.stack((*flat, np.ones(flat.shape[1]))).T, *NO_MOTION, UNIT, D)[0][:, 0].T
+            )
         rays = np.concatenate((flat, np.ones((1, flat.shape[1]))))
         self._origin, self._rays = X_CX[:3, 3], (X_CX[:3, :3] @ rays).astype(np.float32).reshape(3, *u.shape)
         self._length = np.linalg.norm(rays, axis=0).reshape(u.shape).astype(np.float32)
@@ -71,7 +73,9 @@ class Bubble:
 
     def _grid(self, depth: Field) -> tuple[Field, Field]:
         """Columns and rows of the sheet's grid at depth (H, W)."""
-        at = [(self._origin[i] + self._rays[i] * depth - o) / STEP for i, o in zip((0, 2), self.sheet.origin, strict=True)]
+        at = [
+            (self._origin[i] + self._rays[i] * depth - o) / STEP for i, o in zip((0, 2), self.sheet.origin, strict=True)
+        ]
         return at[0].astype(np.float32), at[1].astype(np.float32)
 
     def _measured(self, depth: Field) -> Field:
@@ -127,5 +131,3 @@ class OtherRenderer:
         for bubble in self.bubbles.values():
             bubble.sheet.press(X_CT)
         return {f: b.images(stamp) for f, b in self.bubbles.items()}
-
-

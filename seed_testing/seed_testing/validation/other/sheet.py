@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pressurised sheet against a tool, as an obstacle problem on a grid over x and z of C.
 
-The sheet's height is w, along y of C towards its own camera. At rest it is a paraboloid over the rim. Its displacement u
-costs tension and, by what carries it from below, u^2 / (2 length^2): the least energy with w >= tool, found by projected
-relaxation that starts from the frame before. Air that is pushed aside lifts the rest: the mean of u stays 0.
+The sheet's height is w, along y of C towards its own camera. At rest it is a paraboloid over the rim. Its displacement
+u costs tension and, by what carries it from below, u^2 / (2 length^2): the least energy with w >= tool, found by
+projected relaxation that starts from the frame before. Air that is pushed aside lifts the rest: the mean of u stays 0.
 
 Material sticks where the tool touches and has touched since the grasp. Everywhere else its sideways displacement is
 that of a sheet carried in the same way, so that what comes into contact later slides.
@@ -25,7 +25,7 @@ TOUCH = 2e-5  # [m]
 
 
 class Held(NamedTuple):
-    """What is held: round about z_T with a radius [m], or a box of half thickness `radius` along y_T and width along x_T."""
+    """What is held: round about z_T, or a box of half thickness `radius` along y_T and of a width along x_T [m]."""
 
     radius: float = 0.012
     length: float = 0.2
