@@ -5,18 +5,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from seed_control.monitor.settings import ReferenceSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
-from seed_sim.tactile.parameters import TactileParameters
+from seed_sim.membrane.parameters import MembraneParameters, random_membrane
+from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
 
+_DOT_PITCH, _DOT_JITTER = (0.0037, 0.0041), (0.18, 0.28)  # [m], [pitches] of random membranes: 390 to 440 are in view
+_FIRM = (0.0115, 0.0135)  # [m] squeeze
+HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
 SHIPPED: Folder = ("seed_sim", "config/scenarios")
+GRASPS = ("bushing", "membrane")
+PRESSURE_FAULTS = ("none", "silent", "stuck", "left_silent", "left_stuck", "pascal", "gauge")
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
 
 
@@ -24,8 +32,11 @@ COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_
 class GraspSection:
     """The compliant element of the plant."""
 
-    stiffness: Stiffness = field(DEFAULT_STIFFNESS, doc="of the plant at the grip's nominal width")
-    believed: Stiffness | None = field(None, doc="what the controller believes; default: the true one")
+    kind: str = field("bushing", choices=GRASPS, doc="a spring of known stiffness, or membranes with mechanics")
+    stiffness: Stiffness = field(DEFAULT_STIFFNESS, doc="of a bushing at the grip's nominal width")
+    believed: Stiffness | None = field(
+        None, doc="what the controller believes; default: a bushing's, or the membranes' tangent at the grasp"
+    )
     damping_ratio: float = field(0.3, low=0.0, high=2.0, doc="on every axis")
     pad_mass: float = field(0.0, unit="kg", low=0.0, high=1.0, doc="of the gripper pads that move with the tool")
     pad_radius: float = field(0.02, unit="m", low=0.0, high=0.2, doc="radius of gyration of those pads")
@@ -37,9 +48,21 @@ class GraspSection:
         doc="what the grasp bore when it was initialised: force on the tool in C; its weight if it hung, 0 if carried",
     )
     nominal_width: float = field(0.02, unit="m", low=0.0, high=0.2, doc="distance of the fingers at which K holds")
-    stiffening: float = field(60.0, unit="1/m", low=0.0, high=1000.0, doc="relative rise of K per closed metre")
-    nominal_pressure: float = field(1030.0, unit="hPa", low=900.0, high=1500.0, doc="in the bubbles at that width")
-    pressure_slope: float = field(1500.0, unit="hPa/m", low=0.0, high=1e5, doc="rise of pressure per closed metre")
+    stiffening: float = field(
+        60.0, unit="1/m", low=0.0, high=1000.0, doc="relative rise of K per closed metre, bushing"
+    )
+    nominal_pressure: float = field(1030.0, unit="hPa", low=900.0, high=1500.0, doc="at that width, bushing")
+    pressure_slope: float = field(1500.0, unit="hPa/m", low=0.0, high=1e5, doc="rise per closed metre, bushing")
+
+
+@dataclass(frozen=True)
+class PressureSection:
+    """The pressure sensors of both bubbles."""
+
+    noise: float = field(0.0, unit="hPa", low=0.0, high=100.0, doc="white, of each reading")
+    offset: float = field(0.0, unit="hPa", low=-500.0, high=500.0, doc="of both sensors")
+    fault: str = field("none", choices=PRESSURE_FAULTS, doc="what is wrong with the left one, or with all")
+    fault_from: float = field(0.0, unit="s", low=0.0, high=3600.0, doc="since when, on the plant's clock")
 
 
 @dataclass(frozen=True)
@@ -114,6 +137,8 @@ class Scenario:
     tool: Tool = field(Tool(), doc="frames and weight of the tool, also what the controller believes")
     true_mass: float | None = field(None, unit="kg", low=0.0, high=20.0, doc="of the plant's tool; default as believed")
     grasp: GraspSection = field(GraspSection(), doc="the compliant element")
+    membrane: MembraneParameters = field(MembraneParameters(), doc="both membranes, with grasp.kind: membrane")
+    pressure: PressureSection = field(PressureSection(), doc="the pressure sensors")
     servo: ServoSection = field(ServoSection(), doc="the arm")
     table: TableSection = field(TableSection(), doc="the surface")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
@@ -133,7 +158,27 @@ class Scenario:
 
 def tactile_of(scenario: Scenario) -> TactileParameters:
     """The renderer's parameters of a scenario, whoever renders: live, in closed loop, to validate or to identify."""
-    return replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
+    p = replace(scenario.tactile, slip=scenario.tactile.slip or scenario.slip_share)
+    if scenario.grasp.kind == "membrane":
+        p = replace(p, rim_x=scenario.membrane.rim_x, rim_z=scenario.membrane.rim_z)
+    return p
+
+
+def on_membrane(scenario: Scenario, seed: int, firm: bool = False) -> Scenario:
+    """The scenario with its tool between two membranes that are drawn from the seed, dots included.
+
+    firm: as a tool needs that presses with 10 N at a lever of 12 cm: its handle has flat sides, and the gripper
+    squeezes with 12 to 22 N.
+    """
+    rng = np.random.default_rng((seed, 0xD075))
+    tactile = replace(
+        scenario.tactile, dot_pitch=float(rng.uniform(*_DOT_PITCH)), dot_jitter=float(rng.uniform(*_DOT_JITTER))
+    )
+    grasp = replace(scenario.grasp, kind="membrane", believed=None)
+    membrane = random_membrane(seed)
+    if firm:
+        membrane, tactile = replace(membrane, squeeze=float(rng.uniform(*_FIRM))), replace(tactile, tool=HANDLE)
+    return replace(scenario, grasp=grasp, membrane=membrane, tactile=tactile)
 
 
 def shipped_scenarios(folder: Folder = SHIPPED) -> list[str]:

@@ -34,6 +34,8 @@ def main(argv: list[str]) -> int:
     if hidden:
         if args.scenarios:
             parser.error("--scenarios belongs to known worlds: give --draws N")
+        if args.membrane is not None:
+            parser.error("--membrane belongs to known worlds: give a scenario with grasp.kind: membrane")
         return _draws(args)
     for name in ("draws", "late_stamps", "out"):
         if getattr(args, name):
@@ -68,6 +70,12 @@ def _parser() -> argparse.ArgumentParser:
         "--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep, first draw"
     )
     p.add_argument("--scenario", help=f"one of {', '.join(shipped_scenarios())}, or a file; the task's own if left out")
+    p.add_argument(
+        "--membrane",
+        type=seed_number,
+        metavar="SEED",
+        help="hold the tool between two membranes with mechanics, drawn from this seed (docs/membrane.md)",
+    )
     p.add_argument("--scenarios", type=whole(1), metavar="N", help="sweep: seeds per column")
     p.add_argument(
         "--column",
@@ -107,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _one(args: argparse.Namespace) -> int:
-    how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario")}
+    how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario", "membrane")}
     with progress_bar() as progress:
         result = evaluate(args.task, progress=progress, **how).result
     print(to_json(result) if args.json else _text(result))

@@ -14,7 +14,7 @@ from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.run import SeedSteering, Steering, play, start_pose
 from seed_sim.plant.plant import Plant
-from seed_sim.scenario import Scenario, load_scenario
+from seed_sim.scenario import Scenario, load_scenario, on_membrane
 
 LAWS = (*CONTROL_LAWS, *BASELINES)
 SCENARIO_OF_TASK = {"squeegee": "nominal", "write": "pen"}  # others have a scenario of their own name
@@ -37,6 +37,7 @@ def evaluate(
     force: float | None = None,
     seed: int = 0,
     scenario: str | Path | Scenario | None = None,
+    membrane: int | None = None,
     meshcat: Any = None,
     progress: Progress | None = None,
 ) -> Evaluation:
@@ -49,6 +50,7 @@ def evaluate(
         force: [N] replaces the size of every force in the task.
         seed: draws the table, the arm's errors and all noise.
         scenario: name, file or scenario; default: the task's own.
+        membrane: draws two membranes with mechanics in place of the scenario's grasp, see `scenario.on_membrane`.
         meshcat: a pydrake.geometry.Meshcat to draw in, or None.
         progress: is told the share of the task and the name of its phase.
 
@@ -64,6 +66,8 @@ def evaluate(
         scenario = SCENARIO_OF_TASK.get(task.name, task.name)
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
+    if membrane is not None:
+        scenario = on_membrane(scenario, membrane, firm=True)
     if law not in LAWS:
         raise SeedError(f"law '{law}' is unknown; known: {', '.join(LAWS)}")
     began = time.perf_counter()
@@ -84,6 +88,15 @@ def evaluate(
         "estimator": estimator,
         **score(recording, scored_phase(task)),
         "message": recording.message,
+        "membrane": _of_membranes(plant, membrane),
         "real_time_factor": plant.time / max(wall_time, 1e-9),
     }
     return Evaluation(result, recording, plant)
+
+
+def _of_membranes(plant: Plant, seed: int | None) -> dict[str, Any] | None:
+    """How the membranes fared; None where the grasp is another."""
+    hold = plant.membranes
+    if hold is None:
+        return None
+    return {"seed": seed, "solves": hold.solves, "unsettled": hold.unsettled, "most_sliding": hold.most_sliding}

@@ -10,9 +10,11 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
 from seed_estimation import METHODS, Estimator, EstimatorParameters
+from seed_sim.bubbles import renderer_of
+from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.plant import DT, Plant
-from seed_sim.scenario import Scenario, tactile_of
-from seed_sim.tactile import TactileRenderer
+from seed_sim.pressure import PressureSensors
+from seed_sim.scenario import Scenario
 
 FROM_IMAGES = tuple(sorted(METHODS))
 ESTIMATORS = ("truth", "noisy", *FROM_IMAGES)
@@ -20,21 +22,29 @@ _NOISE_DELAY, _IMAGE_DELAY = 0.05, 0.03  # [s] unless the scenario says otherwis
 _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5
 
 
-def taken_at(scenario: Scenario) -> Array:
-    """X_CT (4, 4) of the tool where the grasp is initialised: deflected by what the grasp bears then."""
-    load = -np.array(scenario.grasp.taken_under)
-    return inverse_pose(Bushing(scenario.grasp.stiffness).pose(Wrench(np.zeros(3), load)))
+def taken_at(scenario: Scenario, hold: MembraneHold | None = None) -> Array:
+    """X_CT (4, 4) of the tool where the grasp is initialised: deflected by what the grasp bears then.
+
+    hold: the membranes, where the grasp is one of membranes; they are left there.
+    """
+    load = np.array(scenario.grasp.taken_under)
+    if hold is not None:
+        return hold.under(Wrench(np.zeros(3), load)) if load.any() else np.eye(4)
+    return inverse_pose(Bushing(scenario.grasp.stiffness).pose(Wrench(np.zeros(3), -load)))
 
 
 class PoseSource:
     """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay."""
 
-    def __init__(self, scenario: Scenario, rate: float, delay: float) -> None:
+    def __init__(self, scenario: Scenario, rate: float, delay: float, X_taken: Array | None = None) -> None:
+        """rate [Hz], delay [s]; X_taken (4, 4): X_CT where the grasp is initialised, default: as of a bushing."""
         given = scenario.measurement.delay
         self.delay = delay if given is None else given
         self.period = 1.0 / rate
         self._stamp_error = scenario.measurement.stamp_error
-        self._X_TT0 = inverse_pose(taken_at(scenario))  # T as the grasp was taken, in the tool's own frame
+        self._X_TT0 = inverse_pose(
+            taken_at(scenario) if X_taken is None else X_taken
+        )  # T as the grasp was taken, in the tool's own frame
         self._count = 0
         self._on_their_way: deque[tuple[float, RelativePoseEstimate]] = deque()
 
@@ -70,9 +80,9 @@ class TruePoses(PoseSource):
 class NoisyPoses(PoseSource):
     """The exact pose with white noise on each axis, late."""
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(self, scenario: Scenario, seed: int, X_taken: Array) -> None:
         m = scenario.measurement
-        super().__init__(scenario, m.rate, _NOISE_DELAY)
+        super().__init__(scenario, m.rate, _NOISE_DELAY, X_taken)
         self._rng = np.random.default_rng([seed, 2])
         self._sigma = (np.deg2rad(m.rotation_noise), 1e-3 * m.position_noise)
 
@@ -87,25 +97,48 @@ class NoisyPoses(PoseSource):
 class PosesFromImages(PoseSource):
     """Rendered images of both bubbles through an estimator of seed_estimation."""
 
-    def __init__(self, scenario: Scenario, seed: int, method: str) -> None:
-        super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY)
-        self.renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
+    def __init__(self, scenario: Scenario, seed: int, method: str, hold: MembraneHold | None = None) -> None:
+        """hold: the plant's membranes, which the images show; the tool is as it was grasped."""
+        X_taken = taken_at(scenario, hold)
+        super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
+        self.renderer = renderer_of(scenario, seed, hold)
         self.estimator = Estimator(EstimatorParameters(method=method), scenario.hand, self.renderer.cameras)
         still = [-self.period * (_REFERENCE_FRAMES + _GRASP_FRAMES - i) for i in range(_REFERENCE_FRAMES)]
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
-        self.estimator.initialize_grasp([self.renderer.render(taken_at(scenario), t) for t in held])
+        self.estimator.initialize_grasp([self.renderer.render(X_taken, t) for t in held])
+        ambient = scenario.grasp.nominal_pressure if hold is None else 0.01 * hold.parameters.ambient
+        self._pressures = PressureSensors(scenario.pressure, ambient, seed)
+        if hold is not None:
+            hold.restart()
 
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
-        return self.estimator.update(self.renderer.render(plant.X_CT, plant.time), stamp)
+        plant.solve_membranes()
+        estimate = self.estimator.update(self.renderer.render(plant.X_CT, plant.time), stamp)
+        return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
 
-def pose_source(kind: str, scenario: Scenario, seed: int, control_rate: float) -> PoseSource:
-    """The source of that kind, one of ESTIMATORS; control_rate [Hz] is that of the truth. Raises SeedError."""
-    if kind == "truth":
-        return TruePoses(scenario, control_rate, 0.0)
-    if kind == "noisy":
-        return NoisyPoses(scenario, seed)
+def pose_source(
+    kind: str, scenario: Scenario, seed: int, control_rate: float, plant: Plant | None = None
+) -> PoseSource:
+    """The source of that kind, one of ESTIMATORS.
+
+    Args:
+        kind, scenario, seed: what it is.
+        control_rate: [Hz], that of the truth.
+        plant: whose membranes images show; only needed where the scenario has them.
+
+    Raises:
+        SeedError: no such kind, or the estimator does not see the grasp.
+    """
+    hold = plant.membranes if plant is not None else None
     if kind in FROM_IMAGES:
-        return PosesFromImages(scenario, seed, kind)
+        return PosesFromImages(scenario, seed, kind, hold)
+    X_taken = taken_at(scenario, hold)
+    if hold is not None:
+        hold.restart()
+    if kind == "truth":
+        return TruePoses(scenario, control_rate, 0.0, X_taken)
+    if kind == "noisy":
+        return NoisyPoses(scenario, seed, X_taken)
     raise SeedError(f"estimator '{kind}' is unknown; known: {', '.join(ESTIMATORS)}")

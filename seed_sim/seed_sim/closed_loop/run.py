@@ -23,6 +23,7 @@ from seed_sim.scenario import Scenario
 START_HEIGHT = 0.03  # [m] of the tip above the nominal table
 MAX_DURATION = 120.0  # [s] of any run
 SETTLE = 0.6  # [s] of hanging still before the controller is enabled
+LET_DOWN = 0.4  # [s] in which a holder gives the tool's weight to membranes, whose friction would remember a fall
 
 
 class Steering(Protocol):
@@ -84,17 +85,19 @@ class SeedSteering:
         """
         parameters = parameters_of(scenario, law)
         grasp = scenario.grasp
-        believed = grasp.believed or grasp.stiffness
+        believed = grasp.believed or (grasp.stiffness if plant.membranes is None else plant.stiffness)
         self.controller = Controller(
             parameters, scenario.hand, scenario.tool, believed, wrench_model, references=scenario.reference
         )
         self._arm_sensor = ArmSensor(scenario.measurement.arm_sensor, seed)
         self.rate, self._plant, self._enabled = parameters.rate, plant, False
-        self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate)
+        self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate, plant)
         self._rng = np.random.default_rng([seed, 3])
         self._kinematics_noise = 1e-3 * scenario.measurement.kinematics_noise
 
     def sense(self, t: float) -> ControllerState:
+        if self._plant.membranes is not None and t <= LET_DOWN + 1.0 / self.rate:
+            self._plant.carry(max(1.0 - t / LET_DOWN, 0.0))
         while self._poses.next_image() <= t + 1e-9:
             self._plant.advance(self._poses.next_image())
             self._poses.take_image(self._plant)

@@ -66,6 +66,7 @@ class Cell:
     ) -> None:
         self._surface, self._dissipation = surface, scenario.table.dissipation
         self.bushing: Any = None
+        self._inertia = inertia
         builder = DiagramBuilder()
         self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, step)
         self.plant.SetUseSampledOutputPorts(False)
@@ -104,6 +105,11 @@ class Cell:
             port = self.plant.get_applied_generalized_force_input_port()
             self._applied = port.FixValue(self.context, self._forces)
 
+    def carry(self, share: float) -> None:
+        """Have something else carry this share of the tool's weight."""
+        assert self._inertia is not None
+        self._apply_weight(self._inertia, 1.0 - share)
+
     def apply(self, torque: Array, force: Array) -> None:
         """Load the tool with the grasp's torque and force, (3,) [N m], [N] about T's origin, in the world."""
         i = self._tool_in_v
@@ -137,12 +143,12 @@ class Cell:
         self.bushing = self.plant.AddForceElement(bushing)
         return body
 
-    def _apply_weight(self, inertia: ToolInertia) -> None:
+    def _apply_weight(self, inertia: ToolInertia, share: float = 1.0) -> None:
         """The tool's weight at its centre of mass; that of the pads which move with it rests on the gripper."""
         weight = dp.ExternallyAppliedSpatialForce()
         weight.body_index = self.tool.index()
         weight.p_BoBq_B = inertia.com
-        weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -inertia.mass * GRAVITY)))
+        weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -share * inertia.mass * GRAVITY)))
         self.plant.get_applied_spatial_force_input_port().FixValue(self.context, [weight])
 
     def _add_contact(self, body: Any, X: Any, shape: Any, name: str, stiffness: float) -> None:

@@ -12,7 +12,7 @@ from seed_core.spatial import Array, skew
 from seed_sim.plant.tools import ToolInertia
 from seed_sim.scenario import GraspSection
 
-_MOST_SUBSTEPS = 10
+MOST_SUBSTEPS = 10
 _WEAKEST, _FIRMEST = 0.3, 4.0  # times the nominal stiffness
 
 
@@ -44,10 +44,10 @@ class Grip:
         """The bushing is integrated explicitly, which is stable only while rate x step < 1."""
         rate = fastest_rate(inertia, self.stiffness, self._grasp.damping_ratio)
         parts = max(ceil(rate * self._step / 0.5), 1)
-        if parts > _MOST_SUBSTEPS:
+        if parts > MOST_SUBSTEPS:
             raise PlantError(
                 f"scenario '{name}': the grasp's fastest mode, {rate:.0f} rad/s, would need {parts} "
-                f"sub-steps of a millisecond, at most {_MOST_SUBSTEPS} are taken: give the tool the inertia of the "
+                f"sub-steps of a millisecond, at most {MOST_SUBSTEPS} are taken: give the tool the inertia of the "
                 "gripper pads (grasp.pad_mass, grasp.pad_radius), or less stiffness or damping"
             )
         return parts
@@ -62,6 +62,11 @@ class Grip:
         """Constants (3,) [N m s/rad] and (3,) [N s/m] of the grasp at this width."""
         assert self._inertia is not None
         return damping_of(self._inertia, self.stiffness, self._grasp.damping_ratio)
+
+    @property
+    def pressures(self) -> dict[str, float]:
+        """In each bubble at this width [hPa]."""
+        return dict.fromkeys(("left", "right"), self.pressure)
 
     @property
     def pressure(self) -> float:
@@ -98,14 +103,19 @@ def damping_of(inertia: ToolInertia, stiffness: Stiffness, ratio: float) -> tupl
 
 
 def fastest_rate(inertia: ToolInertia, stiffness: Stiffness, ratio: float) -> float:
+    """Fastest rate of a tool held by a bushing of that damping ratio on each axis, see `rate_of`."""
+    D = np.diag(np.concatenate(damping_of(inertia, stiffness, ratio)))
+    return rate_of(inertia, np.diag(stiffness.vector()), D)
+
+
+def rate_of(inertia: ToolInertia, K: Array, D: Array) -> float:
     """Fastest rate of the held tool [rad/s, 1/s]: an explicit step dt follows it only while rate dt < 1.
 
-    From the eigenvalues of the damped linear system, rotation and translation coupled by the centre of mass.
+    From the eigenvalues of the damped linear system, rotation and translation coupled by the centre of mass; K and D
+    (6, 6) of rotation, translation [N m/rad, N/m] and [N m s/rad, N s/m].
     """
     M, m = np.zeros((6, 6)), inertia.moving_mass
     c = m * skew(inertia.moving_com)
     M[:3, :3], M[:3, 3:], M[3:, :3], M[3:, 3:] = inertia.about_T, c, -c, m * np.eye(3)
-    K = np.diag(np.concatenate([stiffness.rotation, stiffness.translation]))
-    D = np.diag(np.concatenate(damping_of(inertia, stiffness, ratio)))
     A = np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return float(np.abs(np.linalg.eigvals(A)).max())

@@ -14,9 +14,11 @@ from seed_core.bushing import Stiffness
 from seed_core.errors import FailedError
 from seed_core.hand import weight_about_T
 from seed_core.spatial import Array, Wrench, cross, inverse_pose, make_pose, so3_exp, so3_log
+from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.arm import Arm
 from seed_sim.plant.grasp_force import GraspForce, pose_in, relative
 from seed_sim.plant.grip import Grip, PlantError
+from seed_sim.plant.membrane_grip import MembraneGrip
 from seed_sim.plant.table import draw_surface
 from seed_sim.plant.tools import ToolInertia, ToolShape, inertia_of, shape_of
 from seed_sim.scenario import Scenario
@@ -36,10 +38,14 @@ class Plant:
         X_WE: (4, 4) flange pose at the start.
         welded: the tool is bolted to the gripper (the baseline).
         meshcat: a pydrake.geometry.Meshcat to draw in, or None.
-        grasp_force: what the grasp does to the tool, with its damping; None: Drake's bushing.
+        grasp_force: what the grasp does to the tool, with its damping; None: what the scenario's `grasp.kind` says.
+
+    Attributes:
+        grip: what holds the tool, and how firmly.
 
     Raises:
         PlantError: no step is small enough for the tool in this grasp.
+        MembraneError: the scenario's membranes cannot be inflated, or the tool pierces them.
         FailedError: Drake is not installed.
     """
 
@@ -66,9 +72,14 @@ class Plant:
         self.arm = Arm(scenario.servo, X_WE, rng)
         self._com = np.array(scenario.tool.center_of_mass)
         inertia = None if welded else self._tool_inertia(shape)
-        self.grip = Grip(scenario.grasp, inertia, DT, scenario.name)
+        self.grip: Grip | MembraneGrip
+        bushing = None
+        if scenario.grasp.kind == "membrane" and inertia is not None and grasp_force is None:
+            self.grip = grasp_force = MembraneGrip(scenario, inertia, DT)
+        else:
+            self.grip = grip = Grip(scenario.grasp, inertia, DT, scenario.name)
+            bushing = grip if grasp_force is None else None
         self._meshcat, self._grasp_force = meshcat, None if welded else grasp_force
-        bushing = self.grip if self._grasp_force is None else None
         self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self.grip.substeps, meshcat)
         self._X_EC, self._p_Ttip = self.hand.X_EC, self.tool.X_Ttip[:3, 3]
         self._X_WC: Array = X_WE @ self._X_EC
@@ -251,13 +262,28 @@ class Plant:
 
     @property
     def stiffness(self) -> Stiffness:
-        """Of the bushing at the present width."""
+        """Of the grasp at the present width; of membranes, the diagonal of their tangent."""
         return self.grip.stiffness
+
+    @property
+    def membranes(self) -> MembraneHold | None:
+        """Both membranes where the grasp is one of membranes."""
+        return self.grip.hold if isinstance(self.grip, MembraneGrip) else None
+
+    def carry(self, share: float) -> None:
+        """Have a holder carry this share of the tool's weight, 0 to 1."""
+        if not self.welded:
+            self._cell.carry(share)
+
+    def solve_membranes(self) -> None:
+        """Solve them for the present pose, as when an image is taken; nothing where there are none."""
+        if isinstance(self.grip, MembraneGrip):
+            self.grip.solve(self.X_CT, self.time)
 
     def set_gripper_width(self, width: float) -> None:
         """Close to width [m]. Raises PlantError, see `Grip.set_width`."""
         self.grip.set_width(width)
-        if self._cell.bushing is not None:
+        if isinstance(self.grip, Grip) and self._cell.bushing is not None:
             self._cell.set_bushing(self.grip)
 
 

@@ -24,6 +24,7 @@ class TrajectorySection:
     translation_mm: Vector3 = field((4.5, 2.1, 3.0), unit="mm rms", low=0.0, high=20.0, doc="x, y, z")
     rotation_deg: Vector3 = field((8.0, 6.0, 6.0), unit="deg rms", low=0.0, high=30.0, doc="roll, pitch, yaw")
     peak_deg: Vector3 | None = field(None, unit="deg", low=0.0, high=60.0, doc="largest roll, pitch, yaw, not rms")
+    scale: float = field(1.0, low=0.0, high=5.0, doc="of all that; membranes let a tool go that moves too far")
     score_from: float = field(0.0, unit="s", low=0.0, high=600.0, doc="frames before it are not scored")
 
 
@@ -35,6 +36,7 @@ def poses(section: TrajectorySection, seed: int) -> Iterator[tuple[float, Array]
     if section.peak_deg is not None:
         values[:, 3:] = _waves(times, np.random.default_rng((seed, 4)))[:, 3:]
         values[:, 3:] *= np.asarray(section.peak_deg) / np.abs(values[:, 3:]).max(axis=0)
+    values *= section.scale
     for t, v in zip(times, values, strict=True):
         yield float(t), pose_from_rpy(np.deg2rad(v[3:]), 1e-3 * v[:3])
 

@@ -10,17 +10,22 @@ seed validate slip --seed 7 [--json]
 import argparse
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, number, seed_number, to_json, whole
 from seed_estimation import METHODS
-from seed_sim.scenario import load_scenario, shipped_scenarios
+from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
 from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
+
+SCALE = 0.4  # of a scenario's motion that random membranes bear
 
 
 @command("seed validate")
@@ -50,6 +55,13 @@ def _parser() -> argparse.ArgumentParser:
         "--astray", type=number(0.0, "1"), default=0.0, metavar="SHARE",
         help="other renderer: mounts up to 0.5 degrees and 0.5 mm off, focal length and depth 1 %%, times SHARE",
     )  # fmt: skip
+    one.add_argument(
+        "--membrane",
+        type=seed_number,
+        metavar="SEED",
+        help="hold the tool between two membranes with mechanics, drawn from this seed; the motion is "
+        f"{SCALE:g} of the scenario's, so that the tool stays in the grasp",
+    )
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
     one.add_argument(
         "--report",
@@ -89,6 +101,9 @@ def _estimator(options: argparse.Namespace) -> int:
         result = worlds.score_worlds(scenario, options.method, draws, options.jobs)
         print(to_json(result) if options.json else worlds.table(result))
         return 0
+    if options.membrane is not None:
+        scenario = on_membrane(scenario, options.membrane)
+        scenario = replace(scenario, trajectory=replace(scenario.trajectory, scale=SCALE * scenario.trajectory.scale))
     if options.bag is not None:
         from seed_testing.validation.bag import run_bag
 
@@ -101,6 +116,9 @@ def _estimator(options: argparse.Namespace) -> int:
         series = run.run(scenario, options.method, options.seed)
         result = scores(series, scenario.trajectory.score_from)
     result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
+    if series.sliding:
+        slid = {"mean": float(np.mean(series.sliding)), "max": float(np.max(series.sliding))}
+        result |= {"membrane": options.membrane, "sliding_share": slid}
     if options.report is not None:
         result["report"] = str(draw({options.method: series}, options.report, name))
     print(json.dumps(result, indent=2) if options.json else _table(result))
@@ -125,6 +143,9 @@ def _table(result: dict[str, Any]) -> str:
             lines.append(f"{name:10}" + "".join("      ---" if v is None else f"{v:9.3f}" for v in values))
         low, high = result["nees_bounds"]
         lines.append(f"normalised error squared {result['nees']:.2f} (6 expected; bounds {low:.2f} to {high:.2f})")
+    if "sliding_share" in result:
+        slid = result["sliding_share"]
+        lines.append(f"sliding nodes {100 * slid['mean']:.0f} % on average, {100 * slid['max']:.0f} % at most")
     cost = result["ms_per_pair"]
     lines.append(f"CPU per pair {cost['median'] or 0:.2f} ms median, {cost['p99'] or 0:.2f} ms at 99 %")
     if result.get("report"):

@@ -6,9 +6,11 @@ import numpy as np
 from tqdm import tqdm
 
 from seed_core.config import from_mapping
+from seed_core.errors import SeedError
 from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileRenderer
-from seed_sim.scenario import SHIPPED, Scenario, tactile_of
+from seed_sim.bubbles import HeldRenderer, renderer_of
+from seed_sim.scenario import SHIPPED, Scenario
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.calibrate import calibration
 from seed_testing.validation.scores import Series
@@ -27,22 +29,29 @@ def run(scenario: Scenario, method: str, seed: int) -> Series:
     """Truth and estimates of one trajectory; the same on every run of a seed but for the times.
 
     Raises:
-        SeedError: the scenario's parameters of the estimator cannot be used, or it does not see the grasp.
+        SeedError: the scenario's parameters of the estimator cannot be used, it does not see the grasp, or the
+            membranes do not bear the trajectory.
     """
     cv2.setNumThreads(1)
     series = Series()
-    renderer = TactileRenderer(tactile_of(scenario), scenario.hand, seed)
+    renderer = renderer_of(scenario, seed)
     estimator = estimator_for(scenario, method, renderer)
     for stamp, X_CT in tqdm(list(poses(scenario.trajectory, seed)), desc=method, unit="pair", disable=None):
         series.estimate(estimator, renderer.render(X_CT, stamp), stamp, X_CT)
+        if isinstance(renderer, HeldRenderer):
+            series.sliding.append(renderer.hold.state.sliding_share)
     return series
 
 
-def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer) -> Estimator:
+def estimator_for(scenario: Scenario, method: str, renderer: TactileRenderer | HeldRenderer) -> Estimator:
     """An estimator as the scenario configures it, with reference and grasp taken. Raises SeedError."""
     given = {**EXACT, **scenario.estimator, "method": method}
     parameters = from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
-    calibrated = calibration(renderer, scenario.hand) if scenario.calibrate else None
+    calibrated = None
+    if scenario.calibrate:
+        if isinstance(renderer, HeldRenderer):
+            raise SeedError("calibrate: the captures of a calibration are rendered on grasp.kind: bushing only")
+        calibrated = calibration(renderer, scenario.hand)
     estimator = Estimator(parameters, scenario.hand, renderer.cameras, calibrated)
     step = 1.0 / scenario.trajectory.rate
     still = [-_LEAD + step * i for i in range(REFERENCE_FRAMES)]

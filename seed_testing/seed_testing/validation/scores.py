@@ -22,11 +22,15 @@ _TAIL = 0.025  # of chi-square, on either side
 
 @dataclass
 class Series:
-    """Truth and estimate of one run, frame by frame, and the CPU time that each estimate took [ms]."""
+    """Truth and estimate of one run, frame by frame, and the CPU time that each estimate took [ms].
+
+    sliding: share of the touching nodes that slide, frame by frame, on membranes with mechanics; else empty.
+    """
 
     X_true: list[Array] = field(default_factory=list)
     estimates: list[RelativePoseEstimate] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
+    sliding: list[float] = field(default_factory=list)
 
     def add(self, X_true: Array, estimate: RelativePoseEstimate, cpu_ms: float) -> None:
         """One more frame."""
