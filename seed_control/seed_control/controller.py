@@ -16,6 +16,7 @@ from seed_control.command.guard import Guard
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact_watch import ContactWatch
+from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
 from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
@@ -51,6 +52,7 @@ class Controller:
         references: what the wrench is checked against, and corrected by.
         law: what turns set-points and images into gripper poses.
         checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
+        pressure: whether the bubbles' pressures are those of the identification.
         watch: what the contact says about clocks and swings.
     """
 
@@ -62,6 +64,7 @@ class Controller:
         stiffness: Stiffness,
         wrench_model: WrenchModel | None = None,
         references: ReferenceSettings | None = None,
+        pressure: PressureCheck | None = None,
     ) -> None:
         """Disabled, until `enable`.
 
@@ -70,6 +73,7 @@ class Controller:
             wrench_model: what the wrench comes from; None: a map of this stiffness. Another model than that brings its
                 own local stiffness.
             references: what the wrench is checked against; None: the defaults.
+            pressure: check of the bubbles' pressures; None: nothing is known of them.
 
         Raises:
             ConfigError: a parameter is out of its bounds.
@@ -89,6 +93,7 @@ class Controller:
         if not law.gravity:  # the paper's law has the paper's wrench
             checks = replace(checks, correct=False)
         self.references = References(checks, hand, tool, self.wrench_estimator)
+        self.pressure = pressure or PressureCheck()
         self._guard = Guard(p, self._counting)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self._command = FlangeCommand(p, hand.X_EC)
@@ -105,7 +110,11 @@ class Controller:
 
         While force, torque or a displacement is controlled on an axis that it does not observe, it counts as invalid.
         """
-        good = self._inputs.add_estimate(estimate, self._unobserved(estimate))
+        unknown = self._unobserved(estimate) or self.wrench_estimator.why_unknown(estimate)
+        good = self._inputs.add_estimate(estimate, unknown)
+        if good:
+            self.pressure.update(estimate)
+            self._guard.hold(self.pressure.reason)
         if self._inputs.bad_in_a_row >= MOST_BAD:
             self._guard.hold(self._counting.remark)
             self.references.new_grasp()
@@ -131,6 +140,8 @@ class Controller:
         stale = self._inputs.staleness(t)
         if stale:
             raise ControlRefusedError(f"cannot enable: {stale}")
+        if self.pressure.reason:
+            raise ControlRefusedError(f"cannot enable: {self.pressure.reason}")
         if self._guard.following:
             return
         self._command.start_from(self._inputs.history.newest())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from seed_control.monitor.settings import ReferenceSettings
+from seed_control.wrench.model_settings import WrenchSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
@@ -147,6 +148,7 @@ class Scenario:
     estimator: dict[str, Any] = field({}, doc="parameters of the estimator that differ from their defaults")
     calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")
     slip_share: float = field(0.0, low=0.0, high=0.9, doc="of the tool's motion that the membrane does not follow")
+    wrench: WrenchSettings = field(WrenchSettings(), doc="what the controller's wrench comes from")
     reference: ReferenceSettings = field(ReferenceSettings(), doc="what the controller checks the wrench against")
     controller: dict[str, Any] = field({}, doc="parameters of the controller that differ from their defaults")
 

@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 
 from seed_control.monitor.settings import ReferenceSettings
-from seed_control.wrench.filters import share_of
+from seed_control.wrench.estimate import share_of
 from seed_core.spatial import Array, Wrench
 
 _PRIOR = np.array((0.1, 0.1, 0.1, 0.6, 0.6, 0.6, 0.1, 0.1, 0.1)) ** 2  # [N m, N, 1]

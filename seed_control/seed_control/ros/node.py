@@ -2,6 +2,7 @@
 """The controller's ROS node: relative pose, kinematics and set-point in; flange pose out, at a fixed rate."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,20 @@ from std_srvs.srv import SetBool
 from seed_control.controller import Controller
 from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
+from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.follow_setpoints import FollowServer
 from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, ControlOutput
+from seed_control.wrench.model_settings import WrenchSettings, choose_model
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
-from seed_core.bushing import Bushing, Stiffness
+from seed_core.bushing import Stiffness
 from seed_core.clocks import DOC, clocks
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
-from seed_core.wrench_model import BushingModel, MapUncertainty
 from seed_ros import COMMAND, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import (
     check_frame,
@@ -70,12 +72,13 @@ class ControllerNode(SeedNode):
         stiffness = self.declare(DEFAULT_STIFFNESS, "grasp", live=live, on_change=self._on_stiffness)
         hand = self.declare(Hand(), "hand")
         schedule = self.declare(ScheduleSettings(), "grip")
-        uncertainty = self.declare(MapUncertainty(), "wrench")
+        wrench = self.declare(WrenchSettings(), "wrench")
         references = self.declare(ReferenceSettings(), "reference")
         self.refuse_unknown()
 
-        self._model = BushingModel(Bushing(stiffness), uncertainty)
-        self.core = Controller(self.parameters, hand, self.tool, stiffness, self._model, references)
+        model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
+        self.core = Controller(self.parameters, hand, self.tool, stiffness, model, references, pressure)
+        self._pressures = BubblePressures(self) if wrench.file else None
         self.clocks = clocks(self.settings.clocks)
         self.core.checks.clock_problem = self.clocks.problem
         if self.clocks.problem:
@@ -122,7 +125,8 @@ class ControllerNode(SeedNode):
     def _on_estimate(self, message: RelativePose) -> None:
         check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
         check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
-        self.core.add_estimate(estimate_from_message(message))
+        estimate = estimate_from_message(message)
+        self.core.add_estimate(self._pressures.into(estimate) if self._pressures else estimate)
 
     def _on_arm_wrench(self, message: WrenchStamped) -> None:
         check_frame(message.header.frame_id, (self.frames.flange,), "arm_wrench")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wrench of the tool on the environment, from one image that has met the kinematics of its own moment."""
 
+from math import exp, inf
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -10,10 +11,12 @@ from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Tool, weight_about_T
 from seed_core.spatial import Array, Wrench, inverse_pose, skew
-from seed_core.wrench_model import BushingModel, WrenchModel, observed_part, pose_covariance
+from seed_core.wrench_model import BushingModel, SpringWrench, WrenchModel, observed_part, pose_covariance
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
 MOST_DISCREPANCY = 0.7  # share of the bushing's load by which a model's may differ for the law
+FOLLOWING = 0.3  # [s] in which the law takes over a model's local stiffness
+_WORTHWHILE = 0.005  # relative change of a stiffness that is followed
 _FLOOR = (1.0, 0.05)  # [N], [N m] by which it may differ near rest
 
 
@@ -90,6 +93,8 @@ class WrenchEstimator:
         """
         self.tool, self.bushing = tool, bushing
         self.correction: WrenchCorrection | None = None
+        self._told: tuple[RelativePoseEstimate | None, SpringWrench | None] = None, None
+        self._followed = -inf  # [s]
         self._of_bushing: BushingModel | None = None
         self.model: WrenchModel
         if model is None or isinstance(model, BushingModel):
@@ -109,7 +114,9 @@ class WrenchEstimator:
         return sum(self.bushing.stiffness.translation) / 3.0
 
     def set_stiffness(self, stiffness: Stiffness, t: float, duration: float) -> None:
-        """Take over another stiffness from time t [s] on, within duration [s]."""
+        """Take over another stiffness from time t [s] on, within duration [s]; a model of its own has its own."""
+        if self._of_bushing is None:
+            return
         self._blend = StiffnessBlend(self.bushing.stiffness, stiffness, t, duration)
         if duration == 0.0:
             self.advance(t)
@@ -133,6 +140,25 @@ class WrenchEstimator:
         """The same whatever the law."""
         return weight_about_T(self.tool.mass, self._com, R_WT)
 
+    def why_unknown(self, estimate: RelativePoseEstimate) -> str:
+        """Why the model cannot tell the wrench of a valid estimate; '' if it can."""
+        if self._of_bushing is not None or not (estimate.valid and np.isfinite(estimate.X_CT).all()):
+            return ""
+        told = self.model.spring(estimate)
+        self._told = estimate, told
+        if np.isfinite(told.wrench.vector()).all() and np.isfinite(told.covariance).all():
+            return ""
+        why = told.reason or "its wrench is not finite"
+        return f"the wrench model '{self.model.name}' cannot tell the wrench (estimate by '{estimate.method}'): {why}"
+
+    def _follow_stiffness(self, stamp: float) -> None:
+        """Let the law's bushing come to the model's local stiffness, without a jump."""
+        dt, self._followed = stamp - self._followed, stamp
+        local, used = self.model.stiffness.vector(), self.bushing.stiffness.vector()
+        if np.abs(local / used - 1.0).max() > _WORTHWHILE:
+            mixed = used + share_of(dt, FOLLOWING) * (local - used)
+            self.bushing = Bushing(Stiffness.from_vector(mixed), self.bushing.model)
+
     def measure(self, estimate: RelativePoseEstimate, X_WC: Array) -> Measurement:
         """The measurement of one estimate, the gripper having been at X_WC (4, 4) at its stamp."""
         X_CT = observed_part(estimate)
@@ -142,7 +168,10 @@ class WrenchEstimator:
         spring = told = self.bushing.wrench(X_TC)
         discrepancy, covariance, doubt = None, None, ""
         if self._of_bushing is None:
-            told, covariance, doubt = self.model.spring(estimate)
+            of, result = self._told
+            told, covariance, doubt = result if of is estimate and result is not None else self.model.spring(estimate)
+            self._follow_stiffness(estimate.stamp)
+            spring = self.bushing.wrench(X_TC)
             discrepancy = bounded(spring.minus(told), spring)
         corrected = told
         if self.correction is not None and (more := self.correction.wrench(told)) is not None:
@@ -192,6 +221,11 @@ class WrenchEstimator:
         A[:3, :3] = A[3:, 3:] = R
         A[:3, 3:] = -R @ skew(self.p_Ttip)
         return A @ C @ A.T, by_pose
+
+
+def share_of(dt: float, tau: float) -> float:
+    """Weight of a new sample in a first-order low-pass of time constant tau [s] after dt [s]."""
+    return 1.0 - exp(-dt / tau) if tau > 0.0 else 1.0
 
 
 def bounded(discrepancy: Wrench, spring: Wrench) -> Wrench:

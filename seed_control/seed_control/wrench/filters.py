@@ -1,18 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Low-passes of what the images say, each with the time constant of its purpose."""
 
-from math import exp, inf
+from math import inf
 
 import numpy as np
 
 from seed_control.parameters import ControllerParameters
-from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement
+from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
 from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
-
-
-def share_of(dt: float, tau: float) -> float:
-    """Weight of a new sample in a first-order low-pass of time constant tau [s] after dt [s]."""
-    return 1.0 - exp(-dt / tau) if tau > 0.0 else 1.0
 
 
 class ToolFilter:

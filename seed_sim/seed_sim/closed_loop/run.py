@@ -10,6 +10,7 @@ from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
+from seed_control.wrench.model_settings import choose_model
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.wrench_model import WrenchModel
@@ -81,13 +82,20 @@ class SeedSteering:
             law, estimator: by their names.
             seed: of noise.
             poses: another source of relative poses than `estimator` names.
-            wrench_model: another than the stiffness that the scenario believes in.
+            wrench_model: another than the one that the scenario names.
         """
         parameters = parameters_of(scenario, law)
         grasp = scenario.grasp
         believed = grasp.believed or (grasp.stiffness if plant.membranes is None else plant.stiffness)
+        chosen, pressure = choose_model(scenario.wrench, believed, scenario.hand)
         self.controller = Controller(
-            parameters, scenario.hand, scenario.tool, believed, wrench_model, references=scenario.reference
+            parameters,
+            scenario.hand,
+            scenario.tool,
+            believed,
+            wrench_model or chosen,
+            references=scenario.reference,
+            pressure=pressure,
         )
         self._arm_sensor = ArmSensor(scenario.measurement.arm_sensor, seed)
         self.rate, self._plant, self._enabled = parameters.rate, plant, False

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which model the wrench comes from, and how an identification becomes one; refused where it is of something else."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from seed_control.monitor.pressure_check import PressureCheck
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.config import ConfigError, field
+from seed_core.hand import Hand
+from seed_core.stiffness_file import StiffnessFile, load_stiffness
+from seed_core.wrench_model import BushingModel, MapUncertainty, WrenchModel
+
+MODELS = ("bushing",)
+
+
+@dataclass(frozen=True)
+class WrenchSettings(MapUncertainty):
+    """The model and the file of its identification."""
+
+    model: str = field("bushing", choices=MODELS, doc="bushing: the paper's map of the tool's pose")
+    file: str = field("", doc="stiffness.yaml of its identification: deviations, age and pressures")
+
+
+class ChosenModel(NamedTuple):
+    """A model of the wrench, and the check of the pressures that goes with its identification."""
+
+    model: WrenchModel
+    pressure: PressureCheck
+
+
+def choose_model(
+    settings: WrenchSettings, stiffness: Stiffness, hand: Hand, today: datetime | None = None
+) -> ChosenModel:
+    """The model that the settings ask for.
+
+    Args:
+        stiffness: of the bushing. hand: in use.
+        today: with its time zone, for the age of an identification; None: it is new.
+
+    Raises:
+        ConfigError: no file where one is needed, one that cannot be read, or of another hand.
+    """
+    bushing = BushingModel(Bushing(stiffness), settings)
+    if not settings.file:
+        return ChosenModel(bushing, PressureCheck())
+    file = load_stiffness(settings.file)
+    _same_hand(settings.file, file.hand, hand)
+    bushing.identified(relative_deviations(file), age(file.date, today) if today is not None else 0.0)
+    return ChosenModel(bushing, PressureCheck([grip.pressure_hpa for grip in file.grips]))
+
+
+def relative_deviations(file: StiffnessFile) -> np.ndarray | None:
+    """(6,) largest of the grips, of [rotation, translation]; None where a grip states none."""
+    rows = [np.array(g.rotation_std + g.translation_std) / np.array(g.rotation + g.translation) for g in file.grips]
+    worst = np.max(rows, axis=0)
+    return worst if all((row > 0.0).all() for row in rows) else None
+
+
+def age(date: str, today: datetime) -> float:
+    """Days since an ISO 8601 date. Raises ConfigError when it is none."""
+    try:
+        then = datetime.fromisoformat(date)
+    except ValueError as error:
+        raise ConfigError(f"date = '{date}' of the identification is no ISO 8601 date: {error}") from error
+    then = then if then.tzinfo else then.replace(tzinfo=UTC)
+    return max((today - then).total_seconds() / 86400.0, 0.0)
+
+
+def _same_hand(file: str, identified: str, hand: Hand) -> None:
+    if identified != hand.name:
+        raise ConfigError(
+            f"{file} was identified with the hand '{identified}'; hand.name is '{hand.name}': identify this one, or "
+            "name it alike if it is the same"
+        )
