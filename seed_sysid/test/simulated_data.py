@@ -5,7 +5,7 @@ from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.session import header
 from seed_sysid.data.dataset import Dataset
-from seed_sysid.run.excitation import design
+from seed_sysid.run.excitation import designs
 from seed_sysid.run.procedure import Command, average
 
 
@@ -13,10 +13,9 @@ def at_rest(scenario: IdentificationScenario, seed: int) -> tuple[Dataset, Simul
     """What a run of the scenario would measure, and the cell that knows the truth."""
     cell = SimulatedCell(scenario, seed)
     p = scenario.procedure
-    targets = design(p.excitation, p.limits, p.fit.model)
     readings = max(1, round(p.settle.average * scenario.rate))
     samples = []
-    for grip, width in enumerate(p.widths):
+    for grip, (width, targets) in enumerate(zip(p.widths, designs(p), strict=True)):
         for target in targets:
             command = Command(target.X_TC, width, grip, "measuring")
             samples.append(average(target, grip, cell.rest(command, readings), 1.0, False))

@@ -164,7 +164,7 @@ def test_refused_data_overwrite_nothing(data: Dataset, tmp_path: Path, capsys: p
 FILES = {
     "": "empty",
     "nonsense\n": "no header",
-    '{"format": "seed-stiffness-samples", "version": 2}\n': "version 2",
+    '{"format": "seed-stiffness-samples", "version": 3}\n': "version 3",
     '{"format": "other", "version": 1}\n': "no header with",
     '{"format": "seed-stiffness-samples", "version": 1, "units": {"length": "mm"}}\n': "length must be in m",
     '{"format": "seed-stiffness-samples", "version": 1}\n{"sample": {"name": "a"}}\n': "lacks kind",

@@ -9,8 +9,10 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy, rpy_from_rotation
+from seed_sysid.data.membrane_sample import MembraneSample
 
-FORMAT, VERSION = "seed-stiffness-samples", 1
+FORMAT, VERSION = "seed-stiffness-samples", 2
+READABLE = (1, 2)  # version 1 had no `membrane` in its samples
 UNITS = {"length": "m", "angle": "rad", "force": "N", "torque": "N m", "pressure": "hPa", "time": "s"}
 Pose = tuple[float, ...]  # x, y, z [m], roll, pitch, yaw [rad]
 
@@ -68,6 +70,7 @@ class Sample:
         settle: tolerance over change during the settling test; below 1 the pose was not at rest.
         clipped: drawn back towards the centre because a limit was met.
         via: where the arm turned on its way from the last sample, if it did not come straight; friction depends on it.
+        membrane: what both membranes did, where an estimator told.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Sample:
     slip: float = 0.0
     clipped: bool = False
     via: tuple[Pose, ...] = ()
+    membrane: tuple[MembraneSample, ...] = ()
 
     @property
     def key(self) -> str:

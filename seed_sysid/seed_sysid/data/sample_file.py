@@ -16,7 +16,8 @@ from typing import IO, Any
 import numpy as np
 
 from seed_sysid.data.bag import bag_lines
-from seed_sysid.data.dataset import FORMAT, UNITS, VERSION, Dataset, DatasetError, Header, Sample
+from seed_sysid.data.dataset import FORMAT, READABLE, UNITS, Dataset, DatasetError, Header, Sample
+from seed_sysid.data.membrane_sample import from_json
 
 MAX_BYTES = 200_000_000
 
@@ -146,9 +147,9 @@ def _header(row: str, where: str) -> Header:
         raise DatasetError(f"{where}: no header in the first line ({error}): cut short, or no such file") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise DatasetError(f'{where}: the first line is no header with "format": "{FORMAT}"')
-    if data.get("version") != VERSION:
+    if data.get("version") not in READABLE:
         raise DatasetError(
-            f"{where}: version {data.get('version')!r}; this program reads version {VERSION}: "
+            f"{where}: version {data.get('version')!r}; this program reads versions {READABLE[0]} to {READABLE[-1]}: "
             "convert the file, or use the program that wrote it"
         )
     units = data.get("units", UNITS)
@@ -171,6 +172,10 @@ def _sample(data: Any, where: str) -> Sample:
     if not isinstance(via, list | tuple):
         raise DatasetError(f"{where}: via = {via!r} must be a list")
     values["via"] = tuple(_numbers(v, 6, f"{where}: via") for v in via)
+    try:
+        values["membrane"] = tuple(from_json(entry) for entry in values.get("membrane") or ())
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{where}: {error}") from error
     if not isinstance(values["grip"], int) or values["grip"] < 0:
         raise DatasetError(f"{where}: grip = {values['grip']!r} must be a whole number from 0")
     return Sample(**values)

@@ -12,6 +12,7 @@ from seed_sysid.fit.checks import check_data, check_solution
 from seed_sysid.fit.hysteresis import fit_with_friction
 from seed_sysid.fit.identification_fit import Solution, fit_stiffness
 from seed_sysid.fit.load_model import Problem
+from seed_sysid.fit.membrane_map import MembraneResult, membrane_result
 from seed_sysid.fit.stiffness_schedule import StiffnessSchedule, fit_schedule
 from seed_sysid.parameters import FitParameters
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
@@ -31,6 +32,7 @@ class Analysis:
         left_out: rms error of wrenches (6,) predicted for poses that the fit did not see;
             `left_out_share`: as a share of their spread.
         schedule: stiffness over pressure and width; None without two pressures.
+        membrane: the map from the membranes' motion; None where no sample tells of it, or `membrane_refused` why not.
     """
 
     data: Dataset
@@ -44,6 +46,8 @@ class Analysis:
     left_out: Array
     left_out_share: Array
     schedule: StiffnessSchedule | None
+    membrane: MembraneResult | None = None
+    membrane_refused: str = ""
 
     @property
     def nominal(self) -> int:
@@ -88,6 +92,10 @@ class Analysis:
         out += self.assumption.warnings
         no_schedule = ("no pressures in the data: stiffness is tied to width only",)
         out += self.schedule.warnings if self.schedule else no_schedule
+        if self.membrane is not None:
+            out += self.membrane.remarks
+        if self.membrane_refused:
+            out.append(f"no membrane map: {self.membrane_refused}")
         return tuple(out)
 
 
@@ -117,6 +125,7 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
     grips = np.unique([s.grip for s in data.samples])
     widths, pressures = np.array([_grip_state(data, grip) for grip in grips]).T
     left_out, share = cross_validate(problem)
+    membrane, refused = membrane_result(data, problem, solution)
     return Analysis(
         data=data,
         source=source,
@@ -129,6 +138,8 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
         left_out=left_out,
         left_out_share=share,
         schedule=fit_schedule(widths, pressures, solution),
+        membrane=membrane,
+        membrane_refused=refused,
     )
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files that an identification leaves: stiffness.yaml, summary.json and report.html, a page without links."""
+"""The files that an identification leaves: stiffness.yaml, membrane_map.yaml, summary.json and report.html."""
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from seed_core.membrane.map_file import save_membrane_map
 from seed_core.spatial import Array
 from seed_core.stiffness_file import save_stiffness
 from seed_sysid.fit.analysis import Analysis
@@ -29,7 +31,7 @@ _SENSOR = (  # where it stands in the summary, and its unit
 
 
 def write_results(folder: Path, a: Analysis, figures: dict[str, Any], date: str) -> None:
-    """Write all three; a stiffness.yaml that is there already is kept as stiffness.previous.yaml.
+    """Write all of them; a stiffness.yaml or membrane_map.yaml that is there already is kept as .previous.yaml.
 
     Args:
         folder: made if it is not there.
@@ -38,18 +40,29 @@ def write_results(folder: Path, a: Analysis, figures: dict[str, Any], date: str)
         date: ISO 8601.
 
     Raises:
-        DatasetError: an axis is undetermined; nothing is written then.
+        DatasetError: an axis is undetermined, and there is no membrane map; nothing is written then.
     """
-    result = stiffness_file(a, date)
+    result = None if a.undetermined and a.membrane is not None else stiffness_file(a, date)
     folder.mkdir(parents=True, exist_ok=True)
     stiffness = folder / "stiffness.yaml"
     if stiffness.exists():
         stiffness.replace(stiffness.with_suffix(".previous.yaml"))
-    save_stiffness(stiffness, result)
+    if result is not None:
+        save_stiffness(stiffness, result)
+    _write_membrane_map(folder, a, date)
     (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     part = folder / "report.html.part"
     part.write_text(render(a, figures), encoding="utf-8")
     part.replace(folder / "report.html")
+
+
+def _write_membrane_map(folder: Path, a: Analysis, date: str) -> None:
+    """membrane_map.yaml beside the stiffness; one that is there is kept, and does not pass for this run's."""
+    file = folder / "membrane_map.yaml"
+    if file.exists():
+        file.replace(file.with_suffix(".previous.yaml"))
+    if a.membrane is not None:
+        save_membrane_map(file, replace(a.membrane.file, date=date))
 
 
 def render(a: Analysis, figures: dict[str, Any]) -> str:
@@ -67,6 +80,7 @@ def render(a: Analysis, figures: dict[str, Any]) -> str:
         load_figure=plots.load_against_displacement(a),
         residual_figure=plots.residuals(a),
         channel_table=_channel_table(a),
+        membrane=_membrane(a),
         verdict=_verdict(a),
         coupling_figure=plots.couplings(a),
         sensor_table=_table(
@@ -118,6 +132,13 @@ def _channel_table(a: Analysis) -> str:
             for name, unit, noise, left_out, share, r_squared in figures
         ),
     )
+
+
+def _membrane(a: Analysis) -> str:
+    if a.membrane is None:
+        return f"<p>{escape(a.membrane_refused or 'No sample tells what the membranes did.')}</p>"
+    rows = ([name, *(f"{v:.1%}" for v in share)] for name, share in a.membrane.shares.items())
+    return _table(["model", *CHANNELS], rows)
 
 
 def _verdict(a: Analysis) -> str:

@@ -9,6 +9,8 @@ from seed_core.spatial import inverse_pose
 from seed_core.stiffness_file import Grip, StiffnessFile
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
+from seed_sysid.fit.membrane_map import MembraneResult
+from seed_sysid.membrane.result import figures
 from seed_sysid.stiffness_map import AXES, CHANNELS, wrench_transform
 
 
@@ -67,8 +69,14 @@ def summary(a: Analysis) -> dict[str, Any]:
         ],
         "pressure_per_width": -a.schedule.gripper.slope if a.schedule else None,
         "trend_with_pressure": dict(zip(AXES, a.schedule.trend, strict=True)) if a.schedule else None,
+        "membrane_map": membrane_figures(a.membrane) if a.membrane else None,
         "warnings": list(a.warnings),
     }
+
+
+def membrane_figures(m: MembraneResult) -> dict[str, Any]:
+    """The membrane map's figures as plain data."""
+    return figures(m.fit, m.shares, m.remarks, m.file)
 
 
 def stiffness_file(a: Analysis, date: str) -> StiffnessFile:

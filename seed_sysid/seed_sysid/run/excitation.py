@@ -9,14 +9,14 @@ about stiffness, sensor bias and frame offset together (D-optimal, greedy).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from seed_core.bushing import Model
 from seed_core.config import ConfigError
 from seed_core.spatial import Array, pose_from_rpy
-from seed_sysid.parameters import ExcitationParameters, LimitParameters
+from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure
 from seed_sysid.stiffness_map import AXES, frame_derivatives, stiffness_map
 
 _CANDIDATES = 160
@@ -59,6 +59,15 @@ def design(parameters: ExcitationParameters, limits: LimitParameters, model: Mod
     chosen = _combinations(np.array(single), combinations, parameters, limits, model)
     kinds = [axis for axis in AXES for _ in _RAMP] + ["combination"] * combinations
     return _with_homes([*single, *chosen], kinds, parameters.homes)
+
+
+def designs(procedure: Procedure) -> list[list[Target]]:
+    """The poses of every grip; each grip has combinations of its own, so that together they show more."""
+    p = procedure
+    return [
+        design(replace(p.excitation, seed=p.excitation.seed + grip), p.limits, p.fit.model)
+        for grip in range(len(p.widths))
+    ]
 
 
 def within_limits(xi: Array, parameters: ExcitationParameters, limits: LimitParameters) -> Array:

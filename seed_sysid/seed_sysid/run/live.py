@@ -137,4 +137,5 @@ class Live:
             X_TC_estimated=inverse_pose(estimate.X_CT) if estimate is not None and estimate.valid else None,
             slip=float(np.median(s.slip)) if s.slip else 0.0,
             gross_slip=estimate is not None and estimate.gross_slip,
+            membrane=estimate.membrane if estimate is not None and estimate.valid else (),
         )

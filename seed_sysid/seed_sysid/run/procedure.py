@@ -12,10 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from seed_core.estimate import MembraneMotion
 from seed_core.spatial import Array, interpolate_pose, so3_log
 from seed_sysid.data.dataset import Pose, Sample, flat_pose
+from seed_sysid.data.membrane_sample import mean_membrane
 from seed_sysid.parameters import LimitParameters, MotionParameters, Procedure
-from seed_sysid.run.excitation import Target, design
+from seed_sysid.run.excitation import Target, designs
 from seed_sysid.run.rest_detector import RestDetector
 from seed_sysid.stiffness_map import wrench_transform
 
@@ -31,6 +33,7 @@ class Reading:
     Attributes:
         X_TC: displacement from kinematics (4, 4); X_TC_estimated: from the estimator, None without a new image.
         wrench: load on the sensor about S, in S (6,) [N m, N].
+        membrane: what the membranes do, () without a new image.
     """
 
     stamp: float
@@ -41,6 +44,7 @@ class Reading:
     X_TC_estimated: Array | None = None
     slip: float = 0.0
     gross_slip: bool = False
+    membrane: tuple[MembraneMotion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,7 @@ class Run:
         X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now.
         """
         self.procedure = procedure
-        targets = design(procedure.excitation, procedure.limits, procedure.fit.model)
-        plan = [(grip, target) for grip in range(len(procedure.widths)) for target in targets]
+        plan = [(grip, target) for grip, targets in enumerate(designs(procedure)) for target in targets]
         self.total = len(plan)
         self._queue = [(grip, target) for grip, target in plan if f"{grip}/{target.name}" not in finished]
         self.done = self.total - len(self._queue)
@@ -238,6 +241,7 @@ def average(
         slip=max(r.slip for r in readings),
         clipped=clipped,
         via=tuple(via),
+        membrane=mean_membrane([r.membrane for r in readings]),
     )
 
 

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Samples of an identification as the membrane map's fit wants them: features, wrenches in C, nuisances."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from seed_core.membrane.features import COUNT, features
+from seed_core.spatial import Array, inverse_pose
+from seed_sysid.data.dataset import Dataset, DatasetError
+from seed_sysid.data.membrane_sample import MembraneSample, since
+from seed_sysid.membrane.terms import MAIN
+from seed_sysid.stiffness_map import AXES, frame_derivatives, wrench_transform
+
+LEAST_POSES = 24  # at a grip; fewer leave most terms to the prior
+_EXCITED = 0.25  # [scale] rms that each motion of the tool must have
+_OFFSET_STD = np.array([np.deg2rad(3.0)] * 3 + [5e-3] * 3)  # of the sensor's frame
+_BIAS_STD, _DRIFT_STD = np.array([2.0] * 3 + [50.0] * 3), np.array([0.02] * 3 + [0.5] * 3)  # [N m, N]
+
+
+class MembraneData(NamedTuple):
+    """n samples of G grips.
+
+    Attributes:
+        Z: (n, 32) features. wrench: (n, 6) about C's origin, in C, as the sensor tells it [N m, N].
+        grip: (n,) number from 0; middles: (G, 2, 3) of the patches at the grasp [m].
+        pressures: (G,) [hPa] at the grasp, nan where unknown. widths: (G,) [m].
+        nuisance: (n, 6, k) derivatives of `wrench` by bias of each grip, drift, and the offset of the sensor's frame;
+            nuisance_std: (k,) of their prior.
+        with_pressure: whether all samples tell the pressures of both.
+    """
+
+    Z: Array
+    wrench: Array
+    grip: np.ndarray
+    middles: Array
+    pressures: Array
+    widths: Array
+    nuisance: Array
+    nuisance_std: Array
+    with_pressure: bool
+
+
+def has_membranes(data: Dataset) -> bool:
+    """Whether any sample tells of membranes."""
+    return any(s.membrane for s in data.samples)
+
+
+def membrane_data(data: Dataset) -> MembraneData:
+    """Features and wrenches of a dataset; motions count from the first sample of each grip, taken at the centre.
+
+    Raises:
+        DatasetError: samples without features, too few, or motions that the poses did not excite.
+    """
+    samples = data.samples
+    missing = [s.key for s in samples if len(s.membrane) != 2]
+    if missing:
+        raise DatasetError(
+            f"{len(missing)} of {len(samples)} samples do not tell the motion of both membranes (first: {missing[0]}): "
+            "the membrane map needs an estimator that publishes RelativePose.membrane at every pose"
+        )
+    grips, grip = np.unique([s.grip for s in samples], return_inverse=True)
+    pairs = [sorted(s.membrane, key=lambda m: m.finger) for s in samples]
+    Z, middles, pressures = np.zeros((len(samples), COUNT)), [], []
+    told = all(m.pressure is not None for pair in pairs for m in pair)
+    for g in range(len(grips)):
+        mine = np.flatnonzero(grip == g)
+        if samples[mine[0]].kind != "home":
+            raise DatasetError(f"grip {grips[g]}: its first sample must be of the centre, from which motions count")
+        first = pairs[mine[0]]
+        middle = np.array([m.centroid or (0.0, 0.0, 0.0) for m in first])
+        for i in mine:
+            Z[i] = _features(pairs[i], first, middle, told)
+        middles.append(middle)
+        pressures.append(np.mean([m.pressure for m in first]) if told else np.nan)
+    _check(Z, grip, grips)
+    X_TC = data.poses("kinematic" if all(s.kinematic is not None for s in samples) else "estimator")
+    to_C = np.array([wrench_transform(inverse_pose(X)) for X in X_TC])
+    w_T = data.wrenches() @ wrench_transform(data.header.X_TS).T
+    time = np.array([s.stamp for s in samples])
+    drift = (time - time.mean()) / (float(np.ptp(time)) or 1.0)
+    home = np.array([w_T[grip == g][0] for g in range(len(grips))])
+    columns = [(grip == g)[:, None, None] * np.eye(6) for g in range(len(grips))]
+    columns += [drift[:, None, None] * np.eye(6), frame_derivatives(w_T - home[grip])]
+    return MembraneData(
+        Z=Z,
+        wrench=np.einsum("nij,nj->ni", to_C, w_T),
+        grip=grip,
+        middles=np.array(middles),
+        pressures=np.array(pressures),
+        widths=np.array([np.mean([s.width for s in samples if s.grip == g]) for g in grips]),
+        nuisance=to_C @ np.concatenate(columns, axis=2),
+        nuisance_std=np.concatenate([np.tile(_BIAS_STD, len(grips)), _DRIFT_STD, _OFFSET_STD]),
+        with_pressure=told,
+    )
+
+
+def _features(pair: list[MembraneSample], first: list[MembraneSample], middle: Array, told: bool) -> Array:
+    left, right = (since(m, m0).estimate for m, m0 in zip(pair, first, strict=True))
+    rises = (
+        [(m.pressure or 0.0) - (m0.pressure or 0.0) for m, m0 in zip(pair, first, strict=True)] if told else (0.0, 0.0)
+    )
+    return features((left, right), middle, rises)
+
+
+def _check(Z: Array, grip: np.ndarray, grips: np.ndarray) -> None:
+    for g, number in enumerate(grips):
+        mine = Z[grip == g]
+        if len(mine) < LEAST_POSES:
+            raise DatasetError(
+                f"grip {number} has {len(mine)} samples with membranes; a map needs {LEAST_POSES}: resume the run"
+            )
+    spread = np.sqrt((Z[:, list(MAIN)] ** 2).mean(axis=0))
+    idle = [axis for axis, s in zip(AXES, spread, strict=True) if s < _EXCITED]
+    if idle:
+        raise DatasetError(
+            f"the membranes hardly moved along {', '.join(idle)}: rms {np.round(spread, 2).tolist()} of 4 deg or 2 mm "
+            f"(at least {_EXCITED:g}): visit larger poses, or the estimator does not follow the material"
+        )

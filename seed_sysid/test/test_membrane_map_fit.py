@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The membrane map's fit on a toy of its own: what it explains that the tool's pose does not, and what it refuses."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from toy_membrane import Toy, combined_motion, toy_dataset
+
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.membrane.map import MembraneMap
+from seed_core.membrane.map_file import load_membrane_map
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_sysid.data.dataset import Dataset, DatasetError, Sample
+from seed_sysid.data.membrane_sample import mean_membrane, since
+from seed_sysid.data.sample_file import header_line, parse, sample_line
+from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.membrane.data import membrane_data
+from seed_sysid.membrane.fit import fit_membrane, rms
+from seed_sysid.membrane.regression import regress
+from seed_sysid.membrane.result import causes
+from seed_sysid.membrane.terms import KINDS, MAIN, WRENCH_PARITY, groups
+from seed_sysid.report.results import write_results
+from seed_sysid.report.summary import summary
+from seed_sysid.stiffness_map import wrench_transform
+
+OFFSET = make_pose(so3_exp(np.deg2rad([1.5, -2.0, 1.0])), [0.003, -0.002, 0.002])
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    return toy_dataset(np.random.default_rng(0), offset=OFFSET)
+
+
+@pytest.fixture(scope="module")
+def analysis(data: Dataset) -> Analysis:
+    return analyse(data, "kinematic")
+
+
+def unexplained(model: MembraneMap, seed: int, noise: float = 0.0) -> tuple[Array, float, float]:
+    """(6,) share of the toy's wrench that the map leaves in a motion it never saw, sliding share, mean nees."""
+    toy, rng, loads, errors, slips, nees = Toy(), np.random.default_rng(seed), [], [], [], []
+    for X_CT in combined_motion(np.random.default_rng(seed)):
+        load = wrench_transform(inverse_pose(X_CT)) @ toy.move(X_CT)
+        told = model.spring(
+            RelativePoseEstimate(0.0, X_CT, membrane=tuple(noisy(m, noise, rng) for m in toy.membrane()))
+        )
+        error = told.wrench.vector() - load
+        loads.append(load)
+        errors.append(error)
+        slips.append(toy.slips)
+        nees.append(error @ np.linalg.solve(told.covariance, error))
+    return rms(np.array(errors)) / rms(np.array(loads)), float(np.mean(slips)), float(np.mean(nees))
+
+
+def noisy(m: MembraneMotion, noise: float, rng: np.random.Generator) -> MembraneMotion:
+    """Errors of 0.3 degrees about the patch's middle and 0.07 mm, times noise."""
+    turn, X = noise * np.deg2rad(0.3) * rng.normal(size=3), m.X_CM.copy()
+    X[:3, 3] += noise * 7e-5 * rng.normal(size=3)
+    X[:3, :3] = so3_exp(turn) @ X[:3, :3]
+    X[:3, 3] += m.centroid - so3_exp(turn) @ m.centroid
+    covariance = noise**2 * np.diag([np.deg2rad(0.3) ** 2] * 3 + [7e-5**2] * 3)
+    return replace(m, X_CM=X, covariance=covariance)
+
+
+def test_the_map_explains_a_motion_with_sliding_that_the_tools_pose_does_not(analysis: Analysis) -> None:
+    assert analysis.membrane is not None
+    share, sliding, nees = unexplained(MembraneMap(analysis.membrane.file), 5)
+    assert 0.25 < sliding < 0.5
+    assert (share[3:] < 0.05).all()
+    assert (share[:3] < 0.2).all()
+    assert (share[3:] < 0.5 * analysis.left_out_share[3:]).all()  # of the tool's pose
+    assert 1.0 < nees < 12.0
+
+
+def test_noise_of_the_features_is_in_the_covariance(analysis: Analysis) -> None:
+    assert analysis.membrane is not None
+    _, _, nees = unexplained(MembraneMap(analysis.membrane.file), 6, noise=1.0)
+    assert 1.0 < nees < 12.0
+
+
+def test_the_sensors_frame_is_found_beside_the_map(analysis: Analysis) -> None:
+    assert analysis.membrane is not None
+    turn, shift = analysis.membrane.fit.nuisance[-6:-3], analysis.membrane.fit.nuisance[-3:]
+    assert_allclose(np.rad2deg(turn), [1.5, -2.0, 1.0], atol=0.6)
+    assert_allclose(shift, [0.003, -0.002, 0.002], atol=8e-4)
+
+
+def test_hysteresis_against_the_pose_is_told_to_be_friction(analysis: Analysis) -> None:
+    assert analysis.hysteretic
+    assert analysis.membrane is not None
+    assert any("friction between patch and tool" in r for r in analysis.membrane.remarks)
+    assert not any("the material itself" in r for r in analysis.membrane.remarks)
+
+
+def test_hysteresis_that_stays_is_told_to_be_the_materials() -> None:
+    friction, remaining = np.array([0, 0, 0, 1.0, 0, 0]), np.array([0, 0, 0, 0.9, 0, 0])
+    (text,) = causes((3,), friction, remaining)
+    assert "x: loading and unloading differ by 2 N against the tool's pose and 1.8 N" in text
+    assert "the material itself" in text
+
+
+def test_curvature_is_told_where_there_is_some_only(analysis: Analysis) -> None:
+    assert analysis.membrane is not None
+    assert any("is nonlinear" in r for r in analysis.membrane.remarks)
+    straight = toy_dataset(np.random.default_rng(2), curvature=0.0, widths=1)
+    found = analyse(straight, "kinematic").membrane
+    assert found is not None
+    assert not [r for r in found.remarks if "force" in r and "is nonlinear" in r]
+
+
+def test_all_files_are_written_together(analysis: Analysis, tmp_path: Path) -> None:
+    write_results(tmp_path, analysis, summary(analysis), "2026-02-03")
+    file = load_membrane_map(tmp_path / "membrane_map.yaml")
+    assert (file.hand, file.tool, file.date) == ("h", "t", "2026-02-03")
+    assert_allclose([g.width_m for g in file.grips], [0.026, 0.020, 0.014])
+    assert_allclose([g.pressure_hpa for g in file.grips], [1020.0, 1030.0, 1040.0], atol=0.1)
+    assert "What the membranes" in (tmp_path / "report.html").read_text()
+    assert summary(analysis)["membrane_map"]["left_out_share"]["force x"] < 0.05
+    without = replace(analysis, membrane=None)
+    write_results(tmp_path, without, summary(without), "2026-02-04")
+    assert not (tmp_path / "membrane_map.yaml").exists()
+    assert (tmp_path / "membrane_map.previous.yaml").exists()
+
+
+def test_samples_keep_what_the_membranes_did(data: Dataset) -> None:
+    lines = [header_line(data.header), *(sample_line(s) for s in data.samples[:5])]
+    assert parse(lines, "file").samples == data.samples[:5]
+    old = [line.replace('"version": 2', '"version": 1') for line in lines]
+    assert parse(old, "file").header.version == 1
+    bad = lines[1].replace('"finger": "left"', '"finger": "thumb"')
+    with pytest.raises(DatasetError, match="finger: left or right"):
+        parse([lines[0], bad, *lines[2:]], "file")
+
+
+def test_a_mean_and_a_difference_of_motions() -> None:
+    rng = np.random.default_rng(3)
+    X = make_pose(so3_exp(rng.normal(0, 0.1, 3)), rng.normal(0, 1e-3, 3))
+    Y = make_pose(so3_exp(rng.normal(0, 0.1, 3)), rng.normal(0, 1e-3, 3))
+    (x, _), (y, _) = (
+        mean_membrane([tuple(MembraneMotion(f, M, deformation=np.full(9, d)) for f in ("left", "right"))] * 2)
+        for M, d in ((X, 1e-4), (Y, 3e-4))
+    )
+    between = since(y, x).estimate
+    assert_allclose(between.X_CM @ X, Y, atol=1e-12)
+    assert_allclose(between.deformation, 2e-4)
+
+
+def _changed(data: Dataset, keep: slice, change: object = None) -> Dataset:
+    samples = data.samples[keep]
+    return replace(data, samples=[change(s) for s in samples] if callable(change) else samples)
+
+
+def _still(s: Sample) -> Sample:
+    return replace(s, membrane=tuple(replace(m, motion=(0.0,) * 6) for m in s.membrane))
+
+
+def test_what_the_data_do_not_show_is_refused(data: Dataset) -> None:
+    def gone(s: Sample) -> Sample:
+        return replace(s, membrane=()) if s.name.startswith("007") else s
+
+    for bad, words in (
+        (_changed(data, slice(0, 20)), "grip 0 has 20 samples with membranes"),
+        (_changed(data, slice(1, 60)), "its first sample must be of the centre"),
+        (_changed(data, slice(0, 60), _still), "the membranes hardly moved along roll, pitch, yaw, x, y, z"),
+        (_changed(data, slice(0, 60), gone), r"1 of 60 samples do not tell .* \(first: 0/007-"),
+    ):
+        with pytest.raises(DatasetError, match=words):
+            membrane_data(bad)
+    refused = analyse(_changed(data, slice(0, 60), gone), "kinematic")
+    assert refused.membrane is None
+    assert any(w.startswith("no membrane map: 1 of 60 samples") for w in refused.warnings)
+
+
+def test_strengths_shrink_what_the_data_do_not_want() -> None:
+    rng = np.random.default_rng(4)
+    F, empty = rng.normal(size=(60, 3)), rng.normal(size=(60, 20))
+    y = F @ [1.0, -2.0, 0.5] + 0.1 * rng.normal(size=60)
+    found = regress([F, empty], y)
+    assert_allclose(found.coefficients[0], [1.0, -2.0, 0.5], atol=0.06)
+    assert np.abs(found.coefficients[1]).max() < 0.02
+    assert_allclose(np.sqrt(found.noise), 0.1, rtol=0.3)
+    i = 7  # left out for once
+    others = np.arange(60) != i
+    kept = regress([F[others], empty[others]], y[others])
+    predicted = F[i] @ kept.coefficients[0] + empty[i] @ kept.coefficients[1]
+    assert_allclose(found.left_out[i], y[i] - predicted, atol=0.03)
+    spread = np.sqrt(np.diag(found.covariance([F, empty])))[:3]
+    assert_allclose(spread, 0.1 / np.sqrt(60), rtol=0.5)
+
+
+def test_mirrors_leave_each_force_its_own_motion() -> None:
+    for i, parity in enumerate(WRENCH_PARITY):
+        (own,) = next(g for g in groups(["motion of the tool"], parity)).terms
+        assert own == (MAIN[i],)
+        named = [t for g in groups(KINDS, parity) for t in g.terms]
+        assert len(named) == len(set(named))
+
+
+def test_one_model_is_as_good_with_one_grip(data: Dataset) -> None:
+    fit = fit_membrane(membrane_data(_changed(data, slice(60, 120))), "smooth")
+    assert (fit.share[3:] < 0.06).all()
