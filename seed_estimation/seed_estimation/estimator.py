@@ -20,6 +20,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
+from seed_estimation.contact.grasp_zero import GraspZero, dragged, grasp_zero
 from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
 from seed_estimation.contact.patch import QUICK, ContactPatch, PatchFinder
 from seed_estimation.images import identity
@@ -34,6 +35,7 @@ from seed_estimation.rigid_fit.systematic import Systematic
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
+NO_LOAD = GraspZero(np.zeros(2), 0.0)
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 
@@ -47,6 +49,7 @@ class Estimator:
         fingers: those that have a camera.
         patches: contact of each finger in the last images.
         masks: (H, W) contact masks of the last images, 0 or 1, by finger.
+        zero: what the last grasp's patches say about its load.
         patterns: (H, W) dot pattern of each finger's membrane, as `identity.pattern` gives it.
     """
 
@@ -85,6 +88,8 @@ class Estimator:
         self._X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
         self._range_offset = {f: _range_offset(f, c, calibration) for f, c in self._full_cameras.items()}
         self._correction: dict[str, Image] = {}  # (h, w) [m] of depth at the working resolution
+        self._free: dict[str, Image] = {}  # (h, w) mean infrared of the reference
+        self.zero = NO_LOAD
         self._finders: dict[str, PatchFinder] = {}  # of the reference; none without one
         self._quick: dict[str, PatchFinder] = {}
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
@@ -124,15 +129,19 @@ class Estimator:
         self._finders = {f: PatchFinder(m) for f, m in membranes.items()}
         self._quick = {f: PatchFinder(m, QUICK) for f, m in membranes.items()}
         self._correction = {f: offset[f] + m.correction for f, m in membranes.items()}
-        for f, images in series.items():
-            self.patterns[f] = identity.pattern(np.mean([i.ir for i in images], axis=0, dtype=np.float32))
+        self._free = {f: np.mean([i.ir for i in images], axis=0, dtype=np.float32) for f, images in series.items()}
+        for f, picture in self._free.items():
+            self.patterns[f] = identity.pattern(picture)
         self._forget_grasp()
 
     def initialize_grasp(self, frames: Sequence[Frame]) -> None:
         """The tool is grasped: T := C from these images on; several frames, with nothing moving, are averaged.
 
+        A tool that hangs or is pressed meanwhile has dragged the membranes: then T is counted from where it would be
+        without that load (`zero`), or the grasp is refused, as `loaded_grasp` says.
+
         Raises:
-            EstimatorError: no reference, no usable images, or a finger without contact.
+            EstimatorError: no reference, no usable images, a finger without contact, or too much load.
         """
         if not self._finders:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
@@ -148,6 +157,7 @@ class Estimator:
                     f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
                     "close the gripper"
                 )
+        self.zero = self._judged(depth, ir)
         if p.method in PATCH_METHODS:
             if len(self.fingers) < 2:
                 raise EstimatorError(f"the {p.method} method needs both bubbles; use method 'rigid_fit' with one")
@@ -156,6 +166,22 @@ class Estimator:
             models = [finger_model(s, depth[f], ir[f], self.masks[f], p) for f, s in self._finders.items()]
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip)
         self._stamp = max(i[-1].stamp for i in series.values())
+
+    def _judged(self, depth: Mapping[str, Image], ir: Mapping[str, Image]) -> GraspZero:
+        """What mean depth [m] and infrared [counts] of a grasp say about its load."""
+        p = self.parameters
+        if p.loaded_grasp == "ignore":
+            return NO_LOAD
+        zero = grasp_zero(
+            {
+                f: dragged(s.membrane, self._free[f], depth[f], ir[f], s.core(depth[f], self.masks[f], p))
+                for f, s in self._finders.items()
+            }
+        )
+        size = float(np.sqrt(zero.shift @ zero.shift))
+        if zero.loaded and (p.loaded_grasp == "refuse" or size > p.max_drag):
+            raise EstimatorError(f"{zero.words}; let something carry its weight and grasp again")
+        return zero
 
     def _usable(
         self, frames: Sequence[Frame], correction: Mapping[str, Image], purpose: str
@@ -169,7 +195,7 @@ class Estimator:
 
     def _forget_grasp(self) -> None:
         self._tracker, self._patch_method, self._covariance = None, None, self._new_covariance()
-        self._stamp = -np.inf
+        self._stamp, self.zero = -np.inf, NO_LOAD
 
     def _new_covariance(self) -> Covariance:
         return Covariance(Systematic(self.parameters, {f: self._X_CX[f] for f in self.fingers}, self._mutual))
@@ -205,7 +231,9 @@ class Estimator:
         method = self._patch_method
         if method is not None:
             X_CT, reason = method.pose(self.patches, self._images, self.masks)
-            return self._invalid(stamp, reason) if X_CT is None else report.by_patches(stamp, X_CT, method, p.method)
+            if X_CT is None:
+                return self._invalid(stamp, reason)
+            return report.from_free(report.by_patches(stamp, X_CT, method, p.method), self.zero)
 
         # Fit of one rigid motion to all images, micro-slip and gross slip: tracker.py
         tracker = self._tracker
@@ -225,7 +253,8 @@ class Estimator:
 
         # Report: report.py
         estimate = report.rigid_fit(stamp, fit, covariance, tracker.slip.value, touching, p)
-        return replace(estimate, membrane=report.membranes(tracker.material, self.patches, p))
+        estimate = replace(estimate, membrane=report.membranes(tracker.material, self.patches, p))
+        return report.from_free(estimate, self.zero)
 
     def _problem(self, images: Frame, stamp: float) -> str:
         """Why images cannot be used, or ''."""

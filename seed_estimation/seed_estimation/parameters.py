@@ -35,6 +35,14 @@ class EstimatorParameters:
     opening: int = field(7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens and closes the patch")
     least_area: int = field(150, unit="px", low=4, high=100000, doc="pixels from which a patch is a contact")
 
+    loaded_grasp: str = field(
+        "correct",
+        choices=("correct", "refuse", "ignore"),
+        doc="a grasp that is taken while the tool hangs or is pressed: count deflections from where it would be free, "
+        "refuse it, or count from where it is",
+    )
+    max_drag: float = field(0.006, unit="m", low=0.0005, high=0.02, doc="of such a grasp's patches; more is refused")
+
     # rigid fit
     core: float = field(0.65, low=0.0, high=0.95, doc="share of the deepest indentation from which a pixel is followed")
     erosion: int = field(3, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")

@@ -2,13 +2,15 @@
 """Report of a frame: pose with honest covariance, axes observed, reasons, and a picture."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
-from seed_core.spatial import Array
+from seed_core.spatial import Array, make_pose
+from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
 from seed_estimation.material.motion import MaterialMotion
@@ -76,6 +78,21 @@ def membranes(
             indentation=patches[finger].mean_indentation,
         )
         for finger, motion in motions.items()
+    )
+
+
+def from_free(estimate: RelativePoseEstimate, zero: GraspZero) -> RelativePoseEstimate:
+    """Counted from where the tool would have been without load when its grasp was taken."""
+    if not zero.loaded or not estimate.valid:
+        return estimate
+    X = make_pose(None, zero.shift)
+    return replace(
+        estimate,
+        X_CT=estimate.X_CT @ X,
+        covariance=estimate.covariance + zero.covariance,
+        membrane=tuple(
+            replace(m, X_CM=m.X_CM @ X, covariance=m.covariance + zero.covariance) for m in estimate.membrane
+        ),
     )
 
 

@@ -175,7 +175,9 @@ class EstimatorNode(SeedNode):
     def _use_grasp(self, images: list[Images]) -> str:
         assert self.core is not None
         self.core.initialize_grasp(images)
-        return self._taken(images)
+        zero = self.core.zero
+        doubt = f"{zero.words}; deflections count from where it would be free" if zero.loaded else zero.words
+        return "; ".join(filter(None, (self._taken(images), doubt)))
 
     def _taken(self, images: list[Images]) -> str:
         return f"taken from {len(images)} images of each finger; the bubbles are {self.bubbles.status}"

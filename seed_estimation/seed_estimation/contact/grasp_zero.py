@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a grasp was taken without load: how far its patch has been dragged sideways since the bubble was free.
+
+Deflections count from the grasp. A gripper that closes on a tool which something else carries pushes the membrane in,
+along the axis y of C, and nothing sideways. A tool that hangs from the grasp, or is pressed, has dragged the membrane's
+dots along x and z by load over stiffness: the zero is wrong by that much. The dots of the free membrane, which the
+reference shows, and those in the patch tell how far.
+
+A point q of the patch shows material that was at p on the free membrane: its place across y is that of q, less the
+motion (t_x, t_z), a turn about y and the patch's stretch, which are searched for; its height is the free membrane's.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from seed_core.spatial import Array, inverse_pose
+from seed_estimation.contact.membrane import Membrane
+from seed_estimation.contact.surface import surface
+from seed_estimation.images.normalise import coarse, normalised
+from seed_estimation.images.sampling import sample
+from seed_estimation.images.tactile_images import Array32, Image, Mask
+
+REACH, STEP = 0.008, 0.0008  # [m] of the search, and between its places
+POINTS, SEARCHED = 900, 250  # of the patch, for the motion and for the search
+BORDER = 3  # [px] cut off along the patch
+ALIKE, SURE = 0.6, 0.85  # [1] correlation from which on the dots may be the same, and from which on nothing is searched
+TRUST = 1e-4  # [m] standard deviation that a good match still has: the membrane need not go in straight
+CLEAR = 2.5  # deviations from which on a motion counts
+MISJUDGED = 0.1  # [1] of a motion, standard deviation of what micro-slip makes of it
+STRETCH = 0.05  # [1] deviation of the patch's stretch
+_ITERATIONS = 12
+_FIRM = np.diag((1e-4, 1e-4, 5e-3, 5e-3, 5e-3, 5e-3))  # steps of the numerical Jacobian: [m], [m], [rad], [1]
+_ALONE = 1.0 / 6.0  # of neighbouring residuals counts as independent
+_DONE = 5e-6  # [m] of a step
+
+
+class Dragged(NamedTuple):
+    """Sideways motion of a patch since its bubble was free.
+
+    Attributes:
+        motion: (2,) [m] along x and z of C, and twist: about y [rad].
+        deviation: of each component of the motion [m].
+        alike: correlation of the dots, 0 to 1.
+    """
+
+    motion: Array
+    twist: float
+    deviation: float
+    alike: float
+
+
+def dragged(membrane: Membrane, free: Image, depth: Image, ir: Image, patch: Mask) -> Dragged | None:
+    """How far a patch was dragged; None where its dots are not found on the free membrane.
+
+    Args:
+        free: (H, W) infrared of the reference [counts]. depth, ir: (H, W) of the grasp [m], [counts].
+        patch: (H, W) where the membrane lies on the tool.
+    """
+    side = 2 * BORDER + 1
+    inner = cv2.erode(patch, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), borderValue=0)
+    q, _ = surface(membrane.camera, depth, np.isfinite(depth) & (inner > 0), 1.5)
+    v, u = np.nonzero(np.isfinite(q).all(axis=2) & (inner > 0))
+    if v.size < 60:
+        return None
+    some = np.unique(np.linspace(0, v.size - 1, min(POINTS, v.size)).astype(int))
+    v, u = v[some], u[some]
+    R, o = membrane.X_CX[:3, :3], membrane.X_CX[:3, 3]
+    points, fine = q[v, u].astype(float) @ R.T + o, normalised(ir)[v, u]
+    few = slice(None, None, max(v.size // SEARCHED, 1))
+    seen, pictures = FreeMembrane(membrane, points), (coarse(free), normalised(free))
+    broad = coarse(ir)[v, u]
+    x, deviation, alike = _refined(seen, pictures, (broad, fine), np.zeros(6))
+    if alike < SURE:
+        start = _searched(FreeMembrane(membrane, points[few]), pictures[0], broad[few])
+        x, deviation, alike = max((x, deviation, alike), _refined(seen, pictures, (broad, fine), start), key=_alike)
+    if alike < ALIKE or float(np.abs(x[:2]).max()) > REACH:
+        return None
+    return Dragged(x[:2].copy(), float(x[2]), float(np.hypot(deviation, TRUST)), alike)
+
+
+class GraspZero(NamedTuple):
+    """Where the tool was when its grasp was taken, from where it would be without load.
+
+    Attributes:
+        motion: (2,) [m] along x and z of C, and deviation: of each [m].
+        words: '' where nothing was dragged; else what was seen, or why it could not be.
+        loaded: whether the grasp was under load, as far as one sees.
+    """
+
+    motion: Array
+    deviation: float
+    words: str = ""
+    loaded: bool = False
+
+    @property
+    def shift(self) -> Array:
+        """(3,) [m] in C that deflections of this grasp lack; zero where it is not under load."""
+        x, z = self.motion if self.loaded else (0.0, 0.0)
+        return np.array((x, 0.0, z))
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6) of [rotation vector, translation] that a shift brings with it."""
+        variance = np.zeros(6)
+        if self.loaded:
+            variance[[3, 5]] = self.deviation**2 + np.square(MISJUDGED * self.motion)
+        return np.diag(variance)
+
+
+def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
+    """What the patches of all fingers say together."""
+    seen = {f: d for f, d in fingers.items() if d is not None}
+    if not seen:
+        unknown = "whether the grasp was under load cannot be told: its dots are not those of the free bubble"
+        return GraspZero(np.zeros(2), 0.0, unknown)
+    motion = np.mean([d.motion for d in seen.values()], axis=0)
+    deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()])))
+    size = float(np.sqrt(motion @ motion))
+    if size < CLEAR * deviation:
+        return GraspZero(motion, deviation)
+    x, z = 1e3 * motion
+    way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
+    return GraspZero(motion, deviation, f"the tool hangs or is pressed: the membranes are dragged by {way}", True)
+
+
+class FreeMembrane:
+    """Where the material that is seen at points of the patch lay on the free membrane, in the reference's image."""
+
+    def __init__(self, membrane: Membrane, points: Array) -> None:
+        """points: (N, 3) of the patch in C [m]."""
+        self._camera, self._rest, self._X_XC = membrane.camera, membrane.rest[..., 0], inverse_pose(membrane.X_CX)
+        self._X_CX, self._across, self._y = membrane.X_CX, points[:, ::2], points[:, 1]
+        self._middle = self._across.mean(axis=0)
+
+    def pixels(self, x: Array) -> Array32:
+        """(2, N) [px] for (t_x, t_z [m], twist [rad], stretch along x, along z, and shear [1])."""
+        off = self._across - self._middle
+        turn = np.array(((x[3], x[5] + x[2]), (x[5] - x[2], x[4])))  # about y: x by +z, z by -x
+        across = self._across - x[:2] - off @ turn.T
+        p = np.stack((across[:, 0], self._y, across[:, 1]), axis=1)
+        R, o = self._X_XC[:3, :3], self._X_XC[:3, 3]
+        axis = R[:, 1]  # of y, in the optical frame
+        P = p @ R.T + o
+        for _ in range(4):  # along y to the free membrane
+            pixels = self._camera.project32(P.T.astype(np.float32))
+            gap = sample(self._rest, pixels).astype(float) - P[:, 2]
+            gap = np.where(np.abs(gap) < 0.03, gap, 0.0)
+            P = P + (gap / axis[2])[:, None] * axis
+        return self._camera.project32(P.T.astype(np.float32))
+
+
+def _searched(seen: FreeMembrane, free: Image, values: Array32) -> Array:
+    """The best motion of a grid, without turn and stretch."""
+    steps = np.arange(-REACH, REACH + 0.5 * STEP, STEP)
+    best, found = -1.0, np.zeros(6)
+    for t_x in steps:
+        for t_z in steps:
+            x = np.array((t_x, t_z, 0.0, 0.0, 0.0, 0.0))
+            alike = _correlation(sample(free, seen.pixels(x)), values)
+            if alike > best:
+                best, found = alike, x
+    return found
+
+
+def _refined(
+    seen: FreeMembrane, pictures: tuple[Image, Image], values: tuple[Array32, Array32], x: Array
+) -> tuple[Array, float, float]:
+    """Gauss-Newton on the coarse, then the fine picture: motion, its deviation [m], and how alike the dots are."""
+    prior, deviation = np.diag((0.0, 0.0, 0.0, *(STRETCH**-2,) * 3)), 0.0
+    for free, value in zip(pictures, values, strict=True):
+        for _ in range(_ITERATIONS):
+            r = sample(free, seen.pixels(x)) - value
+            ahead = [(sample(free, seen.pixels(x + d)), sample(free, seen.pixels(x - d)), d.sum()) for d in _FIRM]
+            J = np.stack([(a - b) / (2.0 * d) for a, b, d in ahead])
+            s = max(1.4826 * float(np.median(np.abs(r))), 0.05)
+            w = _ALONE / np.square(s) / (1.0 + np.square(r / (2.0 * s)))
+            H = (J * w) @ J.T + prior
+            change = np.linalg.solve(H, (J * w) @ r + prior @ x)
+            x, deviation = x - change, float(np.sqrt(np.linalg.inv(H).diagonal()[:2].mean()))
+            if float(np.abs(change[:2]).max()) < _DONE:
+                break
+    return x, deviation, _correlation(sample(pictures[1], seen.pixels(x)), values[1])
+
+
+def _alike(found: tuple[Array, float, float]) -> float:
+    return found[2]
+
+
+def _correlation(a: Array32, b: Array32) -> float:
+    good = np.abs(a) < 50.0
+    if np.count_nonzero(good) < 0.7 * a.size:
+        return -1.0
+    a, b = a[good], b[good]
+    return float(a @ b / np.sqrt(float(a @ a) * float(b @ b) + 1e-12))

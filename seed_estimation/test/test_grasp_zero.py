@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A grasp that is taken while the tool hangs or is pressed: the dots show how far it has dragged the membranes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from rendered import PERIOD
+
+from seed_core.hand import Hand
+from seed_core.spatial import Array, make_pose, so3_exp
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters
+from seed_sim.membrane.grasp import MembraneGrasp
+from seed_sim.membrane.parameters import MembraneParameters
+from seed_sim.tactile.parameters import TactileParameters, ToolShape
+from seed_sim.tactile.renderer import MeshRenderer, TactileRenderer
+
+HANGING = (0.0, 0.0, -0.00245)  # [m]: 0.2 kg on 800 N/m
+FREE = (0.0, 0.0, 0.0)
+TOOLS = {
+    "cylinder": ToolShape(),
+    "box": ToolShape("box", length=0.04),
+    "thin": ToolShape(radius=0.008),
+}
+
+
+def grasped(p_CT: Any, tool: str = "cylinder", seed: int = 11, **parameters: Any) -> tuple[Estimator, TactileRenderer]:
+    """A grasp that is taken with the tool at p_CT (3,) [m]."""
+    bubbles = TactileRenderer(TactileParameters(tool=TOOLS[tool]), Hand(), seed)
+    estimator = Estimator(EstimatorParameters(**parameters), Hand(), bubbles.cameras)
+    estimator.capture_reference([bubbles.no_contact(-1.0 + i * PERIOD) for i in range(8)])
+    X: Array = make_pose(p=np.array(p_CT))
+    estimator.initialize_grasp([bubbles.render(X, (i - 5) * PERIOD) for i in range(5)])
+    return estimator, bubbles
+
+
+@pytest.mark.parametrize("tool", list(TOOLS))
+def test_a_grasp_that_something_else_carries_is_taken_as_it_is(tool: str) -> None:
+    estimator, _ = grasped(FREE, tool)
+    assert not estimator.zero.words
+    assert np.abs(estimator.zero.motion).max() < 1e-4
+    assert not estimator.zero.shift.any()
+
+
+@pytest.mark.parametrize("tool", ["cylinder", "box"])
+@pytest.mark.parametrize("p_CT", [HANGING, (0.002, 0.0, 0.0038)], ids=["hangs", "pressed"])
+def test_a_grasp_under_load_is_counted_from_where_the_tool_would_be_free(tool: str, p_CT: tuple[float, ...]) -> None:
+    estimator, bubbles = grasped(p_CT, tool)
+    assert "the tool hangs or is pressed" in estimator.zero.words
+    X = make_pose(so3_exp(np.deg2rad((2.0, -1.0, 3.0))), 0.7 * np.array(p_CT) + 2e-4)
+    seen = estimator.update(bubbles.render(X, PERIOD), PERIOD)
+    assert seen.valid
+    assert np.abs(seen.X_CT[:3, 3] - X[:3, 3]).max() < 1.5e-4  # [m], of up to 4 mm
+    (left, right), deviation = seen.membrane, np.sqrt(seen.covariance.diagonal()[3:])
+    for told in (left.X_CM, right.X_CM):
+        assert abs(told[2, 3] - X[2, 3]) < 4e-4
+    assert deviation[2] > 0.05 * abs(p_CT[2])  # micro-slip may have hidden a part of it
+
+
+def test_a_grasp_under_load_is_refused_in_numbers_where_that_is_wanted_or_it_is_too_much() -> None:
+    with pytest.raises(EstimatorError, match=r"z -2\.[45] \+- 0\.1 mm in C; let something carry its weight"):
+        grasped(HANGING, loaded_grasp="refuse")
+    grasped(FREE, loaded_grasp="refuse")
+    with pytest.raises(EstimatorError, match=r"z \+3\.0"):
+        grasped((0.0, 0.0, 0.003), max_drag=0.002)
+    estimator, _ = grasped(HANGING, loaded_grasp="ignore")
+    assert not estimator.zero.words
+
+
+def test_dots_that_are_others_tell_nothing_and_say_so() -> None:
+    one, other = (TactileRenderer(TactileParameters(), Hand(), seed) for seed in (1, 2))
+    estimator = Estimator(EstimatorParameters(), Hand(), one.cameras)
+    estimator.capture_reference([one.no_contact(-1.0 + i * PERIOD) for i in range(8)])
+    estimator.initialize_grasp([other.render(make_pose(p=np.array(HANGING)), (i - 5) * PERIOD) for i in range(5)])
+    assert "cannot be told" in estimator.zero.words
+    assert not estimator.zero.shift.any()
+
+
+def test_a_membrane_with_mechanics_shows_the_same() -> None:
+    parameters, tool = MembraneParameters(spacing=0.006), ToolShape()
+    grasp = MembraneGrasp(parameters, tool)
+    p = TactileParameters(tool=tool, squeeze=parameters.squeeze, height=grasp.height)
+    bubbles = MeshRenderer(p, Hand(), 5, grasp.free())
+    told = []
+    for z in (0.0, -0.0015):
+        state = grasp.close() if z == 0.0 else grasp.solve(make_pose(p=np.array((0.0, 0.0, z))), 1.0)
+        estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+        estimator.capture_reference([bubbles.no_contact(-1.0 + i * PERIOD) for i in range(8)])
+        estimator.initialize_grasp([bubbles.render(state.bubbles, (i - 5) * PERIOD) for i in range(5)])
+        told.append(estimator.zero)
+    assert state.wrench.force[2] > 1.0  # [N]: it bears a load
+    assert np.abs(told[0].motion).max() < 1e-4
+    assert told[1].shift == pytest.approx((0.0, 0.0, -0.0015), abs=1.5e-4)
