@@ -222,7 +222,7 @@ def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused
         "estimator": "truth",
         "model": "bushing",
     }
-    settings |= {"world": "spring", "late_stamps": False}
+    settings |= {"world": "spring", "late_stamps": False, "arm_sensor": False}
     file = tmp_path / "draws.jsonl"
     file.write_text(to_json(run_of(3, 0.5, message="as it stood") | settings) + "\n", encoding="utf-8")
     result = score_draws(settings, [3], out=file)

@@ -37,7 +37,7 @@ def main(argv: list[str]) -> int:
         if args.membrane is not None:
             parser.error("--membrane belongs to known worlds: give a scenario with grasp.kind: membrane")
         return _draws(args)
-    for name in ("draws", "late_stamps", "out"):
+    for name in ("draws", "late_stamps", "arm_sensor", "out"):
         if getattr(args, name):
             parser.error(f"--{name.replace('_', '-')} belongs to hidden worlds: give --world hidden")
     if args.scenarios:
@@ -95,6 +95,9 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--draws", type=whole(1), metavar="N", help=f"hidden worlds; default: {DRAWS}")
     p.add_argument("--late-stamps", action="store_true", help="hidden worlds with stamps 0 to 100 ms late")
     p.add_argument(
+        "--arm-sensor", action="store_true", help="hidden worlds and --perturb: the arm has a force/torque reading"
+    )
+    p.add_argument(
         "--model",
         choices=MODELS,
         default="hysteretic",
@@ -140,7 +143,7 @@ def _text(r: dict[str, Any]) -> str:
 
 def _draws(args: argparse.Namespace) -> int:
     """The score over hidden worlds: 1 when a draw was not finished."""
-    names = ("task", "law", "model", "estimator", "force", "scenario", "late_stamps")
+    names = ("task", "law", "model", "estimator", "force", "scenario", "late_stamps", "arm_sensor")
     settings = {name: getattr(args, name) for name in names} | {"world": "spring"}
     if args.law not in CONTROL_LAWS:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
@@ -152,7 +155,7 @@ def _draws(args: argparse.Namespace) -> int:
 
 
 def _perturb(args: argparse.Namespace) -> int:
-    given = {name: getattr(args, name) for name in ("law", "estimator", "force", "scenario")}
+    given = {name: getattr(args, name) for name in ("law", "estimator", "force", "scenario", "arm_sensor")}
     rows = perturb.perturbed(args.perturb, args.task, args.seed, **given)
     print(to_json(rows) if args.json else perturb.table(rows))
     return 0

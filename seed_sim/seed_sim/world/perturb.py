@@ -90,7 +90,15 @@ PERTURBATIONS: dict[str, Perturbation] = {
 
 
 def perturbed(
-    names: Sequence[str], task: str, seed: int, *, law: str, estimator: str, force: float | None, scenario: str | None
+    names: Sequence[str],
+    task: str,
+    seed: int,
+    *,
+    law: str,
+    estimator: str,
+    force: float | None,
+    scenario: str | None,
+    arm_sensor: bool = False,
 ) -> list[dict[str, Any]]:
     """The rows of the table, one per name ('all': every one).
 
@@ -105,6 +113,7 @@ def perturbed(
     for name in wanted:
         p = PERTURBATIONS[name]
         how: dict[str, Any] = {"law": law, "estimator": estimator, "force": force, "scenario": scenario}
+        how["arm_sensor"] = arm_sensor
         rows.append({"perturbation": name, "words": p.words, **run_trial(task, p.world, seed, **how).result})
     return rows
 

@@ -17,7 +17,8 @@ from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
 
 DRAWS = 20
-SETTINGS = ("task", "law", "model", "estimator", "force", "scenario", "world", "late_stamps")  # what draws must share
+# What draws of one score share:
+SETTINGS = ("task", "law", "model", "estimator", "force", "scenario", "world", "late_stamps", "arm_sensor")
 FIGURES: tuple[tuple[str, str, str], ...] = (  # key, name in the table, unit
     ("force_z", "true force", "N"),
     ("believed_z", "believed", "N"),
@@ -61,7 +62,7 @@ def one_draw(settings: dict[str, Any], draw: int) -> dict[str, Any]:
     kind: Kind = settings["world"]
     try:
         world = draw_world(draw, kind, late_stamps=settings["late_stamps"])
-        given = {k: settings[k] for k in ("law", "model", "estimator", "force", "scenario")}
+        given = {k: settings[k] for k in ("law", "model", "estimator", "force", "scenario", "arm_sensor")}
         result = run_trial(settings["task"], world, draw, **given).result
     except SeedError as error:
         result = {"draw": draw, "error": str(error), "finished": False}

@@ -2,7 +2,7 @@
 """One task in one world: what the suite finds out first, then the task, scored by true and by believed force."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,7 @@ def run_trial(
     force: float | None = None,
     scenario: str | Path | Scenario | None = None,
     model: Model = "hysteretic",
+    arm_sensor: bool = False,
     belief: Belief | None = None,
 ) -> Trial:
     """Find out what can be found out about a world, and play the task in it; deterministic but for times.
@@ -56,6 +57,7 @@ def run_trial(
         law, estimator: of the control. model: what the wrench is computed from: the stiffness, or a hysteretic spring.
         force: [N] replaces the size of every force in the task.
         scenario: what the world departs from; default: the task's own.
+        arm_sensor: the arm has a force/torque reading of its own.
         belief: found before, in this very world; default: find it out now.
 
     Raises:
@@ -66,6 +68,9 @@ def run_trial(
     scenario = SCENARIO_OF_TASK.get(task.name, task.name) if scenario is None else scenario
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
+    if arm_sensor:
+        m = scenario.measurement
+        scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
     began = time.perf_counter()
     belief = belief or find_out(scenario, world, seed, estimator if estimator in FROM_IMAGES else "rigid_fit", model)
     plant = make_plant(scenario, world, seed, task)

@@ -32,6 +32,7 @@ from seed_sysid.stiffness_map import AXES
 
 Model = Literal["bushing", "hysteretic"]
 MODELS: tuple[Model, ...] = ("bushing", "hysteretic")
+_DISAGREE = 3.0  # [standard deviations] from which the stated mass is not believed
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
 
 
@@ -139,16 +140,27 @@ class _Work:
         self.offset = found.value
 
     def weigh(self) -> None:
-        """Mass and centre of mass of the tool."""
+        """The tool's mass: as stated and as it hangs, each by how well it is known; if they disagree, as it hangs.
+
+        Its centre of mass stays as drawn, which a spring cannot tell better, unless the mass disagrees.
+        """
         model = HystereticSpring(self.spring) if self.spring is not None else None
-        payload = weigh(self.believed, self._world, self._seed, self._method, self.calibration, self.offset, model)
-        com, known = payload.center_of_mass, np.isfinite(payload.center_of_mass_std)
+        payload, deviation = weigh(
+            self.believed, self._world, self._seed, self._method, self.calibration, self.offset, model
+        )
         if not payload.mass > 0.0:
             raise PayloadError(f"a tool of {payload.mass:g} kg is none")
-        drawn = self.believed.tool
-        x, y, z = np.where(known, com, drawn.center_of_mass).tolist()
-        self.figures["weigh"] = {"mass": payload.mass, "mass_std": payload.mass_std, "center_of_mass": [x, y, z]}
-        self.believed = replace(self.believed, tool=replace(drawn, mass=payload.mass, center_of_mass=(x, y, z)))
+        stated = self.believed.tool
+        of_stated = self.believed.reference.mass_deviation * stated.mass
+        mass, com = payload.mass, stated.center_of_mass
+        if abs(payload.mass - stated.mass) < _DISAGREE * np.hypot(deviation, of_stated):
+            mass = stated.mass + (payload.mass - stated.mass) * of_stated**2 / (of_stated**2 + deviation**2)
+        else:
+            known = np.isfinite(payload.center_of_mass_std)
+            x, y, z = np.where(known, payload.center_of_mass, com).tolist()
+            com = (x, y, z)
+        self.figures["weigh"] = {"hanging": payload.mass, "deviation": deviation, "mass": mass, "center_of_mass": com}
+        self.believed = replace(self.believed, tool=replace(stated, mass=mass, center_of_mass=com))
 
 
 def figures_of(fit: HystereticFit) -> dict[str, Any]:

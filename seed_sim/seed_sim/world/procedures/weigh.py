@@ -4,6 +4,7 @@
 from seed_control.payload.identify import Payload, PayloadError
 from seed_control.payload.motion import PayloadRun
 from seed_control.tasks import load_task
+from seed_core.hand import GRAVITY
 from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
@@ -21,8 +22,11 @@ def weigh(
     calibration: Calibration | None,
     clock_offset: float,
     wrench_model: WrenchModel | None,
-) -> Payload:
+) -> tuple[Payload, float]:
     """Mass and centre of mass of the tool by the stiffness or the model that is believed.
+
+    Returns:
+        Them, and the standard deviation of the mass [kg] by what the controller states of the force that it hangs by.
 
     Args:
         believed: the cell as it is believed.
@@ -46,6 +50,7 @@ def weigh(
         wrench_model=wrench_model,
     )
     run: PayloadRun | None = None
+    deviation = 0.0  # [N]
     for step in range(round(_LONGEST * steering.rate)):
         t = step / steering.rate
         state = steering.sense(t)
@@ -54,11 +59,13 @@ def weigh(
                 steering.steer(t, None)
                 continue
             run = PayloadRun(steering.controller.wrench_estimator, believed.tool, state)
+        if state.deviation is not None:
+            deviation = max(deviation, float(state.deviation.force.min()))
         status = run.step(t, state)
         if status.done:
             if status.failed or status.cancelled:
                 raise PayloadError(f"the tool was not weighed: {status.message}")
-            return run.result()
+            return run.result(), deviation / GRAVITY
         if refusal := steering.steer(t, status.setpoint):
             raise PayloadError(f"the tool was not weighed: {refusal}")
     raise PayloadError(f"the tool was not weighed within {_LONGEST:g} s")
