@@ -100,13 +100,19 @@ def quiet(**images) -> WorldCameras:
 
 
 def test_depth_is_scaled_and_stamps_are_off_but_infrared_is_as_it_was():
-    same, world = quiet(), quiet(left=CameraWorld(depth_scale=0.01), clock=0.007, skew=0.012, skew_stamped=True)
+    same, world = quiet(), quiet(left=CameraWorld(depth_scale=0.01), clock=0.007, skew=0.009, skew_stamped=True)
     one, other = same.no_contact(1.0), world.no_contact(1.0)
     seen = np.isfinite(one["left"].depth)
     np.testing.assert_allclose(other["left"].depth[seen], 1.01 * one["left"].depth[seen], rtol=1e-5)
     np.testing.assert_array_equal(other["left"].ir, one["left"].ir)
     assert other["left"].stamp == pytest.approx(1.007)
-    assert other["right"].stamp == pytest.approx(0.995)
+    assert other["right"].stamp == pytest.approx(0.998)
+
+
+def test_images_that_tell_their_times_are_paired_with_the_nearest():
+    period = 1.0 / NOMINAL.measurement.rate
+    assert quiet(skew=0.014, skew_stamped=True).early == pytest.approx({"left": period - 0.014, "right": 0.0})
+    assert quiet(skew=0.014).early == pytest.approx({"left": 0.0, "right": 0.014})
 
 
 def test_a_longer_lens_shows_the_same_thing_larger_while_nobody_knows():

@@ -16,7 +16,7 @@ from seed_sim.tactile.cameras import FINGERS, camera_model
 from seed_sim.tactile.friction import Friction
 from seed_sim.tactile.geometry import Image, dome_depth
 from seed_sim.tactile.parameters import TactileParameters
-from seed_sim.world.parameters import CameraWorld, World
+from seed_sim.world.parameters import CameraWorld, ImageWorld, World
 
 _FORGOTTEN = 5.0  # [time constants] after which nothing is left in the depth's filter
 
@@ -55,12 +55,14 @@ class WorldCameras:
     Attributes:
         renderer: of the world as it is.
         parameters: membrane and noise as they are. hand, cameras: hand and lenses as they are believed.
+        early: by finger, by how long its image of a pair is taken before the pair's time [s]; one of them is 0.
     """
 
     def __init__(self, scenario: Scenario, world: World, seed: int) -> None:
         """seed: of dots, fixed patterns and noise."""
         p = true_tactile(scenario, world)
         self.parameters, self.hand = p, scenario.hand
+        self.early = _early(world.images, 1.0 / scenario.measurement.rate)
         self.world, self._of = world.images, {"left": world.images.left, "right": world.images.right}
         self.cameras = {f: camera_model(p.camera) for f in FINGERS}
         lenses = {f: _with_focal(c, self._of[f].focal) for f, c in self.cameras.items()}
@@ -90,7 +92,7 @@ class WorldCameras:
     def _seen(self, name: str, images: TactileImages, t: float) -> TactileImages:
         """With scale, drift and lag of the depth, and the stamp that the camera gives."""
         one, world = self._of[name], self.world
-        taken = t - world.skew if name == "right" else t
+        taken = t - self.early[name]
         depth = images.depth * np.float32(1.0 + one.depth_scale)
         if self._aged and one.range_mm:
             depth = depth + np.float32(1e-3 * one.range_mm)
@@ -110,6 +112,14 @@ class WorldCameras:
             state = depth
         self._filtered[name] = (t, state)
         return np.where(np.isfinite(depth), state, np.float32(np.nan))
+
+
+def _early(images: ImageWorld, period: float) -> dict[str, float]:
+    """By finger [s]. Images that tell their own times are paired with the nearest: no more than half a period apart."""
+    skew = images.skew
+    if images.skew_stamped:
+        skew -= period * round(skew / period)
+    return {"left": max(-skew, 0.0), "right": max(skew, 0.0)}
 
 
 def _with_focal(camera: PinholeCamera, error: float) -> PinholeCamera:

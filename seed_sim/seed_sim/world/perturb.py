@@ -76,8 +76,8 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "late_85": Perturbation("stamps 85 ms late", World(images=ImageWorld(clock=0.085))),
     "skew_11": Perturbation("fingers 11 ms apart, one stamp", World(images=ImageWorld(skew=0.011))),
     "skew_22": Perturbation("fingers 22 ms apart, one stamp", World(images=ImageWorld(skew=0.022))),
-    "skew_22_stamped": Perturbation(
-        "fingers 22 ms apart, each with its stamp", World(images=ImageWorld(skew=0.022, skew_stamped=True))
+    "skew_11_stamped": Perturbation(
+        "fingers 11 ms apart, each with its stamp", World(images=ImageWorld(skew=0.011, skew_stamped=True))
     ),
     "slip": Perturbation("micro-slip of 10 %", World(images=ImageWorld(slip=0.1))),
     "creep_20": Perturbation("patch's edge lets go, slides at 20 mm", World(images=ImageWorld(creep_hold_mm=20.0))),

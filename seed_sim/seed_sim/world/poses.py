@@ -72,8 +72,10 @@ class WorldPoses(PoseSource):
         """
         super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY)
         self._cameras = WorldCameras(scenario, world, seed)
-        self._skew, self._clock, self._offset = world.images.skew, world.images.clock, clock_offset
-        self._right: Array | None = None  # X_CT (4, 4) at which the right finger's image of this pair was taken
+        self._clock, self._offset = world.images.clock, clock_offset
+        self._first = max(self._cameras.early, key=self._cameras.early.__getitem__)  # finger
+        self._lead = round(self._cameras.early[self._first] / DT) * DT  # [s] of it before the other
+        self._early: Array | None = None  # X_CT (4, 4) at which the first finger's image of this pair was taken
         self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
         self._hanging = world.cell.hanging
         if not self._hanging:
@@ -82,13 +84,12 @@ class WorldPoses(PoseSource):
     def next_image(self) -> float:
         """When the next image of either finger is due [s], on the plant's steps."""
         due = super().next_image()
-        early = round(self._skew / DT) * DT
-        return max(due - early, 0.0) if early and self._right is None else due
+        return max(due - self._lead, 0.0) if self._lead and self._early is None else due
 
     def take_image(self, plant: Plant) -> None:
-        """Take the right finger's image, if it is due before the left one's, else the pair."""
-        if self._right is None and self._skew >= 0.5 * DT:
-            self._right = plant.X_CT
+        """Take the image of the finger that is first, if it is its turn, else the pair."""
+        if self._lead and self._early is None:
+            self._early = plant.X_CT
             return
         if self._hanging and plant.time >= HANGS:
             take_grasp(self.estimator, self._cameras, plant.X_CT, plant.time, self.period)
@@ -97,11 +98,11 @@ class WorldPoses(PoseSource):
             self._count += 1
         else:
             super().take_image(plant)
-        self._right = None
+        self._early = None
 
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
         X = plant.X_CT
-        right = X if self._right is None else self._right
-        images = self._cameras.render({"left": X, "right": right}, plant.time)
+        poses = {f: self._early if self._early is not None and f == self._first else X for f in self._cameras.early}
+        images = self._cameras.render(poses, plant.time)
         images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
         return self.estimator.update(images, stamp + self._clock - self._offset)

@@ -32,10 +32,10 @@ def run_world(scenario: Scenario, world: World, method: str, seed: int) -> Serie
     cameras, period = WorldCameras(scenario, world, seed), 1.0 / scenario.trajectory.rate
     estimator = make_estimator(scenario, cameras, calibration, method, period)
     take_grasp(estimator, cameras, np.eye(4), 0.0, period)
-    series, before, early = Series(), np.eye(4), world.images.skew / period
+    series, before = Series(), np.eye(4)
     for t, X_CT in poses(scenario.trajectory, seed):
-        # the right finger's image is earlier; by more than a frame it is as if it were by one
-        images = cameras.render({"left": X_CT, "right": interpolate_pose(before, X_CT, max(1.0 - early, 0.0))}, t)
+        seen = {f: interpolate_pose(before, X_CT, max(1.0 - e / period, 0.0)) for f, e in cameras.early.items()}
+        images = cameras.render(seen, t)
         series.estimate(estimator, images, t + world.images.clock, X_CT)
         before = X_CT
     return series

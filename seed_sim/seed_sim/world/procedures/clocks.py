@@ -48,10 +48,10 @@ def compare_clocks(
         X = interpolate_pose(X_TC[i], X_TC[i + 1], min(max(t / _ROBOT - i, 0.0), 1.0))
         return inverse_pose(inverse_pose(X_KC) @ X @ X_KC)
 
-    skew, clock = world.images.skew, world.images.clock
+    clock = world.images.clock
     for n in range(1, int((_DURATION + FARTHEST) / period)):
         t = n * period
-        poses = {"left": true_X_CT(t), "right": true_X_CT(t - skew)}
+        poses = {f: true_X_CT(t - early) for f, early in cameras.early.items()}
         estimate = estimator.update(cameras.render(poses, t), t + clock)
         if estimate.valid:
             watch.camera(estimate.stamp, inverse_pose(estimate.X_CT))
