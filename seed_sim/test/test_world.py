@@ -186,14 +186,6 @@ def test_a_world_as_believed_is_wiped_as_well_as_a_known_one(undisturbed):
     assert not undisturbed["swing"]["seen"]
 
 
-def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_is_not_believed():
-    result = force_error(World(spring=SpringWorld(scale=(1.0,) * 5 + (0.8,))))
-    weight = NOMINAL.tool.mass * 9.81
-    assert result["force_z"]["rmse"] == pytest.approx(0.2 * (10.0 - weight), rel=0.05)  # the spring bears 10 N less it
-    assert result["believed_z"]["rmse"] < 0.05
-    assert result["believed_z"]["error"] == pytest.approx(result["force_z"]["rmse"], abs=0.05)
-
-
 def test_a_weight_that_nobody_knows_costs_its_own():
     result = force_error(World(cell=CellWorld(mass=0.1)))
     assert result["force_z"]["mean"] == pytest.approx(-10.0 - 0.1 * NOMINAL.tool.mass * 9.81, abs=0.05)
@@ -271,14 +263,16 @@ def test_the_command_keeps_single_runs_known_and_refuses_what_would_be_ignored(c
     assert "baseline" in capsys.readouterr().err
 
 
-def test_a_perturbation_has_its_row_with_what_was_said():
-    rows = perturb.perturbed(
-        ["stiffness_+10"], "squeegee", 3, law="seed", estimator="truth", force=None, scenario="nominal"
-    )
-    text = perturb.table(rows)
-    assert "stiffness of the force axis x1.1" in text
-    assert rows[0]["force_z"]["rmse"] == pytest.approx(0.84, abs=0.06)  # as the audit found it
-    assert "finished; no" in text
+def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_is_told_in_its_row():
+    how = {"law": "seed", "estimator": "truth", "force": None, "scenario": "nominal"}
+    (row,) = perturb.perturbed(["stiffness_-20"], "squeegee", 3, **how)
+    weight = NOMINAL.tool.mass * 9.81
+    assert row["force_z"]["rmse"] == pytest.approx(0.2 * (10.0 - weight), rel=0.05)  # the spring bears 10 N less it
+    assert row["believed_z"]["rmse"] < 0.05
+    assert row["believed_z"]["error"] == pytest.approx(row["force_z"]["rmse"], abs=0.05)
+    text = perturb.table([row])
+    assert "stiffness of the force axis x0.8" in text
+    assert "finished; before contact: hanging free, the grasp's wrench differs" in text
 
 
 def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear_one():

@@ -58,8 +58,8 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "hysteresis_5": Perturbation("hysteresis 5 % of full scale", _spring(hysteresis=0.05)),
     "hysteresis_10": Perturbation("hysteresis 10 % of full scale", _spring(hysteresis=0.10)),
     "relaxation": Perturbation("relaxation 10 % in 2 s", _spring(relaxation=0.1)),
-    "fade_5": Perturbation("stiffness -5 % within 6 s", _spring(fade=0.05)),
-    "fade_20": Perturbation("stiffness -20 % within 6 s", _spring(fade=0.20)),
+    "fade_5": Perturbation("stiffness -5 % within 14 s", _spring(fade=0.05, fade_time=14.0)),
+    "fade_20": Perturbation("stiffness -20 % within 14 s", _spring(fade=0.20, fade_time=14.0)),
     "centre_z": Perturbation("elastic centre 5 mm along z", _spring(centre_mm=(0.0, 0.0, 5.0))),
     "centre_y": Perturbation("elastic centre 5 mm along y", _spring(centre_mm=(0.0, 5.0, 0.0))),
     "mounts": Perturbation("mounts 0.5 deg, 0.5 mm", World(images=_mounts(0.5, 0.5))),
@@ -119,9 +119,8 @@ def perturbed(
 
 
 def first_report(row: dict[str, Any]) -> dict[str, Any] | None:
-    """What the controller said first, from shortly before first contact on; None if nothing."""
-    after = [r for r in row.get("reports", ()) if r["after"] is None or r["after"] > -1.0]
-    return after[0] if after else None
+    """What the controller said first; None if nothing."""
+    return next(iter(row.get("reports", ())), None)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_control.tasks import Task, load_task
+from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
-from seed_sim.closed_loop.run import play
+from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import World
@@ -23,6 +24,7 @@ from seed_sim.world.procedures.find_out import Belief, Model, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
+LOOK_HEIGHT, LOOK_TILT, LOOK_TIME = 0.03, 15.0, 0.8  # [m], [deg], [s] of the look at the tool in free space
 WITHIN = 2.0  # [standard deviations]
 
 
@@ -73,6 +75,7 @@ def run_trial(
         scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
     began = time.perf_counter()
     belief = belief or find_out(scenario, world, seed, estimator if estimator in FROM_IMAGES else "rigid_fit", model)
+    task = with_look(task)
     plant = make_plant(scenario, world, seed, task)
     recording = Recording([])
     try:
@@ -106,6 +109,26 @@ def run_trial(
         "seconds": {**belief.seconds, "all": time.perf_counter() - began},
     }
     return Trial(result, recording, belief)
+
+
+def with_look(task: Task) -> Task:
+    """The task with a look at the hanging tool before it: up, tilted and back, as the controller's checks want it.
+
+    A task that draws stays as it is: its strokes come after its first phase.
+    """
+    if task.draw is not None:
+        return task
+    x, y, z = task.phases[0].to or (0.0, 0.0, 0.0)
+    low = (x, y, max(z, START_HEIGHT))
+    high = (x, y, low[2] + LOOK_HEIGHT)
+    tilted = (LOOK_TILT, 0.0, 0.0)
+    look = (
+        Phase("start", low),
+        Phase("look", high, dwell=LOOK_TIME),
+        Phase("look tilted", high, tilt=tilted, dwell=LOOK_TIME),
+        Phase("look upright", high, tilt=(0.0, 0.0, 0.0), dwell=LOOK_TIME),
+    )
+    return replace(task, phases=look + task.phases)
 
 
 def beliefs(recording: Recording, phase: str) -> dict[str, Any]:
