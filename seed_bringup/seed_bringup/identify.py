@@ -11,7 +11,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, results_folder, seed_number, whole
-from seed_sim.identification.scenario import load
+from seed_sim.identification.scenario import identify_on_membrane, load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
 from seed_sim.identification.weight import identify_with_weight
@@ -34,6 +34,12 @@ def parser() -> argparse.ArgumentParser:
     out = argparse.ArgumentParser(prog="seed identify", description=__doc__, formatter_class=Help)
     out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sim/config/identify")
     out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
+    out.add_argument(
+        "--membrane",
+        type=seed_number,
+        metavar="SEED",
+        help="hold the tool between two membranes with mechanics, drawn from this seed (docs/membrane.md)",
+    )
     out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
     out.add_argument(
         "--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor"
@@ -85,6 +91,10 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
             hidden and (weight or live or recorded or args.in_the_loop or args.poses != "kinematic" or args.out),
             "--world hidden goes with --seed, --draws and --json alone",
         ),
+        (
+            args.membrane is not None and (weight or live or recorded or hidden or args.in_the_loop),
+            "--membrane goes with a simulated run on the sensor alone",
+        ),
         (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
         (live and recorded, "--live and --from exclude each other"),
         (live and weight, "--procedure weight does not run --live: record the poses and weights"),
@@ -129,6 +139,8 @@ def _six(halves: dict[str, list[float]]) -> list[float]:
 
 def _simulated(args: argparse.Namespace, folder: Path | None, date: str) -> tuple[Analysis, dict[str, Any]]:
     scenario = load(args.scenario)
+    if args.membrane is not None:
+        scenario = identify_on_membrane(scenario, args.membrane)
     fit = replace(scenario.procedure.fit, model=args.model) if args.model else scenario.procedure.fit
     pose_source = None
     if args.poses == "estimator":

@@ -3,14 +3,16 @@
 
 The stiffness, the sensor's faults and the arm's repeatability are drawn from the seed; the identification sees readings
 only. The grasp is the bushing of seed_core (checked against Drake in its tests) with a membrane that settles and
-creeps, and, where the scenario asks, elastic-then-sliding friction along single axes.
+creeps, and, where the scenario asks, elastic-then-sliding friction along single axes. `membrane_cell` has membranes.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from seed_core.bushing import Bushing, Stiffness
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.truth import direction, draw_truth
@@ -20,8 +22,8 @@ from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_tr
 _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
 
-# From X_CT, stamp [s], and whether it is being measured: X_TC as estimated, None without an image.
-PoseSource = Callable[[Array, float, bool], Array | None]
+# From X_CT, stamp [s], and whether it is being measured: a valid estimate, None without an image.
+PoseSource = Callable[[Array, float, bool], RelativePoseEstimate | None]
 
 
 class SimulatedCell:
@@ -59,7 +61,19 @@ class SimulatedCell:
         self._lag = decay[:, None] * self._lag + (1.0 - decay)[:, None] * shares[:, None] * static
         pressures = self._pressures(command.grip)
         seen = self._pose_source(inverse_pose(X_TC), self.stamp, command.measuring) if self._pose_source else None
-        return Reading(self.stamp, command.X_TC, self._sensed(self._lag.sum(axis=0)), command.width, pressures, seen)
+        sensed = self._sensed(self._lag.sum(axis=0))
+        if seen is None:
+            return Reading(self.stamp, command.X_TC, sensed, command.width, pressures)
+        membrane = self._with_pressure(seen.membrane, pressures)
+        X_seen = inverse_pose(seen.X_CT)
+        return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane)
+
+    @staticmethod
+    def _with_pressure(
+        membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]
+    ) -> tuple[MembraneMotion, ...]:
+        told = dict(zip(("left", "right"), pressures, strict=True))
+        return tuple(replace(m, pressure=told[m.finger]) for m in membrane)
 
     def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:
         """Readings of a pose that has come to rest, without simulating how; dwell [s] is the time that takes."""

@@ -1,19 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios of a simulated identification: the grasp, the sensor and its faults, in one strict YAML file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.vector3 import Vector3
-from seed_sim.scenario import load_scenario, scenario_file, shipped_scenarios, tactile_of
+from seed_sim.membrane.parameters import MembraneParameters
+from seed_sim.scenario import (
+    GRASPS,
+    Scenario,
+    load_scenario,
+    on_membrane,
+    scenario_file,
+    shipped_scenarios,
+    tactile_of,
+)
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sysid.parameters import Procedure
 from seed_sysid.stiffness_map import AXES
 
 SHIPPED = ("seed_sim", "config/identify")
+_CLOSER = 0.5  # of the widths' distances
 Vector6 = tuple[float, float, float, float, float, float]
 
 
@@ -40,6 +52,7 @@ class SensorFaults:
 class Grasp:
     """The stiffness that is to be found, drawn from the seed, and how it goes with the grip."""
 
+    kind: str = field("bushing", choices=GRASPS, doc="a bushing as below, or the scenario's `membrane`")
     stiffness: Stiffness = field(DEFAULT_STIFFNESS, doc="centre of the draw, at the middle width")
     spread: float = field(0.4, low=0.0, high=0.8, doc="each stiffness is drawn within +- this share")
     slope: Vector6 = field(
@@ -79,6 +92,7 @@ class IdentificationScenario:
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images, for --poses estimator")
     hand: Hand = field(Hand())
     tool: Tool = field(Tool(name="ft_sensor"))
+    membrane: MembraneParameters = field(MembraneParameters(), doc="both membranes, with grasp.kind: membrane")
     procedure: Procedure = field(Procedure())
     weight: Weight = field(Weight())
 
@@ -123,8 +137,28 @@ def from_simulation(file: Path) -> IdentificationScenario:
             stiffness=sim.grasp.stiffness,
             pressure=sim.grasp.nominal_pressure,
             pressure_per_width=-sim.grasp.pressure_slope,
+            kind=sim.grasp.kind,
         ),
         hand=sim.hand,
         tactile=tactile_of(sim),
+        membrane=sim.membrane,
         procedure=Procedure(widths=widths),
+    )
+
+
+def identify_on_membrane(scenario: IdentificationScenario, seed: int) -> IdentificationScenario:
+    """The scenario with its tool between two membranes drawn from the seed, gripped as firmly as a task of 10 N asks.
+
+    Width by width the squeeze differs by a few millimetres, by which membranes change much: widths lie closer.
+    """
+    drawn = on_membrane(Scenario(tactile=scenario.tactile), seed, firm=True)
+    widths = scenario.procedure.widths
+    middle = float(np.median(widths))
+    closer = [middle + _CLOSER * (w - middle) for w in widths]
+    return replace(
+        scenario,
+        grasp=replace(scenario.grasp, kind="membrane"),
+        membrane=drawn.membrane,
+        tactile=tactile_of(drawn),
+        procedure=replace(scenario.procedure, widths=closer),
     )

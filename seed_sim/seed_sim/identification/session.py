@@ -10,6 +10,7 @@ import numpy as np
 
 from seed_core.errors import FailedError
 from seed_sim.identification.cell import PoseSource, SimulatedCell
+from seed_sim.identification.membrane_cell import cell_of
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sysid.data.dataset import Dataset, Header
 from seed_sysid.data.sample_file import Recorder
@@ -58,7 +59,7 @@ def simulate(
         SessionError: the run ended early; what was measured is in the file.
     """
     quiet = cell is not None
-    cell = cell or SimulatedCell(scenario, seed, pose_source)
+    cell = cell or cell_of(scenario, seed, pose_source)
     recorder = Recorder(file, header(scenario, seed, created))
     samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0

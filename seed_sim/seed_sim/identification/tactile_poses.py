@@ -7,31 +7,52 @@ reading, which would cost far more and tell nothing new.
 
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose, so3_log
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array, so3_log
 from seed_sim.identification.scenario import IdentificationScenario
+from seed_sim.membrane.hold import MembraneHold
 
 _STEP, _TURN = 1.5e-3, np.deg2rad(2.5)  # [m], [rad]; motion between images that is followed with ease
 _FRAMES = 4  # images averaged per pose
+_BEFORE = 0.01  # [s] between images of the grasp at rest
 _REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at rest
 
 
 class TactilePoses:
-    """Looks at the tool's pose X_CT and returns what the estimator makes of it."""
+    """Looks at the tool's pose X_CT and returns what the estimator makes of it.
+
+    Attributes:
+        hold: the membranes that are seen; None on a bushing.
+        invalid: estimates that were not valid.
+    """
 
     def __init__(self, scenario: IdentificationScenario, seed: int) -> None:
         from seed_estimation import Estimator, EstimatorParameters
+        from seed_sim.bubbles import HeldRenderer
         from seed_sim.tactile import TactileRenderer
 
-        self._renderer = TactileRenderer(scenario.tactile, scenario.hand, seed)
+        self.hold: MembraneHold | None = None
+        self._renderer: TactileRenderer | HeldRenderer
+        if scenario.grasp.kind == "membrane":
+            self.hold = MembraneHold(scenario.membrane, scenario.tactile.tool)
+            self._renderer = HeldRenderer(scenario.tactile, scenario.hand, seed, self.hold)
+        else:
+            self._renderer = TactileRenderer(scenario.tactile, scenario.hand, seed)
         parameters = EstimatorParameters(method=scenario.estimator)
         self._estimator = Estimator(parameters, scenario.hand, self._renderer.cameras)
         self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(_REFERENCE)])
-        self._estimator.initialize_grasp([self._renderer.render(np.eye(4), 0.0) for _ in range(_GRASP)])
         self._last, self._frames = np.eye(4), 0
         self.invalid = 0
+        self.take_grasp(0.0)
 
-    def __call__(self, X_CT: Array, stamp: float, measuring: bool) -> Array | None:
-        """X_TC as estimated, or None when no image was taken or no pose came of it."""
+    def take_grasp(self, t: float) -> None:
+        """The gripper has closed on the tool, which rests where its frame counts from, at time t [s]."""
+        before = [t - _BEFORE * (_GRASP - i) for i in range(_GRASP)]
+        self._estimator.initialize_grasp([self._renderer.render(np.eye(4), stamp) for stamp in before])
+        self._last, self._frames = np.eye(4), 0
+
+    def __call__(self, X_CT: Array, stamp: float, measuring: bool) -> RelativePoseEstimate | None:
+        """The estimate, or None when no image was taken or nothing came of it."""
         self._frames = self._frames + 1 if measuring else 0
         moved = float(np.linalg.norm(X_CT[:3, 3] - self._last[:3, 3])) > _STEP
         turned = float(np.linalg.norm(so3_log(X_CT[:3, :3].T @ self._last[:3, :3]))) > _TURN
@@ -40,4 +61,4 @@ class TactilePoses:
         self._last = X_CT
         estimate = self._estimator.update(self._renderer.render(X_CT, stamp), stamp)
         self.invalid += int(not estimate.valid)
-        return inverse_pose(estimate.X_CT) if estimate.valid else None
+        return estimate if estimate.valid else None

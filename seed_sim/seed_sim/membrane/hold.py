@@ -33,11 +33,19 @@ class MembraneHold:
         """
         self._grasp = MembraneGrasp(parameters, tool)
         self.parameters, self.tool, self.free = parameters, tool, self._grasp.free()
-        self.grasped = self.state = self._grasp.close()
-        self._closed = self._grasp.save()
         self.solves = self.unsettled = self._failed = 0
         self.most_sliding = 0.0
-        self._at: tuple[Array, float] = (np.eye(4), 0.0)
+        self.close(parameters.squeeze)
+
+    def close(self, squeeze: float) -> None:
+        """Open the gripper and close it on the tool anew, to an imprint of `squeeze` [m], at time 0 [s].
+
+        Raises:
+            MembraneError: the tool pierces the membranes, or they find no equilibrium.
+        """
+        self.grasped = self._grasp.close(squeeze)
+        self._closed = self._grasp.save()
+        self.restart()
 
     def restart(self) -> None:
         """Right after the closing of the gripper again, at time 0 [s]."""

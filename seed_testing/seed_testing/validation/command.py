@@ -25,7 +25,7 @@ from seed_testing.validation.figure import draw
 from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
 
-SCALE = 0.4  # of a scenario's motion that random membranes bear
+SCALE = 0.25  # of a scenario's motion that random membranes bear
 
 
 @command("seed validate")
