@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frozen sparsity pattern: triangles' and nodes' matrices summed into a band, and its LU factors."""
+"""A frozen sparsity pattern: triangles' and nodes' matrices summed into a band, and its LU factors.
+
+The band is in single precision: half the time, and the unbalanced forces that its steps remove are in double.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +10,8 @@ from scipy.linalg import lapack
 
 from seed_core.spatial import Array
 from seed_sim.membrane.mesh import Index
+
+Single = NDArray[np.float32]
 
 
 class Band:
@@ -44,14 +49,15 @@ class Band:
         at = np.where((row >= 0) & (column >= 0), at, self.size * self._height)
         return np.asarray(at, np.intp)
 
-    def matrix(self, of_triangles: Array, nodes: Index, of_nodes: Array) -> Array:
+    def matrix(self, of_triangles: Array, nodes: Index, of_nodes: Array) -> Single:
         """Sum of (9, 9, m) per triangle and (k, 3, 3) at different nodes (k,), as a band (height, size)."""
-        flat = np.zeros(self._length)
+        flat = np.zeros(self._length, np.float32)
         flat[self._places] = np.bincount(self._of_triangles, of_triangles.ravel(), len(self._places))
         flat[self._of_nodes[nodes]] += of_nodes
-        return np.asarray(flat[:-1].reshape(self.size, self._height).T, float)
+        band: Single = flat[:-1].reshape(self.size, self._height).T
+        return band
 
-    def add_diagonal(self, band: Array, value: float) -> None:
+    def add_diagonal(self, band: Single, value: float) -> None:
         """Add `value` to the diagonal."""
         band[2 * self.width] += value
 
@@ -76,17 +82,17 @@ def _narrow(edges: Index, nodes: Index, flat: Array) -> Index:
 class Factors:
     """LU of a band plus factor v v^T, which the gas adds (Sherman and Morrison)."""
 
-    def __init__(self, order: Band, band: Array, factor: float, v: Array) -> None:
+    def __init__(self, order: Band, band: Single, factor: float, v: Array) -> None:
         """band as of Band.matrix, overwritten. v (size,)."""
         self._w = order.width
-        self._lu, self._pivots, self.info = lapack.dgbtrf(band, self._w, self._w, overwrite_ab=1)
+        self._lu, self._pivots, self.info = lapack.sgbtrf(band, self._w, self._w, overwrite_ab=1)
         self._v, self._factor = v, factor
         if self.info == 0:
             self._Kv = self._solve(v)
             self._share = factor / (1.0 + factor * float(v @ self._Kv))
 
     def _solve(self, b: Array) -> Array:
-        x: Array = lapack.dgbtrs(self._lu, self._w, self._w, b, self._pivots)[0]
+        x: Array = lapack.sgbtrs(self._lu, self._w, self._w, b, self._pivots)[0].astype(float)
         return x
 
     def solve(self, b: Array) -> Array:
