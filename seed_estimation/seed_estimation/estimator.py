@@ -32,6 +32,7 @@ from seed_estimation.published import PublishedMethod
 from seed_estimation.rigid_fit.covariance import Covariance
 from seed_estimation.rigid_fit.reference import finger_model
 from seed_estimation.rigid_fit.systematic import Systematic
+from seed_estimation.rigid_fit.timing import Timing
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
@@ -164,7 +165,8 @@ class Estimator:
             self._patch_method = PATCH_METHODS[p.method](self.patches, ir, self._X_CX, p)
         else:
             models = [finger_model(s, depth[f], ir[f], self.masks[f], p) for f, s in self._finders.items()]
-            self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip)
+            timing = Timing(p.finger_skew_std, p.depth_lag_std)
+            self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip, timing)
         self._stamp = max(i[-1].stamp for i in series.values())
 
     def _judged(self, depth: Mapping[str, Image], ir: Mapping[str, Image]) -> GraspZero:
@@ -199,6 +201,11 @@ class Estimator:
 
     def _new_covariance(self) -> Covariance:
         return Covariance(Systematic(self.parameters, {f: self._X_CX[f] for f in self.fingers}, self._mutual))
+
+    @property
+    def timing(self) -> Timing | None:
+        """Skew of the fingers and lag of depth, as learnt in this grasp; None without one, or by another method."""
+        return self._tracker.timing if self._tracker is not None else None
 
     # -- at the frame rate -----------------------------------------------------------------------------------------
 
@@ -249,10 +256,10 @@ class Estimator:
             return self._invalid(stamp, next(filter(None, mistakes), report.lost_reason(fit, touching, p.lock)))
 
         # Covariance: rigid_fit/covariance.py
-        covariance = self._covariance.update(fit, tracker.slip)
+        covariance = self._covariance.update(fit, tracker.slip, tracker.timing)
 
         # Report: report.py
-        estimate = report.rigid_fit(stamp, fit, covariance, tracker.slip.value, touching, p)
+        estimate = report.rigid_fit(stamp, fit, covariance, tracker, touching, p)
         estimate = replace(estimate, membrane=report.membranes(tracker.material, self.patches, p))
         return report.from_free(estimate, self.zero)
 

@@ -61,7 +61,7 @@ class EstimatorParameters:
     flow_window: int = field(50, unit="px", low=5, high=101, doc="Farneback's window")
 
     # time and trust
-    max_skew: float = field(0.012, unit="s", low=0.0, high=1.0, doc="largest difference of the two fingers' stamps")
+    max_skew: float = field(0.025, unit="s", low=0.0, high=1.0, doc="largest difference of the two fingers' stamps")
     max_gap: float = field(0.5, unit="s", low=0.01, high=60.0, doc="longer gaps between images lose the track")
     max_std_translation: float = field(0.001, unit="m", low=1e-5, high=0.1, doc="beyond it an axis is not observed")
     max_std_rotation: float = field(0.035, unit="rad", low=1e-4, high=1.0, doc="beyond it an axis is not observed")
@@ -72,6 +72,12 @@ class EstimatorParameters:
     focal_std: float = field(0.006, low=0.0, high=0.2, doc="of the focal length, as a share of it")
     depth_scale_std: float = field(0.006, low=0.0, high=0.2, doc="of the scale of depth, as a share of it")
     depth_offset_std: float = field(0.0002, unit="m", low=0.0, high=0.02, doc="of depth and of the membrane's shape")
+    finger_skew_std: float = field(
+        0.01, unit="s", low=0.0, high=0.1, doc="of one finger's images behind the other's, beyond stamps; 0: not learnt"
+    )
+    depth_lag_std: float = field(
+        0.02, unit="s", low=0.0, high=0.2, doc="of depth behind infrared, which some cameras filter; 0: not learnt"
+    )
 
     def __post_init__(self) -> None:
         if not self.near < self.far:

@@ -39,7 +39,7 @@ def by_patches(stamp: float, X_CT: Array, method: PublishedMethod, name: str) ->
 
 
 def rigid_fit(
-    stamp: float, fit: Fit, covariance: Array, slip: float, touching: Collection[str], p: EstimatorParameters
+    stamp: float, fit: Fit, covariance: Array, tracker: Tracker, touching: Collection[str], p: EstimatorParameters
 ) -> RelativePoseEstimate:
     """An estimate by the rigid fit, from a track that is locked.
 
@@ -57,8 +57,10 @@ def rigid_fit(
     observed = _observed(covariance, p)
     if not all(observed):
         words.append("some axes are not observed")
+    words += tracker.timing.words()
+    X_CT, slip = tracker.timing.corrected(fit.X_CT), tracker.slip.value
     return RelativePoseEstimate(
-        stamp, fit.X_CT, covariance, observed, reason="; ".join(words), slip=slip, method="rigid_fit"
+        stamp, X_CT, covariance, observed, reason="; ".join(words), slip=slip, method="rigid_fit"
     )
 
 

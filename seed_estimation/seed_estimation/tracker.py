@@ -20,6 +20,7 @@ from seed_estimation.rigid_fit.fit import Fit, fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.relocalise import Relocaliser
+from seed_estimation.rigid_fit.timing import Course, Timing
 from seed_estimation.slip.gross import GrossSlip
 from seed_estimation.slip.markers import SPAN
 
@@ -44,17 +45,20 @@ class Tracker:
         X_CT: (4, 4) where the tool was last.
         lost: no pose is known; the tool is looked for.
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
-        slip: micro-slip.
+        slip: micro-slip. timing: skew of the fingers and lag of depth.
         material: motion of the membranes' material in the last frame, by finger; only of those that are found.
     """
 
-    def __init__(self, models: Sequence[FingerModel], images: Mapping[str, TactileImages], max_slip: float) -> None:
-        """images: of the grasp itself, by finger: they tell how well depth fits when all is well."""
+    def __init__(
+        self, models: Sequence[FingerModel], images: Mapping[str, TactileImages], max_slip: float, timing: Timing
+    ) -> None:
+        """images: of the grasp itself, by finger: they tell how well depth fits when all is well; timing: at first."""
         self.models = tuple(models)
         self.X_CT = np.eye(4)
         self.lost = False
         self.gross_slip = False
-        self.slip = MicroSlip(max_slip)
+        self.slip, self.timing = MicroSlip(max_slip), timing
+        self._course: Course | None = None
         self.material: dict[str, MaterialMotion] = {}
         self._membranes = [MaterialTracker(m) for m in models]
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
@@ -76,7 +80,10 @@ class Tracker:
 
         touching: fingers whose depth shows a contact, wherever it is; p: in force.
         """
-        start = self._predicted(stamp)
+        start, dt = self._predicted(stamp), stamp - self._stamp
+        behind = self.timing.behind({f: i.stamp for f, i in images.items()}, stamp)
+        on_course = not self.lost and 0.0 < dt <= FOLLOWED and any(behind.values())
+        self._course = Course(self._rate, behind) if on_course else None
         crops = self._crops(images, start)
         quality = partial(self._quality, touching)
         best = self._fit(crops, start, (COARSE_STEPS if self.lost else 0, p.iterations))
@@ -119,7 +126,13 @@ class Tracker:
         return {m.finger: crop(images[m.finger], m.pixels(X_CT, m.patch[:, ::7])) for m in self.models}
 
     def _fit(self, crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]) -> Fit:
-        return fit(self.models, crops, start, self.slip.value, PRIOR, steps)
+        return self._fit_of(self.models, crops, start, steps)
+
+    def _fit_of(
+        self, models: Sequence[FingerModel], crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]
+    ) -> Fit:
+        at = self._course.at if self._course is not None else None
+        return fit(models, crops, start, self.slip.value, PRIOR, steps, at)
 
     def _fits_elsewhere(self, crops: Mapping[str, Crop], start: Array, iterations: int) -> list[Fit]:
         """The fit from the likeliest of other places, if there are any: found anew, or near where the tool was."""
@@ -141,7 +154,7 @@ class Tracker:
         if not hidden:
             return found
         models = [m.without_image() if m.finger in hidden else m for m in self.models]
-        return fit(models, crops, found.X_CT, self.slip.value, PRIOR, (0, iterations))
+        return self._fit_of(models, crops, found.X_CT, (0, iterations))
 
     def _quality(self, touching: Collection[str], found: Fit) -> float:
         """Share of the images explained by the motion; a motion that no tool makes explains nothing."""
@@ -176,6 +189,8 @@ class Tracker:
         followed = not self.lost and 0.0 < dt <= FOLLOWED
         turn, way = rotation_error(found.X_CT[:3, :3], self.X_CT[:3, :3]), found.X_CT[:3, 3] - self.X_CT[:3, 3]
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
+        if followed:
+            self.timing.learn(found, self.X_CT, dt, self._course)
         self.X_CT, self._stamp, self.lost = found.X_CT, stamp, False
         self._learn_usual(found)
         if p.learn_slip and followed:

@@ -17,6 +17,7 @@ from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.systematic import Systematic
+from seed_estimation.rigid_fit.timing import Timing
 
 # Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation.md has scenarios, and the outcome on other seeds
 SCATTER = 0.65  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
@@ -38,8 +39,8 @@ class Covariance:
         self._systematic = systematic
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
-    def update(self, fit: Fit, slip: MicroSlip) -> Array:
-        """(6, 6) of [rotation vector in C, translation in C] of a fit that is believed; slip: as known after it."""
+    def update(self, fit: Fit, slip: MicroSlip, timing: Timing) -> Array:
+        """(6, 6) of [rotation vector in C, translation in C] of a fit that is believed; slip, timing: after it."""
         root = np.linalg.inv(np.linalg.cholesky(fit.H))
         blocks = [finger.image for finger in fit.fingers] + [finger.depth for finger in fit.fingers]
         excess = root @ np.asarray(sum(block.scatter() for block in blocks)) @ root.T
@@ -49,7 +50,7 @@ class Covariance:
         C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
         effect = fit.slip_information.effect
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
-        C += self._systematic.of_pose(fit)
+        C += self._systematic.of_pose(fit) + timing.covariance
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T

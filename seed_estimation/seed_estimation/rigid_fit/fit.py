@@ -6,7 +6,7 @@ may follow only a share 1 - slip of the motion across the camera's axis (micro-s
 does not.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from seed_estimation.rigid_fit.micro_slip import ShareInformation, micro_slip_in
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals, solved
 
+Course = Callable[[Array, str], Array]
 DONE = 2.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
 
 
@@ -57,17 +58,20 @@ def fit(
     slip: float,
     prior: Array,
     steps: tuple[int, int],
+    course: Course | None = None,
 ) -> Fit:
     """Pose of the tool from the fingers' images, started at X_CT (4, 4); slip: micro-slip [1].
 
-    prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine.
+    prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine; course:
+    where the tool is for a finger (by name) whose images are of another time.
     """
+    at = course or _same
     X = X_CT
     for level, most in enumerate(steps):
         if most == 0:
             continue
-        fingers = [FingerResiduals(m, crops[m.finger], X, slip, level) for m in models]
-        X = _descended(fingers, X, prior, most)
+        fingers = [FingerResiduals(m, crops[m.finger], at(X, m.finger), slip, level) for m in models]
+        X = _descended(fingers, X, prior, most, at)
     R = X[:3, :3]  # without the rounding of many products: one step of Newton's towards the nearest rotation
     X = make_pose(R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R)), X[:3, 3])
     H_depth, g_depth = sum(f.depth.H for f in fingers), sum(f.depth.g for f in fingers)
@@ -83,12 +87,17 @@ def fit(
     )
 
 
-def _descended(fingers: Sequence[FingerResiduals], X: Array, prior: Array, steps: int) -> Array:
+def _same(X_CT: Array, finger: str) -> Array:
+    del finger
+    return X_CT
+
+
+def _descended(fingers: Sequence[FingerResiduals], X: Array, prior: Array, steps: int, at: Course) -> Array:
     """The pose after at most so many steps of Gauss-Newton, reweighted in each."""
     for i in range(steps):
         H, g = prior.copy(), np.zeros(6)
         for finger in fingers:
-            finger.evaluate(X, rescale=i < 2)
+            finger.evaluate(at(X, finger.model.finger), rescale=i < 2)
             H += finger.image.H + finger.depth.H
             g += finger.image.g + finger.depth.g
         xi = solved(H, g)

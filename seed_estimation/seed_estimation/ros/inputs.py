@@ -163,7 +163,7 @@ class ImageInputs:
     def _convert(self, stamp: float, messages: dict[str, dict[str, SerializedImage]]) -> None:
         self.arrived, self._answered, self._unanswered = self._now(), time.monotonic(), 0
         try:
-            images = {finger: self._pair(finger, pair, stamp) for finger, pair in messages.items()}
+            images = {finger: self._pair(finger, pair) for finger, pair in messages.items()}
         except SeedError as error:
             self._no_images("images_refused", stamp, str(error))
             return
@@ -179,7 +179,7 @@ class ImageInputs:
         self._counters.add(cause, reason)
         self._problem(stamp, reason)
 
-    def _pair(self, finger: str, pair: dict[str, SerializedImage], stamp: float) -> TactileImages:
+    def _pair(self, finger: str, pair: dict[str, SerializedImage]) -> TactileImages:
         camera = self.cameras.get(finger)
         for kind, message in pair.items():
             if camera is not None and (message.width, message.height) != (camera.width, camera.height):
@@ -190,7 +190,8 @@ class ImageInputs:
         self.frame_ids[finger] = pair["depth"].frame_id
         _refuse(identity.misnamed(finger, self.frame_ids[finger], self._bubbles.names))
         depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
-        return TactileImages(depth=depth, ir=gray_from_message(pair["ir"], f"bubble_{finger}/ir"), stamp=stamp)
+        ir, stamp = gray_from_message(pair["ir"], f"bubble_{finger}/ir"), pair["depth"].stamp - self._ahead
+        return TactileImages(depth=depth, ir=ir, stamp=stamp)
 
 
 def _refuse(reason: str) -> None:

@@ -191,6 +191,8 @@ class EstimatorNode(SeedNode):
         values: dict[str, object] = {"method": self.parameters.method, **self.inputs.counts()}
         values["identity"] = self.bubbles.status
         values["clocks"] = self.inputs.clocks.remark
+        if self.core is not None and self.core.timing is not None:
+            values |= self.core.timing.values()
         values |= self.counters.values()
         if self._latencies:
             values |= diagnostics.percentiles_ms("arrival", self._arrivals, 2)

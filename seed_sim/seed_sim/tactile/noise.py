@@ -94,7 +94,10 @@ def _corners(shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 
 class D405Noise:
-    """Correlated noise with heavy tails, blobs without depth, a rim that stereo cannot match, whole quanta."""
+    """Correlated noise with heavy tails, blobs without depth, a rim that stereo cannot match, whole quanta.
+
+    Its temporal filter is a parameter: on a recorded press a step of depth dies by 0.6 a frame, and grey has none.
+    """
 
     MEDIAN = 0.000045  # [m]; deviation of most pixels; 95 %: 0.11 mm, 99 %: 0.18 mm
     TIME = 0.63  # correlation from frame to frame
@@ -110,6 +113,7 @@ class D405Noise:
         self._p, self._rng, self._shape = p, rng, shape
         self.scale = np.float32(self.MEDIAN) * np.exp(0.55 * smooth_field(shape, 10.0, rng))
         self._state = self._fresh()
+        self._before: Image | None = None
         ragged = cv2.distanceTransform(seen.astype(np.uint8), cv2.DIST_L2, 3) + 9.0 * smooth_field(shape, 8.0, rng)
         self.blind = ragged < 32.0
 
@@ -117,6 +121,9 @@ class D405Noise:
         del albedo
         p, rng = self._p, self._rng
         self._state = self.TIME * self._state + math.sqrt(1.0 - self.TIME**2) * self._fresh()
+        if p.memory > 0.0:
+            before = depth if self._before is None else self._before
+            depth = self._before = depth + np.float32(p.memory) * (before - depth)
         measured = depth + np.float32(p.noise) * self.scale * self._state
         tail = rng.random(depth.shape, dtype=np.float32) < p.noise * self.TAIL
         measured[tail] += rng.standard_t(2.5, int(tail.sum())).astype(np.float32) * np.float32(0.0012)

@@ -70,6 +70,9 @@ class TactileParameters:
         0.0, low=0.0, high=3.0, doc="scale of the smooth range error; 1 is an uncalibrated camera"
     )
     dropouts: float = field(1.0, low=0.0, high=20.0, doc="scale of the rate of missing depth inside the membrane")
+    memory: float = field(
+        0.0, low=0.0, high=0.95, doc="share of its depth that a D405 takes from the frame before: its temporal filter"
+    )
     quantum: float = field(0.0001, unit="m", low=0.0, high=0.005, doc="step of the depth of a D405")
 
     def __post_init__(self) -> None:

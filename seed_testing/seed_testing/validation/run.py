@@ -20,8 +20,12 @@ FOLDERS = (VALIDATE, SHIPPED)  # of the scenarios that `./seed validate` knows b
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
 # The renderer's cameras are those that the estimator is told of, and these errors are none: see docs/estimation.md
 EXACT = dict.fromkeys(
-    ("mount_rotation_std", "mount_position_std", "focal_std", "depth_scale_std", "depth_offset_std"), 0.0
-)
+    (
+        "mount_rotation_std", "mount_position_std", "focal_std", "depth_scale_std", "depth_offset_std",
+        "finger_skew_std", "depth_lag_std",
+    ),
+    0.0,
+)  # fmt: skip
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
 
 
