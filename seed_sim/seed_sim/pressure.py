@@ -8,7 +8,7 @@ from math import nan
 import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
-from seed_sim.scenario import PressureSection
+from seed_sim.scenario import PressureSection, Scenario
 
 _HPA = 100.0  # [Pa]
 
@@ -48,3 +48,8 @@ class PressureSensors:
         told = self.read(true, t)
         membrane = tuple(replace(m, pressure=told.get(m.finger, nan)) for m in estimate.membrane)
         return replace(estimate, membrane=membrane)
+
+
+def ambient_of(scenario: Scenario) -> float:
+    """Absolute pressure around the bubbles [hPa]."""
+    return scenario.membrane.ambient / _HPA

@@ -13,7 +13,7 @@ from seed_estimation import METHODS, Estimator, EstimatorParameters
 from seed_sim.bubbles import renderer_of
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.plant import DT, Plant
-from seed_sim.pressure import PressureSensors
+from seed_sim.pressure import PressureSensors, ambient_of
 from seed_sim.scenario import Scenario
 
 FROM_IMAGES = tuple(sorted(METHODS))
@@ -107,8 +107,7 @@ class PosesFromImages(PoseSource):
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
         self.estimator.initialize_grasp([self.renderer.render(X_taken, t) for t in held])
-        ambient = scenario.grasp.nominal_pressure if hold is None else 0.01 * hold.parameters.ambient
-        self._pressures = PressureSensors(scenario.pressure, ambient, seed)
+        self._pressures = PressureSensors(scenario.pressure, ambient_of(scenario), seed)
         if hold is not None:
             hold.restart()
 

@@ -47,6 +47,11 @@ class MembraneHold:
         self._closed = self._grasp.save()
         self.restart()
 
+    @property
+    def time(self) -> float:
+        """Of the last solve [s]."""
+        return self._at[1]
+
     def restart(self) -> None:
         """Right after the closing of the gripper again, at time 0 [s]."""
         self._grasp.restore(self._closed)

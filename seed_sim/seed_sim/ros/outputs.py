@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rosgraph_msgs.msg import Clock
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float32, Float64
+from std_msgs.msg import Float32, Float64, Float64MultiArray
 
 from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.spatial import Array, so3_log
@@ -21,6 +21,8 @@ from seed_ros.conversions import (
     wrench_stamped,
 )
 from seed_sim.plant.plant import Plant
+from seed_sim.pressure import PressureSensors
+from seed_sim.ros.membrane_message import TOPIC, Membranes, membranes_to_message
 from seed_ur.models import JOINT_NAMES
 
 
@@ -48,7 +50,14 @@ class Outputs:
         self._ft = create(WrenchStamped, "ft_sensor/wrench", QUEUE)
         self._joints = create(JointState, "joint_states", QUEUE)
         self._width = create(Float64, "gripper/width", QUEUE)
-        self._pressures = [create(Float32, f"bubble_{f}/pressure", SENSOR) for f in ("left", "right")]
+        self._pressures = {f: create(Float32, f"bubble_{f}/pressure", SENSOR) for f in ("left", "right")}
+        membranes = plant.membranes
+        self._membranes = create(Float64MultiArray, f"~/{TOPIC}", SENSOR) if membranes is not None else None
+        self._told = -1.0  # [s] the solve that was published last
+        ambient = (
+            0.01 * membranes.parameters.ambient if membranes is not None else plant.scenario.grasp.nominal_pressure
+        )
+        self._sensors = PressureSensors(plant.scenario.pressure, ambient, 0)
         self._true_pose = create(RelativePose, "~/ground_truth/relative_pose", QUEUE)
         self._true_wrench = create(WrenchStamped, "~/ground_truth/contact_wrench", QUEUE)
         self._true_tip = create(PoseStamped, "~/ground_truth/tip_pose", QUEUE)
@@ -69,6 +78,8 @@ class Outputs:
         self._count += 1
         if self._count % 2 == 0:
             self._publish_truth(t, grasped)  # first: cameras expose at it
+        self._publish_membranes(t, grasped)
+        if self._count % 2 == 0:
             self._publish_loads(t)
         if self._own_arm and self._count % 4 == 0:
             self._publish_motion(t, X_WE)
@@ -83,11 +94,21 @@ class Outputs:
     def restart(self) -> None:
         """The plant's time has gone back to zero."""
         self.regrasped()
-        self._next_image, self._before = 0.0, None
+        self._next_image, self._before, self._told = 0.0, None, -1.0
 
     def publish_factor(self, factor: float) -> None:
         """The real-time factor."""
         self._factor.publish(Float32(data=float(factor)))
+
+    def _publish_membranes(self, t: float, grasped: bool) -> None:
+        """The nodes of a new solve: cameras expose at it."""
+        hold = self._plant.membranes
+        if self._membranes is None or hold is None or hold.time == self._told:
+            return
+        self._told = hold.time
+        nodes = {name: bubble.nodes for name, bubble in hold.state.bubbles.items()}
+        solved = Membranes(t - (self._plant.time - hold.time), grasped, nodes)
+        self._membranes.publish(membranes_to_message(solved))
 
     def _publish_loads(self, t: float) -> None:
         message = wrench_stamped(self._plant.ft_wrench, t, self._frames.flange)
@@ -128,5 +149,5 @@ class Outputs:
 
     def _publish_gripper(self) -> None:
         self._width.publish(Float64(data=float(self._plant.grip.width)))
-        for publisher in self._pressures:
-            publisher.publish(Float32(data=float(self._plant.grip.pressure)))
+        for finger, pressure in self._sensors.read(self._plant.grip.pressures, self._plant.time).items():
+            self._pressures[finger].publish(Float32(data=float(pressure)))

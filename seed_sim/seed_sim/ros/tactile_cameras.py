@@ -3,23 +3,29 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from seed_msgs.msg import RelativePose
+from std_msgs.msg import Float64MultiArray
 
 from seed_core.config import field
+from seed_core.spatial import Array
 from seed_estimation import TactileImages
 from seed_ros import SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import CameraPublisher, Intrinsics
+from seed_sim.membrane import MembraneGrasp
+from seed_sim.ros.membrane_message import TOPIC, membranes_from_message
 from seed_sim.scenario import load_scenario, tactile_of
-from seed_sim.tactile import TactileRenderer
+from seed_sim.tactile import MeshRenderer, TactileRenderer
 
 LOOP_RATE = 200.0  # [Hz] at which it is looked what is due
 JUST_AFTER = 1e-4  # [s] after images are due: no clock is exact
+_SPARING = 0.7  # periods that lie between two exposures at least
 STANDSTILL = 0.05  # [s] without a step of the clock: simulated time stands still
 
 
@@ -48,7 +54,13 @@ class TactileCamerasNode(SeedNode):
 
         scenario = load_scenario(self.settings.scenario)
         tactile = replace(tactile_of(scenario), fingers=self.settings.fingers)
-        self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
+        self.renderer: TactileRenderer | MeshRenderer
+        if scenario.grasp.kind == "membrane":
+            free = MembraneGrasp(scenario.membrane, scenario.tactile.tool).free()
+            self._nodes = len(free["left"].nodes)
+            self.renderer = MeshRenderer(tactile, scenario.hand, self.settings.seed, free)
+        else:
+            self.renderer = TactileRenderer(tactile, scenario.hand, self.settings.seed)
         self._period, self._next = 1.0 / (self.settings.rate or scenario.measurement.rate), 0.0
         self._exposed = -np.inf  # [s] stamp of the newest images
         self._ready: deque[tuple[str, TactileImages]] = deque()
@@ -60,7 +72,10 @@ class TactileCamerasNode(SeedNode):
             intrinsics = Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model)
             self._cameras[finger] = CameraPublisher(self, finger, frames.camera(finger), intrinsics)
         self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True)
-        self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
+        if scenario.grasp.kind == "membrane":
+            self.loop.poll(Float64MultiArray, f"sim/{TOPIC}", self._on_membranes, SENSOR)
+        else:
+            self.loop.poll(RelativePose, "sim/ground_truth/relative_pose", self._on_truth, SENSOR)
         self.diagnose(tactile.camera, self._report)
 
     def _on_truth(self, message: RelativePose) -> None:
@@ -68,10 +83,24 @@ class TactileCamerasNode(SeedNode):
         now, stamp = self.now(), seconds(message.header.stamp)
         if now < self._next or stamp == self._exposed:
             return
-        self._next, self._exposed = max(self._next + self._period, now - self._period), stamp
+        self._next = max(self._next + self._period, now - self._period)
         X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
+        self._expose(now, stamp, lambda finger: self.renderer.finger(finger, X_CT, stamp))
+
+    def _on_membranes(self, message: Float64MultiArray) -> None:
+        """Expose at each solve, which comes at the camera's rate; more often only when the tool moves fast."""
+        with self.counters.refusing("membranes_refused"):
+            solved = membranes_from_message(message, self._nodes)
+            if abs(solved.stamp - self._exposed) >= _SPARING * self._period:
+                nodes: dict[str, Array | None] = {**solved.nodes} if solved.grasped else dict.fromkeys(solved.nodes)
+                draw = self.renderer.finger
+                self._expose(self.now(), solved.stamp, lambda finger: draw(finger, nodes[finger], solved.stamp))
+
+    def _expose(self, now: float, stamp: float, draw: Callable[[str], TactileImages]) -> None:
+        """Images at stamp [s] of every finger, from `draw`."""
+        self._exposed = stamp
         for finger in self.renderer.fingers:  # one is on its way while the next is drawn, as with two cameras
-            self._ready.append((finger, self.renderer.finger(finger, X_CT, stamp)))
+            self._ready.append((finger, draw(finger)))
             self._stepped = now, time.monotonic()
             self._deliver(self.now())
         self.loop.also_at(time.monotonic() + self.settings.latency - (self.now() - stamp) + JUST_AFTER)
