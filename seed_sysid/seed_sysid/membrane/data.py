@@ -15,7 +15,7 @@ from seed_sysid.membrane.terms import MAIN
 from seed_sysid.stiffness_map import AXES, frame_derivatives, wrench_transform
 
 LEAST_POSES = 24  # at a grip; fewer leave most terms to the prior
-_EXCITED = 0.25  # [scale] rms that each motion of the tool must have
+_EXCITED = 0.08  # [scale] rms that each motion of the tool must have: 0.3 deg, 0.16 mm
 _OFFSET_STD = np.array([np.deg2rad(3.0)] * 3 + [5e-3] * 3)  # of the sensor's frame
 _BIAS_STD, _DRIFT_STD = np.array([2.0] * 3 + [50.0] * 3), np.array([0.02] * 3 + [0.5] * 3)  # [N m, N]
 

@@ -5,6 +5,7 @@ seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--
 seed validate estimator --method rigid_fit --from BAG
 seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
+seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
 """
 
 import argparse
@@ -22,6 +23,7 @@ from seed_estimation import METHODS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
+from seed_testing.validation.maps import score
 from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
 
@@ -30,14 +32,14 @@ SCALE = 0.25  # of a scenario's motion that random membranes bear
 
 @command("seed validate")
 def main(argv: list[str]) -> int:
-    """Run one of the two."""
+    """Run one of them."""
     options = _parser().parse_args(argv)
     return int(options.run(options))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|map")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
@@ -83,7 +85,18 @@ def _parser() -> argparse.ArgumentParser:
         "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
     )
     two.set_defaults(run=_slip)
-    for either in (one, two):
+    three = commands.add_parser(
+        "map",
+        formatter_class=Help,
+        help="which function of what the membranes do gives the wrench",
+    )
+    three.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
+    three.add_argument(
+        "--noise", type=number(0.0, "1"), default=0.0, help="of the features: share of 0.07 mm and 0.3 degrees an image"
+    )
+    three.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
+    three.set_defaults(run=_map)
+    for either in (one, two, three):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -129,6 +142,13 @@ def _slip(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, *run.FOLDERS)
     result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs)
     print(json.dumps(result, indent=2))
+    return 0
+
+
+def _map(options: argparse.Namespace) -> int:
+    seeds = range(options.seed, options.seed + options.membranes)
+    result = score.score_membranes(seeds, options.noise, options.jobs, options.out)
+    print(to_json(result) if options.json else score.table(result))
     return 0
 
 

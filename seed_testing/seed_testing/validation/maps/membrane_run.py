@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A random membrane identified by the suite's own procedure at rest, and then moved on all six axes at once.
+
+What the material does is known from the nodes, those that touched at the grasp, with errors added as an estimator's.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.membrane.material import deformation, rigid_motion
+from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, skew, so3_exp
+from seed_sim.membrane import BubbleState, GraspState, MembraneGrasp, random_membrane
+from seed_sim.tactile.parameters import ToolShape
+from seed_sysid.data.dataset import Dataset, Header, Sample, flat_pose
+from seed_sysid.data.membrane_sample import mean_membrane
+from seed_sysid.parameters import Procedure
+from seed_sysid.run.excitation import designs
+from seed_sysid.stiffness_map import wrench_transform
+
+SPACING = 0.005  # [m] of nodes; halving it changes the wrench by 1 to 3 %
+SQUEEZES = (-0.0015, 0.0, 0.0015)  # [m] of the grips, from that of the membrane
+RADII = (0.009, 0.016)  # [m] of the round handle that is held
+DWELL, RATE = 4.0, 10.0  # [s] at each pose; [1/s] frames of the motion
+SENSOR_STD = np.repeat([0.003, 0.1], 3) / np.sqrt(6.0)  # of six readings [N m, N]
+FRAME_DEG, FRAME = 3.0, 0.005  # [deg], [m] size of the sensor's unknown offset, direction drawn
+NOISE_TURN, NOISE_SHIFT, NOISE_DEFORMATION = np.deg2rad(0.3), 7e-5, 3e-5  # [rad, m, m] of one image
+IMAGES = 9.0  # independent ones that a sample averages
+NOISE_PRESSURE = 0.054  # [hPa]
+
+
+@dataclass
+class Truth:
+    """Frames of a motion: what an estimator would tell, and the load on the tool about T, in T (n, 6)."""
+
+    estimates: list[RelativePoseEstimate]
+    wrench: Array
+    sliding: float  # mean share of the touching nodes
+
+
+class Run(NamedTuple):
+    """A membrane's identification, and motions by their size."""
+
+    data: Dataset
+    motions: dict[float, Truth]
+
+
+class Watcher:
+    """Tells membranes' motions since a grasp as an estimator would, with noise times its usual errors."""
+
+    def __init__(self, grasped: GraspState, noise: float, rng: np.random.Generator) -> None:
+        self._touching = {f: b.touching for f, b in grasped.bubbles.items()}
+        self._before = {f: b.nodes[b.touching].T for f, b in grasped.bubbles.items()}
+        self._noise, self._rng = noise, rng
+
+    def motions(self, state: GraspState, ambient: float, images: float = 1.0) -> tuple[MembraneMotion, ...]:
+        """Of both fingers; ambient: [Pa]; errors of the mean over so many independent images."""
+        return tuple(self._motion(f, state.bubbles[f], ambient, self._noise / np.sqrt(images)) for f in self._before)
+
+    def _motion(self, finger: str, bubble: BubbleState, ambient: float, noise: float) -> MembraneMotion:
+        before, after = self._before[finger], bubble.nodes[self._touching[finger]].T
+        X, middle = rigid_motion(before, after), before.mean(axis=1)
+        turn = so3_exp(noise * NOISE_TURN * self._rng.normal(size=3))
+        shift = noise * NOISE_SHIFT * self._rng.normal(size=3)
+        now = X[:3, :3] @ middle + X[:3, 3]
+        error = make_pose(turn, now - turn @ now + shift)  # about the patch
+        about = np.eye(6)
+        about[3:, :3] = skew(now - X[:3, 3])  # the shift of C's origin that goes with a turn about the patch
+        square = noise**2 * np.diag([NOISE_TURN**2] * 3 + [NOISE_SHIFT**2] * 3)
+        return MembraneMotion(
+            finger=finger,
+            X_CM=error @ X,
+            covariance=about @ square @ about.T,
+            deformation=deformation(X, before, after) + noise * NOISE_DEFORMATION * self._rng.normal(size=9),
+            centroid=middle,
+            pressure=1e-2 * (bubble.pressure + ambient) + noise * NOISE_PRESSURE * self._rng.normal(),
+        )
+
+
+def run_membrane(seed: int, sizes: tuple[float, ...], noise: float, frames: int) -> Run:
+    """Identify the random membrane of a seed, and move it.
+
+    Args:
+        seed: draws membrane, handle, sensor and motion.
+        sizes: motions of so many times 2 mm and 4 degrees rms.
+        noise: share of the usual errors of the features.
+        frames: of each motion.
+
+    Raises:
+        MembraneError: the membrane cannot be inflated or grasped.
+    """
+    rng = np.random.default_rng([seed, 0x3A9])
+    membrane = random_membrane(seed, SPACING)
+    grasp = MembraneGrasp(membrane, ToolShape(radius=float(rng.uniform(*RADII))))
+    procedure, samples = Procedure(), list[Sample]()
+    offset = make_pose(so3_exp(np.deg2rad(FRAME_DEG) * direction(rng)), FRAME * direction(rng))
+    to_sensor = wrench_transform(offset)
+    for grip, (targets, more) in enumerate(zip(designs(procedure), SQUEEZES, strict=True)):
+        watcher = Watcher(grasp.close(membrane.squeeze + more), noise, rng)
+        for i, target in enumerate(targets):
+            state = grasp.solve(inverse_pose(target.X_TC), DWELL * i)
+            if not state.converged:
+                continue
+            load = to_sensor @ state.wrench.vector() + SENSOR_STD * rng.normal(size=6)
+            seen = watcher.motions(state, membrane.ambient, IMAGES)
+            samples.append(
+                Sample(
+                    name=target.name,
+                    kind=target.kind,
+                    grip=grip,
+                    stamp=DWELL * len(samples),
+                    kinematic=flat_pose(target.X_TC),
+                    wrench=tuple(load.tolist()),
+                    pressures=tuple(m.pressure for m in seen),
+                    width=procedure.widths[grip],
+                    settle=2.0,
+                    readings=6,
+                    membrane=mean_membrane([seen]),
+                )
+            )
+    data = Dataset(Header(hand="membrane", tool="handle", created=""), samples)
+    return Run(data, {s: move(grasp, membrane.squeeze, s, noise, frames, rng) for s in sizes})
+
+
+def move(
+    grasp: MembraneGrasp, squeeze: float, size: float, noise: float, frames: int, rng: np.random.Generator
+) -> Truth:
+    """A smooth six-axis motion of size times 2 mm and 4 degrees rms from a new grasp."""
+    ambient = grasp.parameters.ambient
+    watcher = Watcher(grasp.close(squeeze), noise, rng)
+    estimates, loads, sliding = [], [], []
+    for i, X_CT in enumerate(combined_motion(rng, frames, size)):
+        state = grasp.solve(X_CT, i / RATE)
+        if not state.converged:
+            continue
+        estimates.append(RelativePoseEstimate(i / RATE, X_CT, membrane=watcher.motions(state, ambient)))
+        loads.append(state.wrench.vector())
+        sliding.append(state.sliding_share)
+    return Truth(estimates, np.array(loads), float(np.mean(sliding)))
+
+
+def combined_motion(rng: np.random.Generator, frames: int, size: float) -> list[Array]:
+    """X_CT from the grasp on: three slow waves on each axis, 2 mm and 4 degrees rms times size."""
+    t = np.arange(frames) / RATE
+    frequency, phase = rng.uniform(0.05, 0.25, (6, 3, 1)), rng.uniform(0.0, 2.0 * np.pi, (6, 3, 1))
+    waves = np.sin(2.0 * np.pi * frequency * t + phase).sum(axis=1)
+    waves -= waves[:, :1] * np.exp(-t)
+    scaled = (waves / waves.std(axis=1, keepdims=True)).T * np.repeat([np.deg2rad(4.0), 2e-3], 3) * size
+    return [pose_from_rpy(v[:3], v[3:]) for v in scaled]
+
+
+def direction(rng: np.random.Generator) -> Array:
+    """A random unit vector (3,)."""
+    v = rng.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))

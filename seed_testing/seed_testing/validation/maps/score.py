@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Share of the wrench that each model leaves unexplained of a motion it never saw, over random membranes."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.errors import SeedError
+from seed_core.membrane.map import MembraneMap
+from seed_core.spatial import Array, inverse_pose
+from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.membrane.fit import MembraneFit, fit_membrane, rms
+from seed_sysid.membrane.result import map_file
+from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS
+from seed_sysid.stiffness_map import CHANNELS
+from seed_testing.validation.maps.membrane_run import Truth, run_membrane
+
+OF_POSE = "pose of the tool"
+SIZES = (0.7, 1.6)  # about 40 and 65 % sliding
+
+
+def score_membrane(
+    seed: int, sizes: tuple[float, ...] = SIZES, noise: float = 0.0, frames: int = 150
+) -> dict[str, Any]:
+    """Shares by size of motion and model, with the default model's nees; `failed` says why there are none."""
+    try:
+        run = run_membrane(seed, sizes, noise, frames)
+        analysis = analyse(run.data, "kinematic")
+        if analysis.membrane is None:
+            return {"seed": seed, "failed": analysis.membrane_refused}
+    except SeedError as error:
+        return {"seed": seed, "failed": str(error)}
+    return {"seed": seed} | _scored(analysis, run.motions)
+
+
+def _scored(analysis: Analysis, motions: dict[float, Truth]) -> dict[str, Any]:
+    assert analysis.membrane is not None
+    fit = analysis.membrane.fit
+    files = {m: map_file(_fitted(fit, m), "membrane", "handle", "") for m in MODELS}
+    out: dict[str, Any] = {"left_out": {OF_POSE: analysis.left_out_share.tolist(), DEFAULT_MODEL: fit.share.tolist()}}
+    out["motions"] = []
+    for size, truth in motions.items():
+        bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
+        of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
+        shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
+        for name, file in files.items():
+            model = MembraneMap(file)
+            at_grasp = file.grips[len(file.grips) // 2].pressure_hpa
+            model.grasped(at_grasp, at_grasp)
+            told = [model.spring(e) for e in truth.estimates]
+            wrench = np.array([t.wrench.vector() for t in told])
+            shares[name] = _share(wrench, truth.wrench)
+            if name == DEFAULT_MODEL:
+                e = wrench - truth.wrench
+                nees = float(np.mean([v @ np.linalg.solve(t.covariance, v) for v, t in zip(e, told, strict=True)]))
+                doubted = float(np.mean([bool(t.reason) for t in told]))
+        out["motions"].append(
+            {
+                "size": size,
+                "sliding": truth.sliding,
+                "rms": rms(truth.wrench).tolist(),
+                "shares": shares,
+                "nees": nees,
+                "doubted": doubted,
+            }
+        )
+    return out
+
+
+def _fitted(fit: MembraneFit, model: str) -> MembraneFit:
+    return fit if model == fit.model else fit_membrane(fit.data, model, fit.nuisance)
+
+
+def _share(wrench: Array, true: Array) -> list[float]:
+    return (rms(wrench - true) / rms(true)).tolist()  # type: ignore[no-any-return]
+
+
+def score_membranes(
+    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = 150
+) -> dict[str, Any]:
+    """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any."""
+    one = delayed(_kept)
+    runs = list(Parallel(n_jobs=jobs)(one(s, noise, frames, folder) for s in seeds))
+    good = [r for r in runs if "failed" not in r]
+    summary = []
+    for i, size in enumerate(SIZES if good else ()):
+        mine = [r["motions"][i] for r in good]
+        models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in (OF_POSE, *MODELS)}
+        nees = np.array([r["nees"] for r in mine])
+        summary.append(
+            {
+                "size": size,
+                "sliding": _spread(np.array([[r["sliding"]] for r in mine])),
+                "shares": models,
+                "nees": _spread(nees[:, None]),
+            }
+        )
+    return {"membranes": len(runs), "scored": len(good), "noise": noise, "summary": summary, "runs": runs}
+
+
+def _kept(seed: int, noise: float, frames: int, folder: Path | None) -> dict[str, Any]:
+    file = folder / f"membrane-{seed}-{noise:g}-{frames}.json" if folder is not None else None
+    if file is not None and file.exists():
+        return dict(json.loads(file.read_text(encoding="utf-8")))
+    result = score_membrane(seed, SIZES, noise, frames)
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(result), encoding="utf-8")
+    return result
+
+
+def _spread(values: Array) -> dict[str, list[float]]:
+    """Median, 90 % and worst over the rows."""
+    return {
+        "median": np.median(values, axis=0).tolist(),
+        "90 %": np.quantile(values, 0.9, axis=0).tolist(),
+        "worst": values.max(axis=0).tolist(),
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """The comparison, in words."""
+    lines = [
+        f"{result['scored']} of {result['membranes']} membranes; features with {result['noise']:g} of the usual noise"
+    ]
+    for part in result["summary"]:
+        sliding, nees = part["sliding"], part["nees"]
+        size, told = part["size"], f"{nees['median'][0]:.1f} (90 % {nees['90 %'][0]:.1f}, worst {nees['worst'][0]:.1f})"
+        lines.append(
+            f"motion of {2 * size:.1f} mm and {4 * size:.1f} deg rms: "
+            f"{sliding['median'][0]:.0%} of the nodes slide; nees {told}"
+        )
+        lines.append(f"  {'unexplained [%], median / 90 % / worst':<40}" + "".join(f"{c:>17}" for c in CHANNELS))
+        for name, shares in part["shares"].items():
+            cells = zip(shares["median"], shares["90 %"], shares["worst"], strict=True)
+            lines.append(
+                f"  {name:<40}" + "".join(f"{100 * a:5.1f} {100 * b:5.1f} {100 * c:5.1f}" for a, b, c in cells)
+            )
+    lines += [f"membrane {r['seed']} failed: {r['failed']}" for r in result["runs"] if "failed" in r]
+    return "\n".join(lines)
