@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from seed_control.controller import Controller, ControllerParameters
+from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.settings import ReferenceSettings
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
@@ -33,6 +34,7 @@ class Bench:
     law: str = "seed"
     stiffness: Stiffness = DEFAULT_STIFFNESS
     believed: Stiffness | None = None
+    pressure: PressureCheck | None = None
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
     arm_noise: float | None = None  # [N] of the arm's own reading, which has an offset of newtons; None: it has none
     model: WrenchModel | None = None  # of the wrench, in place of the bushing
@@ -53,7 +55,9 @@ class Bench:
         self.hand = Hand()
         parameters = replace(self.parameters, law=self.law)
         believed = self.believed or self.stiffness
-        self.controller = Controller(parameters, self.hand, self.tool, believed, self.model, self.references)
+        self.controller = Controller(
+            parameters, self.hand, self.tool, believed, self.model, self.references, self.pressure
+        )
         self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)
         self.t, self._next_image = 0.0, 0.0
         self._queue: list[tuple[float, RelativePoseEstimate]] = []
@@ -67,6 +71,7 @@ class Bench:
         self.regrasp = Regrasp()
         self.X_TT_new = np.eye(4)  # T as it is counted since the last `initialize_grasp`
         self._rng = np.random.default_rng(3)
+        self.told: Callable[[RelativePoseEstimate], RelativePoseEstimate] = lambda estimate: estimate
         self.lost: Callable[[RelativePoseEstimate], bool] = lambda _: False  # of the messages
 
     def grasp(self) -> np.ndarray:
@@ -100,7 +105,7 @@ class Bench:
             if self.noise:
                 X[:3, 3] += self.noise * self._rng.standard_normal(3)
             told = RelativePoseEstimate(self.t + self.stamp_error, X, observed=self.observed)
-            self._queue.append((self.t + self.delay, self.regrasp.through(told)))
+            self._queue.append((self.t + self.delay, self.regrasp.through(self.told(told))))
         while self._queue and self._queue[0][0] <= self.t + 1e-9:
             estimate = self._queue.pop(0)[1]
             if self.estimates and not self.lost(estimate):

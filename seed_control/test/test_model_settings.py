@@ -12,8 +12,10 @@ from quasi_static import Bench
 
 from seed_control.wrench.model_settings import WrenchSettings, age, choose_model
 from seed_core.config import ConfigError
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand
+from seed_core.membrane.features import NAMES, SCALES
+from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_map, texts
 from seed_core.spatial import Wrench, make_pose
 from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
@@ -49,6 +51,8 @@ def test_a_stiffness_file_tells_deviations_age_and_pressures(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
+        (WrenchSettings(model="membrane"), "wrench.model = 'membrane' needs wrench.file"),
+        (WrenchSettings(model="membrane", file="nowhere.yaml"), "nowhere.yaml"),
         (WrenchSettings(file="nowhere.yaml"), "nowhere.yaml"),
     ],
 )
@@ -76,6 +80,59 @@ class OfMembranes:
         told = ", ".join(m.finger for m in estimate.membrane) or "none"
         why = f"motion of both membranes is needed; told: {told}"
         return SpringWrench(Wrench.zero(), np.full((6, 6), np.inf), why)
+
+
+def membrane_file(folder: Path, hand: str) -> str:
+    """A map of 800 N/m along x and z, 1200 along y, where the patches stick to the tool."""
+    terms, stiffness = ("roll-", "pitch+", "yaw-", "x+", "y-", "z+"), (4.0, 3.0, 4.0, 800.0, 1200.0, 800.0)
+    scales = [SCALES[NAMES.index(name)] for name in terms]
+    grip = GripMap(
+        pressure_hpa=1030.0,
+        width_m=0.02,
+        left_middle=(0.0, 0.012, 0.0),
+        right_middle=(0.0, -0.012, 0.0),
+        torque_std=(0.002,) * 3,
+        force_std=(0.1,) * 3,
+        coefficients=texts(-np.diag(np.array(stiffness) * scales)),
+        spread=texts(0.1 * np.eye(6)),
+    )
+    largest = (20.0,) * len(NAMES)
+    file = MembraneMapFile(hand, "t", "2026-01-31", tuple(SCALES.tolist()), terms, largest, 100.0, (grip,))
+    save_membrane_map(folder / "membrane_map.yaml", file)
+    return str(folder / "membrane_map.yaml")
+
+
+def test_the_force_comes_from_the_membranes_where_their_map_is_chosen(tmp_path: Path) -> None:
+    """A tool that slides on its membranes by a third of its motion: a map of its pose would tell half as much again."""
+    settings = WrenchSettings(model="membrane", file=membrane_file(tmp_path, Hand().name))
+    model, pressure = choose_model(settings, DEFAULT_STIFFNESS, Hand())
+    assert model.name == "membrane"
+    bench = Bench(model=model, pressure=pressure)
+
+    def told(estimate: RelativePoseEstimate) -> RelativePoseEstimate:
+        """Poses of the tool 1.5 times as far as the material that carries it."""
+        X = estimate.X_CT
+        membrane = tuple(
+            MembraneMotion(f, X, deformation=np.zeros(9), pressure=1030.0, indentation=2e-3) for f in ("left", "right")
+        )
+        return replace(estimate, X_CT=make_pose(X[:3, :3], 1.5 * X[:3, 3]), membrane=membrane)
+
+    bench.told = told
+    bench.enabled()
+    bench.press(6.0)
+    bench.run(4.0)
+    assert_allclose(bench.forces[-100:], 6.0, atol=0.15)
+    bench.told = lambda e: replace(told(e), membrane=tuple(replace(m, pressure=103.0) for m in told(e).membrane))
+    bench.run(0.3)
+    assert bench.state.mode == "holding"
+    assert "pressure of the left bubble is 103 hPa; the grasp was identified at 1030 hPa" in bench.state.reason
+    assert "it looks like kPa" in bench.state.reason
+
+
+def test_a_map_of_another_hand_is_refused(tmp_path: Path) -> None:
+    settings = WrenchSettings(model="membrane", file=membrane_file(tmp_path, "other_hand"))
+    with pytest.raises(ConfigError, match="identified with the hand 'other_hand'"):
+        choose_model(settings, DEFAULT_STIFFNESS, Hand())
 
 
 def test_an_estimator_without_membranes_is_named_and_nothing_moves() -> None:

@@ -45,7 +45,7 @@ def noisy(t: float) -> float:
         (lambda t: 0.1 * noisy(t), "it looks like kPa"),
         (lambda t: 100.0 * noisy(t), "it looks like Pa"),
         (lambda t: noisy(t) - 1013.25, "above the ambient"),
-        (lambda t: noisy(t) + 80.0, "another membrane or grip"),
+        (lambda t: noisy(t) + 80.0, "another membrane, another grip"),
         (lambda t: noisy(min(t, 0.0)) if t < 2.0 else np.nan, "left bubble is silent: none for 2"),
         (lambda t: noisy(t) if t < 2.0 else 1036.5, "left bubble is stuck at 1036.5 hPa"),
         (lambda _: 1036.5, "left bubble is stuck at 1036.5 hPa"),
@@ -56,7 +56,7 @@ def test_a_pressure_is_named_with_what_is_wrong(left: Callable[[float], float], 
     assert words in reason
     assert bool(reason) == bool(words)
     if "looks like" in words or "another" in words:
-        assert "identified at 1030 to 1045 hPa" in reason
+        assert "identified at 1030 hPa" in reason or "identified at 1045 hPa" in reason
 
 
 def test_a_missing_sensor_matters_where_the_wrench_needs_it() -> None:
@@ -81,6 +81,6 @@ def test_the_arm_holds_and_is_not_enabled_again() -> None:
     bench.controller.add_estimate(replace(estimate(newest.stamp + 0.01, 103.6), X_CT=newest.X_CT))
     bench.step()
     assert bench.state.mode == "holding"
-    assert "it looks like kPa, hPa are needed" in bench.state.reason
+    assert "it looks like kPa; hPa are needed" in bench.state.reason
     with pytest.raises(ControlRefusedError, match=r"103\.6 hPa"):
         bench.controller.enable(bench.t)

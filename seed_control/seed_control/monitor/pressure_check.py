@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from math import inf, isfinite
 
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.membrane.map import pressure_reason
 
 SILENT = 1.0  # [s] without a reading
-OFF = 0.03  # share of the absolute pressure by which one may be off the identified ones: 30 of 1000 hPa
 _ALIKE = 25  # readings in a row that are the very same, of a sensor that has shown noise ...
 _TIMES_LONGER = 5  # ... and so many times more than ever before
 _ALWAYS, _MOVED = 60, 3e-4  # readings that never changed, while the imprint's depth did by this much [m]
-_AMBIENT = 1013.25  # [hPa]
-_UNITS = (("Pa", 0.01), ("kPa", 10.0), ("bar", 1000.0), ("psi", 68.948))
 
 
 class PressureCheck:
@@ -41,24 +39,10 @@ class PressureCheck:
         self.reason = next(filter(None, reasons), "")
 
     def _off(self, motion: MembraneMotion) -> str:
-        p = motion.pressure
-        if self._range is None or not isfinite(p):
+        if self._range is None or not isfinite(motion.pressure):
             return ""
         low, high = self._range
-        nearest = min(max(p, low), high)
-        bound = OFF * nearest
-        if abs(p - nearest) <= bound:
-            return ""
-        hint = "another membrane or grip, or a leak: identify again"
-        for unit, factor in _UNITS:
-            if low - bound <= p * factor <= high + bound:
-                hint = f"it looks like {unit}, hPa are needed"
-        if low - bound <= p + _AMBIENT <= high + bound:
-            hint = "it looks like a pressure above the ambient one, the absolute one is needed"
-        return (
-            f"pressure of the {motion.finger} bubble is {p:.5g} hPa, identified at {low:.5g} to {high:.5g} hPa and "
-            f"{100.0 * OFF:g} % about: {hint}"
-        )
+        return pressure_reason(motion.finger, motion.pressure, min(max(motion.pressure, low), high))
 
 
 class _Finger:

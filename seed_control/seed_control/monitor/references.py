@@ -49,6 +49,7 @@ class References:
 
     def new_grasp(self) -> None:
         """What was found of the last grasp says nothing of the next."""
+        self._wrench_estimator.new_grasp()
         self.weight.reset()
         self.arm.reset()
         self.correction.reset()

@@ -151,6 +151,12 @@ class WrenchEstimator:
         why = told.reason or "its wrench is not finite"
         return f"the wrench model '{self.model.name}' cannot tell the wrench (estimate by '{estimate.method}'): {why}"
 
+    def new_grasp(self) -> None:
+        """A model with a memory (of hysteresis, say) begins anew."""
+        forget = getattr(self.model, "reset", None)
+        if forget is not None:
+            forget()
+
     def _follow_stiffness(self, stamp: float) -> None:
         """Let the law's bushing come to the model's local stiffness, without a jump."""
         dt, self._followed = stamp - self._followed, stamp

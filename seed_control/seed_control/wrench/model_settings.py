@@ -11,18 +11,19 @@ from seed_control.monitor.pressure_check import PressureCheck
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError, field
 from seed_core.hand import Hand
+from seed_core.membrane.map import MembraneMap
 from seed_core.stiffness_file import StiffnessFile, load_stiffness
 from seed_core.wrench_model import BushingModel, MapUncertainty, WrenchModel
 
-MODELS = ("bushing",)
+MODELS = ("bushing", "membrane")
 
 
 @dataclass(frozen=True)
 class WrenchSettings(MapUncertainty):
     """The model and the file of its identification."""
 
-    model: str = field("bushing", choices=MODELS, doc="bushing: the paper's map of the tool's pose")
-    file: str = field("", doc="stiffness.yaml of its identification: deviations, age and pressures")
+    model: str = field("bushing", choices=MODELS, doc="bushing: the paper's map of the tool's pose; membrane: a map")
+    file: str = field("", doc="membrane_map.yaml; of a bushing stiffness.yaml, for deviations, age and pressures")
 
 
 class ChosenModel(NamedTuple):
@@ -44,6 +45,13 @@ def choose_model(
     Raises:
         ConfigError: no file where one is needed, one that cannot be read, or of another hand.
     """
+    if settings.model == "membrane":
+        if not settings.file:
+            raise ConfigError("wrench.model = 'membrane' needs wrench.file, the membrane_map.yaml of this hand")
+        model = MembraneMap.load(settings.file)
+        _same_hand(settings.file, model.file.hand, hand)
+        pressures = [grip.pressure_hpa for grip in model.file.grips]
+        return ChosenModel(model, PressureCheck(pressures, needed=model.file.needs_pressure))
     bushing = BushingModel(Bushing(stiffness), settings)
     if not settings.file:
         return ChosenModel(bushing, PressureCheck())

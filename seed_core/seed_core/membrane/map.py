@@ -208,7 +208,7 @@ def pressure_reason(finger: str, pressure: float, identified: float) -> str:
         if abs(pressure * factor - identified) <= OFF_PRESSURE * identified:
             hint = f"it looks like {unit}; hPa are needed"
     return (
-        f"pressure of the {finger} bubble is {pressure:.4g} hPa; the membrane map was identified at "
+        f"pressure of the {finger} bubble is {pressure:.4g} hPa; the grasp was identified at "
         f"{identified:.4g} hPa (at most {OFF_PRESSURE:.0%} off): {hint}"
     )
 
