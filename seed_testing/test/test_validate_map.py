@@ -61,8 +61,8 @@ def test_kept_scores_are_not_made_again(tmp_path: Path) -> None:
                 for s in (0.7, 1.6)]  # fmt: skip
 
     for seed, share in ((5, 0.01), (6, 0.02), (7, 0.06)):
-        (tmp_path / f"membrane-{seed}-0-150.json").write_text(json.dumps({"seed": seed, "motions": one(share)}))
-    (tmp_path / "membrane-8-0-150.json").write_text(json.dumps({"seed": 8, "failed": "it burst"}))
+        (tmp_path / f"membrane-{seed}-0-120.json").write_text(json.dumps({"seed": seed, "motions": one(share)}))
+    (tmp_path / "membrane-8-0-120.json").write_text(json.dumps({"seed": 8, "failed": "it burst"}))
     result = score_membranes(range(5, 9), 0.0, 1, tmp_path)
     assert (result["membranes"], result["scored"]) == (4, 3)
     assert result["summary"][0]["shares"]["smooth"]["median"] == [0.02] * 6

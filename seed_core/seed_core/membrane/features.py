@@ -71,7 +71,12 @@ def features(motions: Motions, middles: Array, rises: ArrayLike = (0.0, 0.0)) ->
         rises: [hPa] of their pressures since the grasp.
     """
     both = [of_finger(m, p, rise) for m, p, rise in zip(motions, middles, np.asarray(rises, float), strict=True)]
-    return np.asarray(_MIX @ np.concatenate(both))
+    return mixed(*both)
+
+
+def mixed(left: Array, right: Array) -> Array:
+    """(32,) features, in units of SCALES, of both fingers' numbers (16,)."""
+    return np.asarray(_MIX @ np.concatenate((left, right)))
 
 
 def feature_covariance(motions: Motions, middles: Array) -> Array:

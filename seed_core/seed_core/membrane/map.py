@@ -28,12 +28,12 @@ from seed_core.membrane.features import (
     Motions,
     by_finger,
     feature_covariance,
-    features,
     gripper_rates,
+    mixed,
     of_finger,
 )
 from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, load_membrane_map, texts
-from seed_core.spatial import Array, Wrench, cross, inverse_pose, skew
+from seed_core.spatial import Array, Wrench, inverse_pose, skew
 from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
@@ -41,10 +41,10 @@ LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would 
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, FOLLOWED = 0.15, 0.02  # motion [scales] that counts as none; share by which pressures at the grasp follow then
 OFF_PRESSURE = 0.03  # a pressure off the identified ones by more than this share is of another grip, membrane or unit
-RIGID_INDICES = tuple(i for i, name in enumerate(NAMES) if name[:-1] in RIGID)
+RIGID_INDICES = [i for i, name in enumerate(NAMES) if name[:-1] in RIGID]
+_DIAGONAL = np.diag_indices(6)
 PRESSURES = [i for i, name in enumerate(NAMES) if name.startswith("pressure")]
 _PRESSURE_SIGMAS, _LEAST_RISE = 6.0, 0.25  # off by more than both, in deviations and in scales, is a contradiction
-_NO_RISE = np.zeros(2)
 _AMBIENT, _UNITS = 1013.25, (("Pa", 0.01), ("kPa", 10.0), ("bar", 1000.0), ("psi", 68.948))
 
 
@@ -53,7 +53,6 @@ class MembraneMap:
 
     Attributes:
         name: 'membrane'.
-        stiffness: d wrench / d motion of the gripper, diagonal, at the estimate that `spring` saw last.
     """
 
     name = "membrane"
@@ -82,7 +81,7 @@ class MembraneMap:
                 f"membrane map: stiffness at rest {np.round(self._rest, 3).tolist()} N m/rad, N/m must be > 0: "
                 "identify again"
             )
-        self.stiffness = Stiffness.from_vector(self._rest)
+        self._last: tuple[Array, Array, Array, Motions] | None = None
 
     @classmethod
     def load(cls, path: str | Path) -> MembraneMap:
@@ -101,36 +100,43 @@ class MembraneMap:
         """The load of the membranes on the tool; without their motion a covariance that is not finite, and why."""
         try:
             motions = by_finger(estimate.membrane)
-            rises = self._rises(motions)
-            z = features(motions, self._middles, _NO_RISE if rises is None else rises)
+            both = [of_finger(m, p) for m, p in zip(motions, self._middles, strict=True)]
+            rises = self._rises(motions, both)
         except FeatureError as error:
             return SpringWrench(Wrench.zero(), np.full((6, 6), np.inf), f"no wrench from the membranes: {error}")
+        if rises is not None:
+            both[0][-1], both[1][-1] = rises
+        z = mixed(*both)
         terms, slopes = self._terms(z)
         w_C, leverage = self._coefficients @ terms, self._spread @ terms
         squared = float(leverage @ leverage)
         covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
-        covariance[np.diag_indices(6)] += self._variance * (1.0 + squared)
+        covariance[_DIAGONAL] += self._variance * (1.0 + squared)
         X_TC = inverse_pose(estimate.X_CT)
-        local = self._local_stiffness(X_TC, w_C, slopes, motions)
-        self.stiffness = Stiffness.from_vector(np.maximum(local, LEAST_STIFFNESS * self._rest))
+        self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)
         reason = self._beyond(z, squared) or self._of_pressure(motions, None if rises is None else z, terms)
         return SpringWrench(Wrench.from_vector(to_T @ w_C), to_T @ covariance @ to_T.T, reason)
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """d wrench / d motion of the gripper, diagonal, at the estimate that `spring` saw last; at rest before that."""
+        if self._last is None:
+            return Stiffness.from_vector(self._rest)
+        return Stiffness.from_vector(np.maximum(self._local_stiffness(*self._last), LEAST_STIFFNESS * self._rest))
 
     def grasped(self, left: float, right: float) -> None:
         """Pressures [hPa] at the grasp, from which rises count; else they are those seen while nothing moves."""
         self._at_grasp = np.array([left, right])
 
-    def _rises(self, motions: Motions) -> Array | None:
+    def _rises(self, motions: Motions, both: list[Array]) -> Array | None:
         """(2,) [hPa] since the grasp; None where nobody measures them, or knows them at the grasp."""
         pressures = np.array([m.pressure for m in motions])
         if not np.isfinite(pressures).all():
             if self.file.needs_pressure:
                 raise FeatureError("the map was identified with the pressures of both bubbles; one is not measured")
             return None
-        still = max(
-            float(np.abs(of_finger(m, p)[:6] / SCALE[:6]).max()) for m, p in zip(motions, self._middles, strict=True)
-        )
+        still = max(float(np.abs(of[:6] / SCALE[:6]).max()) for of in both)
         if self._at_grasp is None:
             if still > AT_REST:
                 if self.file.needs_pressure:
@@ -164,9 +170,10 @@ class MembraneMap:
         return np.asarray(np.diag(_wrench_to(X_TC) @ rates @ turn.T))
 
     def _beyond(self, z: Array, leverage: float) -> str:
-        over = np.abs(z) / np.maximum(self._largest, LEAST_RANGE)
-        worst = max(RIGID_INDICES, key=lambda i: float(over[i]))
-        if over[worst] > BEYOND or leverage > BEYOND**2 * self.file.leverage:
+        over = np.abs(z[RIGID_INDICES]) / np.maximum(self._largest[RIGID_INDICES], LEAST_RANGE)
+        first = int(over.argmax())
+        if over[first] > BEYOND or leverage > BEYOND**2 * self.file.leverage:
+            worst = RIGID_INDICES[first]
             value, most = float(z[worst] * SCALES[worst]), float(self._largest[worst] * SCALES[worst])
             return (
                 f"beyond the range of the membrane map: {NAMES[worst]} is {value:.3g}, identified up to {most:.3g} "
@@ -218,7 +225,7 @@ def _wrench_to(X_TC: Array) -> Array:
     out = np.zeros((6, 6))
     R, p = X_TC[:3, :3], X_TC[:3, 3]
     out[:3, :3] = out[3:, 3:] = R
-    out[:3, 3:] = np.column_stack([cross(p, column) for column in R.T])
+    out[:3, 3:] = skew(p) @ R
     return out
 
 

@@ -10,7 +10,7 @@ from seed_sysid.data.dataset import Dataset, DatasetError
 from seed_sysid.fit.identification_fit import Solution
 from seed_sysid.fit.load_model import Problem
 from seed_sysid.membrane.data import has_membranes, membrane_data
-from seed_sysid.membrane.fit import MembraneFit, fit_membrane
+from seed_sysid.membrane.fit import MembraneFit, fit_without_outliers
 from seed_sysid.membrane.result import causes, compare_models, curvature, map_file, remaining_hysteresis
 from seed_sysid.membrane.terms import DEFAULT_MODEL
 from seed_sysid.stiffness_map import stiffness_map
@@ -36,12 +36,16 @@ def membrane_result(data: Dataset, problem: Problem, solution: Solution) -> tupl
     if not has_membranes(data):
         return None, ""
     try:
-        fit = fit_membrane(membrane_data(data), DEFAULT_MODEL)
+        fit, outliers = fit_without_outliers(membrane_data(data), DEFAULT_MODEL)
         file = map_file(fit, data.header.hand, data.header.tool, data.header.created)
     except (DatasetError, ConfigError) as error:
         return None, str(error)
     shares = compare_models(fit)
-    B = stiffness_map(problem.X_TC, problem.parameters.model).B
-    remaining = remaining_hysteresis(fit, B, problem.z)
-    found = causes(problem.hysteretic, solution.value.friction, remaining)
+    found = [f"outliers left out of the membrane map: {outliers}"] if outliers else []
+    if fit.data.lost:
+        found.append(f"without motion of the membranes, left out of their map: {', '.join(fit.data.lost)}")
+    kept = fit.data.kept
+    B = stiffness_map(problem.X_TC[kept], problem.parameters.model).B
+    remaining = remaining_hysteresis(fit, B, problem.z[kept])
+    found += causes(problem.hysteretic, solution.value.friction, remaining)
     return MembraneResult(fit, file, shares, (*found, *curvature(shares))), ""

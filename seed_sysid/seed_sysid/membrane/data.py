@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from seed_sysid.membrane.terms import MAIN
 from seed_sysid.stiffness_map import AXES, frame_derivatives, wrench_transform
 
 LEAST_POSES = 24  # at a grip; fewer leave most terms to the prior
+_LOST = 0.2  # share of samples that may lack the membranes' motion
 _EXCITED = 0.08  # [scale] rms that each motion of the tool must have: 0.3 deg, 0.16 mm
 _OFFSET_STD = np.array([np.deg2rad(3.0)] * 3 + [5e-3] * 3)  # of the sensor's frame
 _BIAS_STD, _DRIFT_STD = np.array([2.0] * 3 + [50.0] * 3), np.array([0.02] * 3 + [0.5] * 3)  # [N m, N]
@@ -30,6 +32,8 @@ class MembraneData(NamedTuple):
         nuisance: (n, 6, k) derivatives of `wrench` by bias of each grip, drift, and the offset of the sensor's frame;
             nuisance_std: (k,) of their prior.
         with_pressure: whether all samples tell the pressures of both.
+        lost: keys of samples without motion of the membranes, which are left out.
+        kept: (n,) which of the dataset's samples these are.
     """
 
     Z: Array
@@ -41,6 +45,16 @@ class MembraneData(NamedTuple):
     nuisance: Array
     nuisance_std: Array
     with_pressure: bool
+    lost: tuple[str, ...]
+    kept: np.ndarray
+
+    def without(self, bad: np.ndarray) -> MembraneData:
+        """The samples that are not bad (n,)."""
+        good = ~bad
+        return self._replace(
+            Z=self.Z[good], wrench=self.wrench[good], grip=self.grip[good], nuisance=self.nuisance[good],
+            kept=self.kept[good],
+        )  # fmt: skip
 
 
 def has_membranes(data: Dataset) -> bool:
@@ -54,13 +68,15 @@ def membrane_data(data: Dataset) -> MembraneData:
     Raises:
         DatasetError: samples without features, too few, or motions that the poses did not excite.
     """
-    samples = data.samples
-    missing = [s.key for s in samples if len(s.membrane) != 2]
-    if missing:
+    missing = tuple(s.key for s in data.samples if len(s.membrane) != 2)
+    if len(missing) > _LOST * len(data.samples):
         raise DatasetError(
-            f"{len(missing)} of {len(samples)} samples do not tell the motion of both membranes (first: {missing[0]}): "
-            "the membrane map needs an estimator that publishes RelativePose.membrane at every pose"
+            f"{len(missing)} of {len(data.samples)} samples do not tell the motion of both membranes (first: "
+            f"{missing[0]}; at most {_LOST:.0%} may): the estimator has to publish RelativePose.membrane at every pose"
         )
+    index = np.flatnonzero([len(s.membrane) == 2 for s in data.samples])
+    data = replace(data, samples=[data.samples[i] for i in index])
+    samples = data.samples
     grips, grip = np.unique([s.grip for s in samples], return_inverse=True)
     pairs = [sorted(s.membrane, key=lambda m: m.finger) for s in samples]
     Z, middles, pressures = np.zeros((len(samples), COUNT)), [], []
@@ -94,6 +110,8 @@ def membrane_data(data: Dataset) -> MembraneData:
         nuisance=to_C @ np.concatenate(columns, axis=2),
         nuisance_std=np.concatenate([np.tile(_BIAS_STD, len(grips)), _DRIFT_STD, _OFFSET_STD]),
         with_pressure=told,
+        lost=missing,
+        kept=index,
     )
 
 

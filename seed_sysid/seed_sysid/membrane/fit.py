@@ -22,6 +22,8 @@ from seed_sysid.membrane.terms import GAS_PARITY, KINDS, MAIN, MODELS, PRESSURES
 
 _ROUNDS = 3
 _STILL = 0.1  # share of the median squared motion at which weights begin to fall
+_OUTLIER = 100.0  # sum of six squared errors in robust deviations: 12 is the 95 % quantile of normal ones
+_MOST_OUTLIERS = 0.1  # share; more are no outliers
 _RANK = 24  # rows kept of the coefficients' spread
 
 
@@ -126,6 +128,17 @@ def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> 
         )
     left_out = np.array([p.left_out for p in parts]).T
     return MembraneFit(data, model, tuple(parts), gas, nuisance, left_out, wrench)
+
+
+def fit_without_outliers(data: MembraneData, model: str) -> tuple[MembraneFit, int]:
+    """The fit, and how many samples were left out because the others do not predict them at all."""
+    fit = fit_membrane(data, model)
+    weighed = fit.left_out * sample_weights(data.Z)[:, None]
+    squared = ((weighed / (1.4826 * np.median(np.abs(weighed), axis=0))) ** 2).sum(axis=1)
+    bad = squared > _OUTLIER
+    if not bad.any() or bad.mean() > _MOST_OUTLIERS:
+        return fit, 0
+    return fit_membrane(data.without(bad), model), int(bad.sum())
 
 
 def sample_weights(Z: Array) -> Array:

@@ -25,7 +25,7 @@ SIZES = (0.7, 1.6)  # about 40 and 65 % sliding
 
 
 def score_membrane(
-    seed: int, sizes: tuple[float, ...] = SIZES, noise: float = 0.0, frames: int = 150
+    seed: int, sizes: tuple[float, ...] = SIZES, noise: float = 0.0, frames: int = 120
 ) -> dict[str, Any]:
     """Shares by size of motion and model, with the default model's nees; `failed` says why there are none."""
     try:
@@ -81,7 +81,7 @@ def _share(wrench: Array, true: Array) -> list[float]:
 
 
 def score_membranes(
-    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = 150
+    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = 120
 ) -> dict[str, Any]:
     """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any."""
     one = delayed(_kept)
