@@ -4,7 +4,7 @@
 What the material does is known from the nodes, those that touched at the grasp, with errors added as an estimator's.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from seed_sysid.run.excitation import designs
 from seed_sysid.stiffness_map import wrench_transform
 
 SPACING = 0.006  # [m] of nodes, 250 a bubble: coarse, and many membranes in little time
+STEP = 0.002  # [m] of the tool between solves
 SQUEEZES = (-0.0015, 0.0, 0.0015)  # [m] of the grips, from that of the membrane
 RADII = (0.009, 0.016)  # [m] of the round handle that is held
 DWELL, RATE = 4.0, 10.0  # [s] at each pose; [1/s] frames of the motion
@@ -92,7 +93,7 @@ def run_membrane(seed: int, sizes: tuple[float, ...], noise: float, frames: int)
         MembraneError: the membrane cannot be inflated or grasped.
     """
     rng = np.random.default_rng([seed, 0x3A9])
-    membrane = random_membrane(seed, SPACING)
+    membrane = replace(random_membrane(seed, SPACING), step=STEP)
     grasp = MembraneGrasp(membrane, ToolShape(radius=float(rng.uniform(*RADII))))
     procedure, samples = Procedure(), list[Sample]()
     offset = make_pose(so3_exp(np.deg2rad(FRAME_DEG) * direction(rng)), FRAME * direction(rng))
