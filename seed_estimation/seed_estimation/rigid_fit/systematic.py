@@ -23,6 +23,7 @@ from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.residuals import FingerResiduals
 
 MOUNT = 6  # errors of a mount: turns about the optical frame's x, y, z [rad], shifts along them [m]
+SOME = 4  # every so many points tell what lens and range do
 COUNT = MOUNT + 3  # of a finger: mount, focal length [1], scale of depth [1], offset of depth [m]
 
 
@@ -86,12 +87,12 @@ def gradients(finger: FingerResiduals, X_CT: Array) -> Array:
     for residuals, p in ((finger.image, finger.points.p), (finger.depth, finger.depth_points)):
         if residuals.r.size == 0:
             continue
-        x = R_XT @ p + t_XT
+        x = R_XT @ p[:, ::SOME] + t_XT
         moved = R @ x + t
         x_flat, moved_flat = x.copy(), moved.copy()
         x_flat[2] = moved_flat[2] = 0.0
-        slope = R_TX.T @ residuals.J[3:]  # of the residual, in the optical frame now
+        slope = R_TX.T @ residuals.J[3:, ::SOME]  # of the residual, in the optical frame now
         d = (moved_flat - R @ x_flat, moved - R @ x, moved / moved[2] - R @ (x / x[2]))
         columns = np.stack([(slope * one).sum(axis=0) for one in d], axis=1)
-        out[:, MOUNT:] += (residuals.Jw @ columns).astype(float) * residuals.scale
+        out[:, MOUNT:] += (residuals.Jw[:, ::SOME] @ columns).astype(float) * (SOME * residuals.scale)
     return out
