@@ -26,7 +26,7 @@ def main(argv: list[str]) -> int:
     """Command line: 1 when the task did not come to its end."""
     parser = _parser()
     args = parser.parse_args(argv)
-    hidden = args.world == "hidden" or (args.world is None and bool(args.draws or args.late_stamps))
+    hidden = args.world == "hidden" or (args.world is None and bool(args.draws or args.late_stamps or args.membranes))
     if args.estimator is None:
         args.estimator = "rigid_fit" if hidden or args.perturb else "truth"
     if args.perturb:
@@ -37,7 +37,7 @@ def main(argv: list[str]) -> int:
         if args.membrane is not None:
             parser.error("--membrane belongs to known worlds: give a scenario with grasp.kind: membrane")
         return _draws(args)
-    for name in ("draws", "late_stamps", "arm_sensor", "out"):
+    for name in ("draws", "membranes", "late_stamps", "arm_sensor", "out"):
         if getattr(args, name):
             parser.error(f"--{name.replace('_', '-')} belongs to hidden worlds: give --world hidden")
     if args.scenarios:
@@ -90,9 +90,12 @@ def _parser() -> argparse.ArgumentParser:
         "--world",
         choices=("known", "hidden"),
         help="known: the cell is what the controller believes, one quick run; hidden: --draws of cells that it does "
-        "not know, the score that docs and README state; default: known, and hidden with --draws",
+        "not know, the score that docs and README state; default: known, and hidden with --draws or --membranes",
     )
     p.add_argument("--draws", type=whole(1), metavar="N", help=f"hidden worlds; default: {DRAWS}")
+    p.add_argument(
+        "--membranes", action="store_true", help="hidden worlds whose grasp is two membranes, drawn with the world"
+    )
     p.add_argument("--late-stamps", action="store_true", help="hidden worlds with stamps 0 to 100 ms late")
     p.add_argument(
         "--arm-sensor", action="store_true", help="hidden worlds and --perturb: the arm has a force/torque reading"
@@ -100,9 +103,9 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--model",
         choices=MODELS,
-        default="hysteretic",
-        help="hidden worlds: what the wrench is computed from: the paper's stiffness map, or a spring that stiffens "
-        "and has hysteresis, both as identified in each world",
+        help="hidden worlds: what the wrench is computed from: the paper's stiffness map, a spring that stiffens and "
+        "has hysteresis, or what the membranes do, as identified in each world; default: membrane with --membranes, "
+        "else hysteretic",
     )
     p.add_argument(
         "--out", type=Path, metavar="FILE", help="hidden worlds: a JSON line per draw; draws in it are not repeated"
@@ -144,7 +147,7 @@ def _text(r: dict[str, Any]) -> str:
 def _draws(args: argparse.Namespace) -> int:
     """The score over hidden worlds: 1 when a draw was not finished."""
     names = ("task", "law", "model", "estimator", "force", "scenario", "late_stamps", "arm_sensor")
-    settings = {name: getattr(args, name) for name in names} | {"world": "spring"}
+    settings = {name: getattr(args, name) for name in names} | {"world": "membrane" if args.membranes else "spring"}
     if args.law not in CONTROL_LAWS:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
     load_task(args.task, args.force)  # a mistake here would break every run

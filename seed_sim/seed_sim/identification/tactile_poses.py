@@ -5,6 +5,8 @@ Images are rendered while a pose is measured and, on the way, often enough for t
 reading, which would cost far more and tell nothing new.
 """
 
+from typing import Any
+
 import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
@@ -32,7 +34,7 @@ class TactilePoses:
         from seed_sim.tactile import TactileRenderer
 
         self.hold: MembraneHold | None = None
-        self._renderer: TactileRenderer | HeldRenderer
+        self._renderer: Any  # with `render` as a TactileRenderer's; hidden worlds have cameras of their own
         if scenario.grasp.kind == "membrane":
             self.hold = MembraneHold(scenario.membrane, scenario.tactile.tool)
             self._renderer = HeldRenderer(scenario.tactile, scenario.hand, seed, self.hold)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the cameras of one world deliver: true mounts, lenses and scale, a depth that lags, fingers that are skewed."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from math import exp
 
@@ -10,6 +9,8 @@ import numpy as np
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation, so3_exp
 from seed_estimation import PinholeCamera, TactileImages
+from seed_sim.bubbles import HeldRenderer
+from seed_sim.membrane.hold import MembraneHold
 from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.cameras import FINGERS, camera_model
@@ -58,36 +59,53 @@ class WorldCameras:
         early: by finger, by how long its image of a pair is taken before the pair's time [s]; one of them is 0.
     """
 
-    def __init__(self, scenario: Scenario, world: World, seed: int) -> None:
-        """seed: of dots, fixed patterns and noise."""
+    def __init__(self, scenario: Scenario, world: World, seed: int, hold: MembraneHold | None = None) -> None:
+        """seed: of dots, fixed patterns and noise; hold: the membranes that are seen, if a plant has them already.
+
+        Raises:
+            MembraneError: the scenario's membranes cannot be inflated, or the tool pierces them.
+        """
         p = true_tactile(scenario, world)
         self.parameters, self.hand = p, scenario.hand
         self.early = _early(world.images, 1.0 / scenario.measurement.rate)
         self.world, self._of = world.images, {"left": world.images.left, "right": world.images.right}
         self.cameras = {f: camera_model(p.camera) for f in FINGERS}
         lenses = {f: _with_focal(c, self._of[f].focal) for f, c in self.cameras.items()}
-        self.renderer = TactileRenderer(p, true_hand(scenario.hand, world), seed, lenses)
+        hand = true_hand(scenario.hand, world)
+        self.renderer: TactileRenderer | HeldRenderer
+        if scenario.grasp.kind == "membrane":
+            hold = hold or MembraneHold(scenario.membrane, scenario.tactile.tool)
+            self.renderer = HeldRenderer(p, hand, seed, hold, lenses)
+        else:
+            self.renderer = TactileRenderer(p, hand, seed, lenses)
         self._filtered: dict[str, tuple[float, Image]] = {}  # by finger: when, and the depth
         self._aged = False
-        self._friction = Friction(p.hold, p.kinetic, self.renderer.reach) if p.hold else None
+        reach = self.renderer.reach if isinstance(self.renderer, TactileRenderer) else 0.0
+        self._friction = Friction(p.hold, p.kinetic, reach) if p.hold and reach else None
 
     def age(self) -> None:
         """What happens to membranes and cameras between the reference and the grasp."""
         self._aged = True
-        for name, m in self.renderer.membranes.items():
-            m.dome = dome_depth(m.rays, m.p, m.p.height + 1e-3 * self._of[name].shape_mm)
+        if isinstance(self.renderer, TactileRenderer):
+            for name, m in self.renderer.membranes.items():
+                m.dome = dome_depth(m.rays, m.p, m.p.height + 1e-3 * self._of[name].shape_mm)
 
     def no_contact(self, t: float) -> dict[str, TactileImages]:
         """Images at time t [s] with nothing in the grasp."""
-        return {f: self._seen(f, self.renderer.finger(f, None, t), t) for f in self.renderer.fingers}
+        return {f: self._seen(f, self.renderer.finger(f, None, t), t) for f in self.early}
 
-    def render(self, X_CT: Array | Mapping[str, Array], t: float) -> dict[str, TactileImages]:
-        """Images at time t [s] of the tool at X_CT (4, 4), or at one of its own for each finger."""
-        poses = X_CT if isinstance(X_CT, Mapping) else dict.fromkeys(self.renderer.fingers, X_CT)
+    def render(self, X_CT: Array, t: float) -> dict[str, TactileImages]:
+        """The pair of images of time t [s], with the tool resting at X_CT (4, 4)."""
+        return {f: self.finger(f, X_CT, t) for f in self.early}
+
+    def finger(self, name: str, X_CT: Array, t: float) -> TactileImages:
+        """One finger's image of the pair of time t [s], with the tool at X_CT (4, 4) when it is taken."""
+        if isinstance(self.renderer, HeldRenderer):
+            return self._seen(name, self.renderer.finger(name, X_CT, t - self.early[name]), t)
         X_slid, load = None, 0.0
         if self._friction is not None:
-            X_slid, load, _ = self._friction.step(next(iter(poses.values())), t)
-        return {f: self._seen(f, self.renderer.finger(f, X, t, X_slid, load), t) for f, X in poses.items()}
+            X_slid, load, _ = self._friction.step(X_CT, t - self.early[name])
+        return self._seen(name, self.renderer.finger(name, X_CT, t, X_slid, load), t)
 
     def _seen(self, name: str, images: TactileImages, t: float) -> TactileImages:
         """With scale, drift and lag of the depth, and the stamp that the camera gives."""

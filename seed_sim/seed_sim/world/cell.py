@@ -36,8 +36,11 @@ def true_scenario(scenario: Scenario, world: World) -> Scenario:
 
 def make_plant(scenario: Scenario, world: World, seed: int, task: Task) -> Plant:
     """The plant of a world: `scenario` states tool and grasp; the arm starts where it believes the task's begin."""
+    true, X_work, X_WE = true_scenario(scenario, world), task.frame.pose, start_pose(scenario, task)
+    if scenario.grasp.kind == "membrane":
+        return Plant(true, seed, X_work, X_WE)
     spring = WorldSpring(scenario.grasp.stiffness, world.spring)
-    plant = Plant(true_scenario(scenario, world), seed, task.frame.pose, start_pose(scenario, task), grasp_force=spring)
+    plant = Plant(true, seed, X_work, X_WE, grasp_force=spring)
     spring.damping = np.concatenate(plant.grip.damping)
     return plant
 
@@ -57,5 +60,5 @@ def make_steering(
     """The controller with what the suite believes, and with relative poses from the world's images, or the truth's."""
     poses = None
     if estimator in FROM_IMAGES:
-        poses = WorldPoses(believed, world, seed, estimator, calibration, clock_offset)
+        poses = WorldPoses(believed, world, seed, estimator, calibration, clock_offset, plant)
     return SeedSteering(plant, believed, law, estimator, seed, poses, wrench_model)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The draw of a world from its seed: every value uniform within the ranges below."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from seed_core.errors import SeedError
@@ -60,7 +62,7 @@ def draw_world(seed: int, kind: Kind = "spring", *, late_stamps: bool = False) -
         return CameraWorld(axes(MOUNT_DEG), axes(MOUNT_MM), either(FOCAL), either(DEPTH_SCALE), either(SHAPE_MM))
 
     turn, shift = axes(STIFFNESS), axes(STIFFNESS)
-    return World(
+    world = World(
         kind=kind,
         seed=seed,
         spring=SpringWorld(
@@ -88,3 +90,11 @@ def draw_world(seed: int, kind: Kind = "spring", *, late_stamps: bool = False) -
         ),
         procedures=ProcedureWorld(dome=axes(DOME), run=True),
     )
+    return _on_membranes(world) if kind == "membrane" else world
+
+
+def _on_membranes(world: World) -> World:
+    """Without what membranes with mechanics bring themselves, and with cameras whose range was calibrated elsewhere."""
+    sides = {f: replace(getattr(world.images, f), shape_mm=0.0) for f in ("left", "right")}
+    images = replace(world.images, slip=0.0, range_error=0.0, **sides)
+    return replace(world, spring=SpringWorld(), images=images)

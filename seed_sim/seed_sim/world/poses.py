@@ -8,10 +8,11 @@ import numpy as np
 from seed_core.config import from_mapping
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array
-from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation import Estimator, EstimatorParameters, TactileImages
 from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.relative_poses import PoseSource
 from seed_sim.plant.plant import DT, Plant
+from seed_sim.pressure import PressureSensors
 from seed_sim.scenario import Scenario
 from seed_sim.world.cameras import WorldCameras
 from seed_sim.world.parameters import World
@@ -59,6 +60,7 @@ class WorldPoses(PoseSource):
         method: str = "rigid_fit",
         calibration: Calibration | None = None,
         clock_offset: float = 0.0,
+        plant: Plant | None = None,
     ) -> None:
         """A grasp in a world.
 
@@ -69,17 +71,23 @@ class WorldPoses(PoseSource):
             method: of the estimator.
             calibration: as found in this world.
             clock_offset: [s] that is taken off the images' stamps.
+            plant: whose membranes are seen, if it has any.
         """
-        super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY)
-        self._cameras = WorldCameras(scenario, world, seed)
+        super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, np.eye(4))
+        hold = plant.membranes if plant is not None else None
+        self._cameras = WorldCameras(scenario, world, seed, hold)
+        ambient = scenario.grasp.nominal_pressure if hold is None else 0.01 * hold.parameters.ambient
+        self._pressures = PressureSensors(scenario.pressure, ambient, seed)
         self._clock, self._offset = world.images.clock, clock_offset
         self._first = max(self._cameras.early, key=self._cameras.early.__getitem__)  # finger
         self._lead = round(self._cameras.early[self._first] / DT) * DT  # [s] of it before the other
-        self._early: Array | None = None  # X_CT (4, 4) at which the first finger's image of this pair was taken
+        self._early: TactileImages | None = None  # the first finger's of this pair
         self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
         self._hanging = world.cell.hanging
         if not self._hanging:
             take_grasp(self.estimator, self._cameras, np.eye(4), 0.0, self.period)
+        if hold is not None:
+            hold.restart()
 
     def next_image(self) -> float:
         """When the next image of either finger is due [s], on the plant's steps."""
@@ -89,7 +97,8 @@ class WorldPoses(PoseSource):
     def take_image(self, plant: Plant) -> None:
         """Take the image of the finger that is first, if it is its turn, else the pair."""
         if self._lead and self._early is None:
-            self._early = plant.X_CT
+            plant.solve_membranes()
+            self._early = self._cameras.finger(self._first, plant.X_CT, plant.time + self._lead)
             return
         if self._hanging and plant.time >= HANGS:
             take_grasp(self.estimator, self._cameras, plant.X_CT, plant.time, self.period)
@@ -101,8 +110,14 @@ class WorldPoses(PoseSource):
         self._early = None
 
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
-        X = plant.X_CT
-        poses = {f: self._early if self._early is not None and f == self._first else X for f in self._cameras.early}
-        images = self._cameras.render(poses, plant.time)
+        plant.solve_membranes()
+        images = {f: self._cameras.finger(f, plant.X_CT, plant.time) for f in self._others()}
+        if self._early is not None:
+            images[self._first] = self._early
         images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
-        return self.estimator.update(images, stamp + self._clock - self._offset)
+        estimate = self.estimator.update(images, stamp + self._clock - self._offset)
+        return self._pressures.into(estimate, plant.grip.pressures, plant.time)
+
+    def _others(self) -> list[str]:
+        """Fingers whose images are still to be taken."""
+        return [f for f in self._cameras.early if self._early is None or f != self._first]

@@ -17,7 +17,7 @@ from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import START_HEIGHT, play
-from seed_sim.scenario import Scenario, load_scenario
+from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import World
 from seed_sim.world.procedures.find_out import Belief, Model, find_out
@@ -46,7 +46,7 @@ def run_trial(
     estimator: str = "rigid_fit",
     force: float | None = None,
     scenario: str | Path | Scenario | None = None,
-    model: Model = "hysteretic",
+    model: Model | None = None,
     arm_sensor: bool = False,
     belief: Belief | None = None,
 ) -> Trial:
@@ -56,7 +56,8 @@ def run_trial(
         task: name, path or task.
         world: that nobody knows.
         seed: of the plant's and the images' noise.
-        law, estimator: of the control. model: what the wrench is computed from: the stiffness, or a hysteretic spring.
+        law, estimator: of the control. model: what the wrench is computed from;
+            default: membranes where there are any, else a hysteretic spring.
         force: [N] replaces the size of every force in the task.
         scenario: what the world departs from; default: the task's own.
         arm_sensor: the arm has a force/torque reading of its own.
@@ -70,6 +71,9 @@ def run_trial(
     scenario = SCENARIO_OF_TASK.get(task.name, task.name) if scenario is None else scenario
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
+    if world.kind == "membrane":
+        scenario = on_membrane(scenario, world.seed, firm=True)
+    model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
     if arm_sensor:
         m = scenario.measurement
         scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
@@ -99,7 +103,7 @@ def run_trial(
         "scenario": scenario.name,
         "law": law,
         "estimator": estimator,
-        "model": model if belief.spring is not None else "bushing",
+        "model": getattr(belief.wrench_model(), "name", "bushing"),
         "world": world.kind,
         "draw": world.seed,
         **scored,

@@ -35,7 +35,7 @@ def run_world(scenario: Scenario, world: World, method: str, seed: int) -> Serie
     series, before = Series(), np.eye(4)
     for t, X_CT in poses(scenario.trajectory, seed):
         seen = {f: interpolate_pose(before, X_CT, max(1.0 - e / period, 0.0)) for f, e in cameras.early.items()}
-        images = cameras.render(seen, t)
+        images = {f: cameras.finger(f, X, t) for f, X in seen.items()}
         series.estimate(estimator, images, t + world.images.clock, X_CT)
         before = X_CT
     return series

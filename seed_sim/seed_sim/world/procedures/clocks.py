@@ -51,8 +51,9 @@ def compare_clocks(
     clock = world.images.clock
     for n in range(1, int((_DURATION + FARTHEST) / period)):
         t = n * period
-        poses = {f: true_X_CT(t - early) for f, early in cameras.early.items()}
-        estimate = estimator.update(cameras.render(poses, t), t + clock)
+        in_time = sorted(cameras.early.items(), key=lambda item: -item[1])  # membranes remember their way
+        images = {f: cameras.finger(f, true_X_CT(t - early), t) for f, early in in_time}
+        estimate = estimator.update(images, t + clock)
         if estimate.valid:
             watch.camera(estimate.stamp, inverse_pose(estimate.X_CT))
     return watch.offset()

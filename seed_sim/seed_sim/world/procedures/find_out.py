@@ -16,22 +16,29 @@ from seed_control.payload.identify import PayloadError
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
 from seed_core.hysteretic_spring import HystereticSpring, HystereticStiffness
+from seed_core.membrane.map import MembraneMap
+from seed_core.membrane.map_file import MembraneMapFile
 from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.parameters import ToolShape
 from seed_sim.world.cameras import WorldCameras
-from seed_sim.world.parameters import World
+from seed_sim.world.parameters import Kind, World
 from seed_sim.world.procedures.captures import captures
 from seed_sim.world.procedures.clocks import compare_clocks
 from seed_sim.world.procedures.identify import identify
+from seed_sim.world.procedures.membranes import identify_membranes
 from seed_sim.world.procedures.weigh import weigh
 from seed_sysid.fit.hysteretic_fit import HystereticFit, fit_hysteretic
-from seed_sysid.stiffness_map import AXES
+from seed_sysid.stiffness_map import AXES, CHANNELS
 
-Model = Literal["bushing", "hysteretic"]
-MODELS: tuple[Model, ...] = ("bushing", "hysteretic")
+Model = Literal["bushing", "hysteretic", "membrane"]
+MODELS: tuple[Model, ...] = ("bushing", "hysteretic", "membrane")
+STEPS: dict[Kind, tuple[str, ...]] = {
+    "spring": ("calibrate", "identify", "clocks", "weigh"),
+    "membrane": ("identify_membranes", "clocks"),
+}
 _DISAGREE = 3.0  # [standard deviations] from which the stated mass is not believed
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
 
@@ -44,7 +51,7 @@ class Belief:
         scenario: the cell as believed: hand as drawn, tool as weighed, `grasp.believed` the stiffness as identified.
         calibration: of range and cameras; None: hand as drawn, range as it comes.
         clock_offset: [s] that is taken off the images' stamps.
-        spring: what the wrench is computed from; None: the stiffness.
+        spring, membranes: what the wrench is computed from; None: the stiffness.
         figures: what the procedures say about themselves; seconds: that each took.
         problems: what a procedure could not do, in words.
     """
@@ -53,12 +60,15 @@ class Belief:
     calibration: Calibration | None = None
     clock_offset: float = 0.0
     spring: HystereticStiffness | None = None
+    membranes: MembraneMapFile | None = None
     figures: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
 
     def wrench_model(self) -> WrenchModel | None:
         """The model at a new grasp; None: the map of the stiffness."""
+        if self.membranes is not None:
+            return MembraneMap(self.membranes)
         return HystereticSpring(self.spring) if self.spring is not None else None
 
 
@@ -69,7 +79,7 @@ def find_out(
     if not world.procedures.run:
         return Belief(told(scenario, world))
     work = _Work(scenario, world, seed, method, model)
-    for name in ("calibrate", "identify", "clocks", "weigh"):
+    for name in STEPS[world.kind]:
         began = perf_counter()
         try:
             getattr(work, name)()
@@ -77,7 +87,8 @@ def find_out(
             work.problems.append(f"{name}: {error}")
         work.seconds[name] = perf_counter() - began
     problems = tuple(work.problems)
-    return Belief(work.believed, work.calibration, work.offset, work.spring, work.figures, work.seconds, problems)
+    models = (work.spring, work.membranes)
+    return Belief(work.believed, work.calibration, work.offset, *models, work.figures, work.seconds, problems)
 
 
 def calibrate_cameras(scenario: Scenario, world: World, seed: int) -> Calibration:
@@ -111,8 +122,10 @@ class _Work:
     """The procedures of one world, and what they have found so far."""
 
     def __init__(self, scenario: Scenario, world: World, seed: int, method: str, model: Model) -> None:
-        self.believed, self._world, self._seed, self._method, self._model = scenario, world, seed, method, model
+        self.believed, self._world, self._seed = told(scenario, world), world, seed
+        self._method, self._model = method, model
         self.spring: HystereticStiffness | None = None
+        self.membranes: MembraneMapFile | None = None
         self.calibration: Calibration | None = None
         self.offset = 0.0
         self.figures: dict[str, Any] = {}
@@ -132,6 +145,20 @@ class _Work:
             fit = fit_hysteretic(found.analysis)
             self.spring = fit.identified
             self.figures["hysteretic"] = figures_of(fit)
+
+    def identify_membranes(self) -> None:
+        """Stiffness and membrane map, on a fixed force/torque sensor, as the world's cameras see the membranes."""
+        analysis, file = identify_membranes(self.believed, self._world, self._seed, self._method)
+        found = Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal])
+        self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found))
+        assert analysis.membrane is not None
+        share = dict(zip(CHANNELS, analysis.membrane.fit.share.tolist(), strict=True))
+        stiffness = dict(zip(AXES, found.vector().tolist(), strict=True))
+        self.figures["membranes"] = {"unexplained": share, "stiffness": stiffness}
+        if self._model == "membrane":
+            self.membranes = file
+        elif self._model == "hysteretic":
+            self.spring = fit_hysteretic(analysis).identified
 
     def clocks(self) -> None:
         """The offset of the cameras' clock."""

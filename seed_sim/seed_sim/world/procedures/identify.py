@@ -6,7 +6,7 @@ from the arm's kinematics with the flange as it is believed, as docs/identificat
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,13 @@ def identification_of(scenario: Scenario) -> IdentificationScenario:
         tactile=tactile_of(scenario),
         procedure=Procedure(widths=[grasp.nominal_width], excitation=EXCITATION),
     )
+
+
+def membrane_identification_of(scenario: Scenario) -> IdentificationScenario:
+    """The same of a grasp between membranes, which are stiffer: at the procedure's own excitation."""
+    s = identification_of(scenario)
+    procedure = replace(s.procedure, excitation=ExcitationParameters())
+    return replace(s, grasp=replace(s.grasp, kind="membrane"), membrane=scenario.membrane, procedure=procedure)
 
 
 def identify(believed: Scenario, world: World, seed: int, scenario: IdentificationScenario | None = None) -> Identified:

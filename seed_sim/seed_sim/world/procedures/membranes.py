@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identification of a grasp between membranes in a world: what they do as the world's own cameras show it."""
+
+from seed_core.errors import SeedError
+from seed_core.membrane.map_file import MembraneMapFile
+from seed_sim.identification.membrane_cell import MembraneCell
+from seed_sim.identification.session import simulate
+from seed_sim.identification.tactile_poses import TactilePoses
+from seed_sim.membrane.hold import MembraneHold
+from seed_sim.scenario import Scenario
+from seed_sim.world.cameras import WorldCameras
+from seed_sim.world.parameters import World
+from seed_sim.world.poses import make_estimator
+from seed_sim.world.procedures.identify import membrane_identification_of
+from seed_sysid.fit.analysis import Analysis, analyse
+
+
+class WorldTactilePoses(TactilePoses):
+    """The estimator's view of membranes through the cameras of a world, of which it has the drawing."""
+
+    def __init__(self, believed: Scenario, world: World, seed: int, method: str) -> None:
+        self.hold = MembraneHold(believed.membrane, believed.tactile.tool)
+        cameras = WorldCameras(believed, world, seed, self.hold)
+        self._renderer = cameras
+        self._estimator = make_estimator(believed, cameras, None, method, 1.0 / believed.measurement.rate)
+        self.invalid = 0
+        self.take_grasp(0.0)
+
+
+def identify_membranes(
+    believed: Scenario, world: World, seed: int, method: str = "rigid_fit"
+) -> tuple[Analysis, MembraneMapFile]:
+    """Run the procedure at the scenario's grip, and fit stiffness and membrane map to its samples.
+
+    Args:
+        believed: the cell as it is believed, but for its membranes.
+        world: what differs.
+        seed: of the sensor and the images' noise.
+        method: of the estimator.
+
+    Raises:
+        SeedError: the run ended early, or its data give no stiffness or no map.
+    """
+    scenario = membrane_identification_of(believed)
+    cell = MembraneCell(scenario, seed, WorldTactilePoses(believed, world, seed, method))
+    data, _ = simulate(scenario, seed, None, cell=cell)
+    analysis = analyse(data, "estimator", scenario.procedure.fit)
+    if analysis.membrane is None:
+        raise SeedError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
+    return analysis, analysis.membrane.file
