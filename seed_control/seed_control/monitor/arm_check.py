@@ -118,7 +118,7 @@ class ArmCheck:
         for s in free:
             if s.verified and (at := self._at(s.m.stamp)) is not None:
                 hanging = s.load if self._settings.arm_weighs_tool else np.zeros(6)
-                self._zeros.append(at - self._on_flange(s.m, hanging))
+                self._zeros.append(at[0] - self._on_flange(s.m, hanging))
         if len(self._zeros) >= _LEAST:
             self._zero = np.mean(self._zeros, axis=0)
         at, told = self._at(m.stamp), spring.vector()
@@ -129,7 +129,7 @@ class ArmCheck:
         change = told - last[1] if last is not None else np.zeros(6)
         rate = change / max(m.stamp - last[0], 1e-3) if last is not None else change
         carried = np.zeros(6) if self._settings.arm_weighs_tool else weight.vector()
-        r = self.reading = self._of_spring(m, at - self._zero, carried, rate)
+        r = self.reading = self._of_spring(m, at[0] - self._zero, self._noise / at[1], carried, rate)
         share = self._settings.share_tolerance * float(np.sqrt(told[3:] @ told[3:]))
         self._test.add(m.stamp, told - r.wrench, random + r.random, r.systematic, share)
         if not self._test.significant:
@@ -147,14 +147,14 @@ class ArmCheck:
             "is the stiffness of this grasp and grip, and was the grasp taken free of load?"
         )
 
-    def _at(self, stamp: float) -> Array | None:
-        """Mean reading (6,) around a time; None without any near it on both sides."""
+    def _at(self, stamp: float) -> tuple[Array, int] | None:
+        """Mean reading (6,) around a time, and of how many; None without any near it on both sides."""
         near = [(t, v) for t, v in self._readings if abs(t - stamp) <= _SPAN]
         if not near or self._newest < stamp:
             return None
         if abs(sum(t for t, _ in near) / len(near) - stamp) > _MATCH:
             return None
-        return np.asarray(np.mean([v for _, v in near], axis=0))
+        return np.asarray(np.mean([v for _, v in near], axis=0)), len(near)
 
     def _on_flange(self, m: Measurement, spring: Array) -> Array:
         """What the reading in E (6,) is of a spring's wrench on the tool about T in T (6,)."""
@@ -163,11 +163,13 @@ class ArmCheck:
         R, p = X_ET[:3, :3], X_ET[:3, 3]
         return on_hand.about(-R.T @ p).rotated(R).vector()
 
-    def _of_spring(self, m: Measurement, reading: Array, carried: Array, rate: Array) -> Reading:
+    def _of_spring(self, m: Measurement, reading: Array, noise: Array, carried: Array, rate: Array) -> Reading:
         """The spring's wrench by a reading in E without its offset.
 
         Args:
-            carried: (6,) weight in T that the reading lacks. rate: (6,) change of the spring's wrench per second.
+            noise: (6,) variances of the reading.
+            carried: (6,) weight in T that the reading lacks.
+            rate: (6,) change of the spring's wrench per second.
         """
         X_TE = inverse_pose(self._X_EC @ m.X_CT)
         R, p = X_TE[:3, :3], X_TE[:3, 3]
@@ -176,8 +178,8 @@ class ArmCheck:
         A[:3, :3] = A[3:, 3:] = R
         A[:3, 3:] = skew(p) @ R
         n = max(1, len(self._zeros))
-        random = A @ np.diag(self._noise) @ A.T + np.diag((_MATCH * rate) ** 2)
+        random = A @ np.diag(noise) @ A.T + np.diag((_MATCH * rate) ** 2)
         gain = self._settings.arm_gain * wrench
-        systematic = A @ np.diag(self._offset + self._noise / n) @ A.T + np.diag(gain * gain)
+        systematic = A @ np.diag(self._offset + noise / n) @ A.T + np.diag(gain * gain)
         systematic[3:, 3:] += np.eye(3) * self._mass**2  # the offset was found under a weight that is known so well
         return Reading(wrench, random, systematic)

@@ -2,12 +2,33 @@
 """What an arm's own force/torque sensor makes of the plant's true load: noise, an offset that drifts, a gain."""
 
 from collections.abc import Iterator
+from math import sqrt
 
 import numpy as np
 
+from seed_control.monitor.settings import ReferenceSettings
+from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Wrench
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import ArmSensorSection
+
+_WANDERS = 10.0  # [s] of drift that count as the offset's deviation after zeroing
+
+
+def stated(settings: ReferenceSettings, section: ArmSensorSection) -> ReferenceSettings:
+    """The checks' settings with what a data sheet would state of this sensor, where they are the defaults."""
+    if not section.present:
+        return settings
+    data_sheet = {
+        "arm_force_noise": section.force_noise,
+        "arm_torque_noise": section.torque_noise,
+        "arm_force_offset": _WANDERS * section.force_drift,
+        "arm_torque_offset": _WANDERS * section.torque_drift,
+        "arm_gain": section.gain / sqrt(3.0),  # the deviation of what is drawn evenly up to it
+    }
+    given, default = to_mapping(settings), to_mapping(ReferenceSettings())
+    new = {name: value for name, value in data_sheet.items() if given[name] == default[name]}
+    return from_mapping(given | new, ReferenceSettings, "reference")
 
 
 class ArmSensor:

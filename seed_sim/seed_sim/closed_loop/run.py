@@ -14,7 +14,7 @@ from seed_control.wrench.model_settings import choose_model
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.wrench_model import WrenchModel
-from seed_sim.closed_loop.arm_sensor import ArmSensor
+from seed_sim.closed_loop.arm_sensor import ArmSensor, stated
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
@@ -94,7 +94,7 @@ class SeedSteering:
             scenario.tool,
             believed,
             wrench_model or chosen,
-            references=scenario.reference,
+            references=stated(scenario.reference, scenario.measurement.arm_sensor),
             pressure=pressure,
         )
         self._arm_sensor = ArmSensor(scenario.measurement.arm_sensor, seed)
