@@ -54,10 +54,12 @@ class Delay:
 
     Attributes:
         start: deviation of what it may be [s]; 0: it is none, and nothing is learnt.
+        least: value that it cannot be less than [s].
         estimate, variance: of the filter [s], [s^2].
     """
 
     start: float
+    least: float = -LARGEST
     estimate: float = 0.0
     variance: float = field(init=False)
 
@@ -87,7 +89,7 @@ class Delay:
         noise = DOUBT / frame.information + SYSTEMATIC**2 * max(ALIKE / dt, 1.0)
         gain = self.variance / (self.variance + noise)
         wanted = applied + min(max(frame.step, -LARGEST), LARGEST)
-        self.estimate = min(max(self.estimate + gain * (wanted - self.estimate), -LARGEST), LARGEST)
+        self.estimate = min(max(self.estimate + gain * (wanted - self.estimate), self.least), LARGEST)
         self.variance *= 1.0 - gain
 
 
@@ -123,7 +125,7 @@ class Timing:
 
     def __init__(self, skew: float, lag: float) -> None:
         """Deviations [s] of what both may be before anything is seen."""
-        self.skew, self.lag = Delay(skew), Delay(lag)
+        self.skew, self.lag = Delay(skew), Delay(lag, least=0.0)  # no depth runs ahead of infrared
         self.covariance = np.zeros((6, 6))
         self._step = np.zeros(6)
 
