@@ -84,6 +84,21 @@ def test_cameras_show_the_membranes_that_the_plant_has_solved(bench: Bench, tmp_
     assert_allclose(gas["right"][-1].data, sim.plant.grip.pressures["right"], atol=0.5)  # [hPa]
 
 
+def test_tool_that_the_membranes_lose_stands_in_its_holder_again(bench: Bench, tmp_path: Path) -> None:
+    file = tmp_path / "coarse.yaml"
+    file.write_text("grasp: {kind: membrane}\nmembrane: {spacing: 0.01}")
+    sim = bench.add(SimNode, scenario=str(file), target_timeout=1.0)
+    bench.call(Trigger, "sim/grasp", Trigger.Request())
+    assert sim.holder.grasped
+    sim.plant.grasp(np.array((0.0, 0.045, 0.0)))  # [m] through a rim's plane
+    assert bench.until(lambda: not sim.holder.grasped)
+    assert "tool pierces the left membrane" in sim.counters.last
+    then = sim.plant.time
+    assert bench.until(lambda: sim.plant.time > then + 0.05)
+    assert np.isfinite(sim.plant.X_CT).all()
+    assert bench.call(Trigger, "sim/grasp", Trigger.Request()).success
+
+
 def test_nodes_of_another_mesh_are_refused() -> None:
     nodes = {finger: np.arange(12.0).reshape(4, 3) for finger in ("left", "right")}
     message = membranes_to_message(Membranes(1.25, True, nodes))

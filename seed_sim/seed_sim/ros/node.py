@@ -25,6 +25,7 @@ from seed_core.vector3 import as_vector3
 from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_sim.closed_loop.run import start_pose
+from seed_sim.membrane import MembraneError
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.grip import PlantError
 from seed_sim.plant.plant import Plant
@@ -113,12 +114,23 @@ class SimNode(SeedNode):
 
     # the tick
     def _tick(self) -> None:
-        self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
+        try:
+            self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
+        except MembraneError as error:
+            self._lose_tool(str(error))
         self._outputs.publish(self.time.stamp, self.holder.grasped)
         self._latch.check(self.time.stamp)
         if self._latch.reason != self._reason_told:
             self._reason_told = self._latch.reason
             self._hold_reason.publish(String(data=self._reason_told))
+
+    def _lose_tool(self, why: str) -> None:
+        """The membranes hold the tool no more: the arm holds, and the tool stands in its holder again."""
+        text = f"the tool has left the grasp: {why}; call ~/grasp again"
+        self._latch.refused(text)
+        self.counters.add("tools_lost", text)
+        self.holder.release()
+        self._outputs.regrasped()
 
     def _measure(self) -> None:
         if self.time.measure(time.monotonic()):
