@@ -10,12 +10,15 @@ the kinematics go stale or invalid it decelerates to a hold, latched with the re
 from dataclasses import replace
 from math import inf
 
+import numpy as np
+
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact_watch import ContactWatch
+from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
 from seed_control.monitor.settings import ReferenceSettings
@@ -29,7 +32,7 @@ from seed_control.wrench.knowledge import WrenchKnowledge
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import checked
 from seed_core.errors import SeedError
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array, Wrench
 from seed_core.vector3 import as_vector3
@@ -53,6 +56,7 @@ class Controller:
         law: what turns set-points and images into gripper poses.
         checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
         pressure: whether the bubbles' pressures are those of the identification.
+        grasp_check: what speaks against the zero of this grasp.
         watch: what the contact says about clocks and swings.
     """
 
@@ -95,6 +99,7 @@ class Controller:
         self.references = References(checks, hand, tool, self.wrench_estimator)
         self.pressure = pressure or PressureCheck()
         self._guard = Guard(p, self._counting)
+        self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self._command = FlangeCommand(p, hand.X_EC)
         self._setpoint: Setpoint | None = None
@@ -118,6 +123,8 @@ class Controller:
         if self._inputs.bad_in_a_row >= MOST_BAD:
             self._guard.hold(self._counting.remark)
             self.references.new_grasp()
+            if NEW_GRASP in self._counting.remark:
+                self.grasp_check.new_grasp(self.law.measured)
         return good
 
     def add_arm_wrench(self, stamp: float, load: Wrench) -> None:
@@ -148,6 +155,7 @@ class Controller:
         self._setpoint = None
         self.law.release()
         self.watch.restart()
+        self.grasp_check.restart()
         self._guard.enable(True)
         self._inputs.count_from(t)
 
@@ -239,6 +247,16 @@ class Controller:
             self._guard.hold(self.references.why_hold)
         self.watch.update(m, self.law, self._inputs.history)
         self._guard.hold(self.watch.reason)
+        self.grasp_check.update(m, self._pressing(), self.wrench_estimator.mean_stiffness)
+        if self._guard.following and self.law.regulates_force:
+            self._guard.hold(self.grasp_check.reason)
+
+    def _pressing(self) -> Array | None:
+        """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""
+        plan = self.law.plan
+        if len(plan.normals) != 1 or not self._guard.following or not plan.wanted.any() or not self.law.gravity:
+            return None
+        return np.asarray(plan.normals[0] * np.sign(plan.wanted[0]))
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""

@@ -55,6 +55,9 @@ class ControllerParameters(MotionLimits):
     estimate_timeout: float = field(0.15, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
     max_estimate_age: float = field(0.3, unit="s", low=0.02, high=2.0, doc="oldest image that is still used")
     kinematics_timeout: float = field(0.1, unit="s", low=0.01, high=1.0, doc="longest gap between flange poses")
+    max_unloaded_force: float = field(
+        1.0, unit="N", low=0.1, high=100.0, doc="that a tool may seem to press with in free air; more holds an approach"
+    )
     max_stamp_error: float = field(
         0.07,
         unit="s",

@@ -10,6 +10,7 @@ from seed_core.spatial import Array
 
 LEAST = 10  # poses that are invalid; three in a row are enough
 LASTING = 0.3  # [s]; a controller holds after 0.15 s without a valid pose
+NEW_GRASP = "a new grasp is taken"  # in the reason of poses around such a moment
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 

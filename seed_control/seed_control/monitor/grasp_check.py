@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the zero of the grasp can be right, told without any image of the membranes.
+
+Two things show a grasp that was taken under load, whichever estimator gives the poses. A force that was there, and is
+gone after a new grasp though the arm has not moved. And a force that stays while the tool approaches through free air,
+where there can be none.
+"""
+
+import numpy as np
+
+from seed_control.wrench.estimate import Measurement
+from seed_core.hand import GRAVITY, Tool
+from seed_core.spatial import Array
+
+SOFTEST = 100.0  # [N/m] of a surface that is told from free air
+_CERTAIN = 2.0  # deviations of the force's rise per way, for either
+_WAY = 4e-3  # [m] along the force that an approach has to go, and further than across
+_MOST = 100  # images of it that are kept
+_STAYED = 1e-3, 0.02  # [m], [rad] by which an arm that stands still may seem to move
+_LEAST, _SHARE = 1.0, 0.3  # [N], and of the force before, by which a force that is kept may differ
+_NOISE = 4.0  # deviations of the estimated force
+_ALIKE = 0.25  # of the weight, by which a force may differ that a hanging tool explains
+
+
+class GraspCheck:
+    """`update` with each image, `new_grasp` where T is counted anew.
+
+    Attributes:
+        reason: why force must not be controlled with this grasp; '' while nothing speaks against it.
+    """
+
+    def __init__(self, tool: Tool, most: float) -> None:
+        """most: [N] that a tool in free air may seem to press."""
+        self._weight, self._most = tool.mass * GRAVITY, most
+        self._anew = self._loaded = ""
+        self._before: Measurement | None = None  # the last one of the grasp before
+        self._taken = False  # a new grasp has been taken since
+        self._rows: list[tuple[Array, Array]] | None = []  # of an approach: p_WC [m], force; None: it is judged
+
+    @property
+    def reason(self) -> str:
+        """The first thing that speaks against it."""
+        return self._anew or self._loaded
+
+    def restart(self) -> None:
+        """Enabled anew: an approach is to show again what it has shown."""
+        self._loaded, self._rows = "", []
+
+    def new_grasp(self, last: Measurement | None) -> None:
+        """T is counted anew; last: the newest measurement of the grasp before."""
+        if not self._taken:
+            self._before, self._taken = last, True
+        self._anew = ""
+        self.restart()
+
+    def update(self, m: Measurement, pressing: Array | None, stiffness: float) -> None:
+        """Take in a measurement.
+
+        Args:
+            pressing: (3,) direction of the wanted force, in W; None where none is, or along several directions.
+            stiffness: of the grasp [N/m].
+        """
+        if self._taken:
+            self._taken = False
+            self._compare(m, stiffness)
+        if pressing is None:
+            self._rows = []
+        elif self._rows is not None:
+            self._approach(m, pressing, stiffness * m.variance**0.5)
+
+    def _compare(self, m: Measurement, stiffness: float) -> None:
+        """The first image of a new grasp with the last of the one before."""
+        before = self._before
+        if before is None:
+            return
+        step = m.X_WC[:3, 3] - before.X_WC[:3, 3]
+        turn = float(np.abs(m.X_WC[:3, :3] - before.X_WC[:3, :3]).max())
+        if float(np.sqrt(step @ step)) > _STAYED[0] or turn > _STAYED[1]:
+            return
+        was, force = before.on_environment.force, m.on_environment.force
+        size, gone = float(np.sqrt(was @ was)), float(np.sqrt((was - force) @ (was - force)))
+        if gone > max(_LEAST, _SHARE * size, _NOISE * stiffness * (before.variance + m.variance) ** 0.5):
+            self._anew = (
+                f"the grasp was taken anew while the tool was loaded: {gone:.1f} of {size:.1f} N are gone though the "
+                "arm has not moved, so forces would be off by as much: initialize the grasp free of load"
+            )
+
+    def _approach(self, m: Measurement, pressing: Array, noise: float) -> None:
+        """Where the gripper goes on and the force does not rise, there is no contact and no force."""
+        assert self._rows is not None
+        self._rows = [*self._rows[1 - _MOST :], (m.X_WC[:3, 3], m.on_environment.force)]
+        places, forces = np.array([p for p, _ in self._rows]), np.array([f for _, f in self._rows])
+        heights = places @ pressing
+        across = places - np.outer(heights, pressing)
+        if float(np.ptp(heights)) < max(_WAY, float(np.ptp(across, axis=0).max())):
+            return  # a surface may rise and fall under a tool that wipes
+        way = heights - heights.mean()
+        square = float(way @ way)
+        rise = float(way @ (forces @ pressing)) / square  # [N/m]
+        deviation = _CERTAIN * noise / square**0.5
+        if rise - deviation > SOFTEST:  # it touches
+            self._rows = None
+        elif rise + deviation < SOFTEST:
+            self._judge(forces.mean(axis=0), noise / len(heights) ** 0.5)
+            self._rows = None
+
+    def _judge(self, force: Array, deviation: float) -> None:
+        """A force (3,) [N] that was seen in free air."""
+        size = float(np.sqrt(force @ force))
+        if size <= self._most + _NOISE * deviation:
+            return
+        hung = float(np.abs(force + np.array((0.0, 0.0, self._weight))).max()) < _ALIKE * self._weight
+        why = f"the grasp was taken while the tool hung ({self._weight:.1f} N)" if hung else "the grasp was loaded then"
+        self._loaded = (
+            f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "
+            "stiffness are wrong; initialize the grasp free of load"
+        )

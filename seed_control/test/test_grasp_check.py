@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A grasp that was taken under load, told by a controller that sees no image of it."""
+
+import numpy as np
+import pytest
+from quasi_static import Bench
+
+from seed_core.hand import DEFAULT_STIFFNESS, Tool
+from seed_core.spatial import inverse_pose, make_pose
+
+NOISE = 3e-4  # [m]
+K = np.array(DEFAULT_STIFFNESS.translation)
+
+
+def taken_under(force: float) -> Bench:
+    """The grasp was taken while something pulled at the tool with so many newtons, upwards."""
+    bench = Bench(noise=NOISE)
+    down = bench.X_WE[:3, :3].T @ np.array((0.0, 0.0, force))  # C is turned as the flange is
+    bench.X_TT_new = inverse_pose(make_pose(None, down / K))
+    return bench
+
+
+def until_contact(bench: Bench) -> Bench:
+    while bench.force == 0.0 and bench.state.mode != "holding" and bench.t < 5.0:
+        bench.step()
+    return bench
+
+
+@pytest.mark.parametrize("mass", [0.15, 0.2, 0.4])
+def test_a_tool_that_hung_is_told_before_it_touches(mass: float) -> None:
+    bench = Bench(tool=Tool(mass=mass), noise=NOISE)
+    bench.X_TT_new = inverse_pose(bench.grasp())
+    bench.enabled()
+    bench.press(8.0)
+    until_contact(bench)
+    assert bench.state.mode == "holding"
+    assert f"the tool hung ({mass * 9.81:.1f} N)" in bench.state.reason
+    assert bench.force == 0.0
+
+
+@pytest.mark.parametrize("force", [2.0, 5.0, -6.0])
+def test_a_tool_that_was_pressed_is_told_before_it_touches(force: float) -> None:
+    bench = taken_under(force).enabled()
+    bench.press(10.0)
+    until_contact(bench)
+    assert bench.state.mode == "holding"
+    assert f"with {abs(force):.0f}" in bench.state.reason or "in free air" in bench.state.reason
+    assert bench.force == 0.0
+
+
+@pytest.mark.parametrize("k_table", [500.0, 4e4])
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_a_grasp_free_of_load_presses(k_table: float, scale: float) -> None:
+    bench = Bench(k_table=k_table, noise=NOISE / scale, stiffness=DEFAULT_STIFFNESS.scaled(scale)).enabled()
+    for force in (4.0, 8.0, 4.0):  # from contact, too
+        bench.press(force)
+        bench.run(2.0)
+        bench.controller.disable(bench.t, "asked")
+        bench.run(0.2)
+        bench.controller.enable(bench.t)
+        bench.press(force)
+        state = bench.run(1.5)
+        assert state.mode != "holding", state.reason  # a stiff grasp approaches slowly
+        assert not bench.controller.grasp_check.reason
+
+
+def test_a_grasp_taken_anew_while_pressed_must_not_press_again() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.initialize_grasp()
+    bench.run(1.0)
+    bench.controller.enable(bench.t)
+    bench.press(10.0)
+    state = bench.run(3.0)
+    assert state.mode == "holding"
+    assert "taken anew while the tool was loaded" in state.reason
+    assert max(bench.forces) < 12.0
+
+
+def test_a_zero_that_is_kept_by_a_new_grasp_presses_on() -> None:
+    """As of an estimator that sees from the dots how far the membranes are dragged."""
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    bench.regrasp.begin("grasp")
+    bench.run(0.2)
+    bench.regrasp.end()
+    bench.run(1.0)
+    bench.controller.enable(bench.t)
+    bench.press(10.0)
+    assert bench.run(3.0).mode == "contact"
+    assert abs(bench.force - 10.0) < 0.1
