@@ -17,7 +17,7 @@ from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
-from seed_control.monitor.contact_watch import ContactWatch
+from seed_control.monitor.contact.contact_watch import ContactWatch
 from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References

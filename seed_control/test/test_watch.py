@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from quasi_static import DT, Bench
 
-from seed_control.monitor.swing import LEGS, Swing
+from seed_control.monitor.contact.swing import LEGS, Swing
 from seed_core.hand import DEFAULT_STIFFNESS
 
 NOISE = 3e-4  # [m]

@@ -67,3 +67,13 @@ def test_whatever_comes_a_set_is_within_tolerance_and_queues_stay_short(events: 
         assert set(items) == set("abcd")
         assert max(items.values()) - min(items.values()) <= 0.05
         assert oldest == min(items.values())
+
+
+def test_the_skew_of_the_last_set_is_told() -> None:
+    pairing = Pairing[str](("left", "right"), 0.012)
+    pairing.add("left", 1.0, "a")
+    assert pairing.add("right", 1.011, "b") is not None
+    assert abs(pairing.skew - 0.011) < 1e-9
+    pairing.add("left", 2.0, "c")
+    assert pairing.add("right", 2.02, "d") is None  # too far apart to be one moment
+    assert abs(pairing.skew - 0.011) < 1e-9

@@ -93,13 +93,14 @@ class ImageInputs:
                 )
             node.loop.poll(CameraInfo, f"bubble_{finger}/{INFO}", partial(self._on_info, finger), SENSOR)
 
-    def counts(self) -> dict[str, int]:
-        """Paired sets, and images that found no partner or came out of order."""
+    def counts(self) -> dict[str, float]:
+        """Paired sets, images that found no partner or came out of order, and how far apart the last stamps were."""
         pairings: list[Pairing[Any]] = [self._both, *self._images.values()]
         return {
             "pairs": self._both.complete,
             "images_unpaired": sum(p.unpaired for p in pairings),
             "images_out_of_order": sum(p.backwards for p in pairings),
+            "finger_skew_ms": 1e3 * self._both.skew,
         }
 
     def _on_info(self, finger: str, message: CameraInfo) -> None:

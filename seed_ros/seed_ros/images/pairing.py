@@ -22,6 +22,7 @@ class Pairing(Generic[T]):
         self._depth = depth
         self._newest: dict[str, float] = dict.fromkeys(streams, -math.inf)
         self.complete = 0
+        self.skew = 0.0  # [s] between the oldest and the newest stamp of the last set
         self.unpaired = 0
         self.backwards = 0
 
@@ -60,8 +61,9 @@ class Pairing(Generic[T]):
         while all(self._queues.values()):
             heads = {name: queue[0][0] for name, queue in self._queues.items()}
             oldest = min(heads, key=lambda name: heads[name])
-            if max(heads.values()) - heads[oldest] <= self.tolerance:
-                self.complete += 1
+            skew = max(heads.values()) - heads[oldest]
+            if skew <= self.tolerance:
+                self.complete, self.skew = self.complete + 1, skew
                 return heads[oldest], {name: queue.popleft()[1] for name, queue in self._queues.items()}
             self._queues[oldest].popleft()
             self.unpaired += 1

@@ -6,9 +6,9 @@ from math import inf
 import numpy as np
 
 from seed_control.law.published import PublishedLaw
-from seed_control.monitor.contact_motion import ContactMotion
-from seed_control.monitor.late_stamps import LateStamps
-from seed_control.monitor.swing import Swing
+from seed_control.monitor.contact.contact_motion import ContactMotion
+from seed_control.monitor.contact.late_stamps import LateStamps
+from seed_control.monitor.contact.swing import Swing
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.history import PoseHistory

@@ -8,7 +8,7 @@ the surface moves first and the gripper follows late, so that the deflection is 
 from collections import deque
 from itertools import pairwise
 
-from seed_control.monitor.contact_motion import Followed
+from seed_control.monitor.contact.contact_motion import Followed
 
 LEGS = 4  # from one turn to the next
 _SHORTEST, _LONGEST = 0.05, 0.6  # [s] of a leg

@@ -6,7 +6,7 @@ up, the grasp is deflected as the gripper moves, and the image says when. See co
 fall under a tool that wipes; one that is as steep as a press is not believed.
 """
 
-from seed_control.monitor.contact_motion import Followed
+from seed_control.monitor.contact.contact_motion import Followed
 from seed_control.parameters import ControllerParameters
 
 _KNOWN = 0.012  # [s] of deviation, from which on the stamp error counts as told
