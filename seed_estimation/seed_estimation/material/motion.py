@@ -38,6 +38,7 @@ STEPS = 3  # at most, of one frame
 DONE = 2e-5  # [m] of the patch's mean motion in one step: the next would be a fraction of it
 FOUND = 0.5  # [1] of the image that the motion must explain
 OWN = 0.5  # [1] deviations of the fit's own information
+UNCLEAR = 0.2  # [1] share of what is not rigid by which the rigid part is uncertain
 SCATTER = 0.65  # [1] deviations of how far pieces of the patch contradict each other
 ONE = np.float32(1.0)
 
@@ -146,8 +147,9 @@ class MaterialTracker:
         """What was found, as the rigid part and the remainder."""
         after = X[:3, :3] @ (self._area + F @ self._area_powers) + X[:3, 3:]
         X_CM = rigid_motion(self._area, after)
-        covariance = self._covariance(X)
         beyond = X_CM[:3, :3].T @ (after - X_CM[:3, 3:]) - self._area
+        size = float(np.sqrt(np.square(beyond).sum(axis=0).mean()))
+        covariance = self._covariance(X) + self._unclear(size, X_CM)
         self._X, self._F = X_CM, beyond @ self._field_of
         return MaterialMotion(X_CM, covariance, deformation(X_CM, self._area, after), explained)
 
@@ -160,3 +162,13 @@ class MaterialTracker:
         R[:3, :3] = R[3:, 3:] = X[:3, :3]
         J = R @ self._rigid_of
         return np.asarray(J @ C @ J.T)
+
+    def _unclear(self, size: float, X_CM: Array) -> Array:
+        """(6, 6) of the rigid part of a patch that is not rigid: which of it touches is known to a pixel or two only.
+
+        size: root mean square of what is not rigid [m].
+        """
+        turn, way = (UNCLEAR * size / self.patch.size) ** 2, (UNCLEAR * size) ** 2
+        about = np.eye(6)  # from the patch's middle to C
+        about[3:, :3] = skew(X_CM[:3, :3] @ self._area.mean(axis=1) + X_CM[:3, 3])
+        return np.asarray(about @ np.diag((turn, turn, turn, way, way, way)) @ about.T)
