@@ -143,6 +143,14 @@ def test_covariance_has_the_estimates_the_coefficients_and_the_residuals_share()
     assert_allclose(np.diag(more), np.var(loads, axis=0), rtol=0.15)
 
 
+def test_the_residual_grows_with_the_motion() -> None:
+    file = replace(made(), motion=4.0)
+    small, large = (pose_from_rpy((0, 0, 0), (x, 0, 0)) for x in (0.0005, 0.008))  # squares 1/16 and 16 scales
+    for X, growth in ((small, 0.1), (large, 4.0)):
+        more = MembraneMap(file).spring(stuck(X)).covariance - MembraneMap(made()).spring(stuck(X)).covariance
+        assert_allclose(more[4, 4], 0.1**2 * (growth - 1.0), rtol=1e-6)
+
+
 def test_without_motion_of_both_membranes_there_is_no_wrench() -> None:
     model, good = MembraneMap(made()), stuck(np.eye(4))
     lost = replace(good.membrane[0], deformation=np.zeros(0))

@@ -23,6 +23,7 @@ RIGID = ("roll", "pitch", "yaw", "x", "y", "z")
 DEFORMATION = ("x by u", "z by v", "shear", "x by uu", "x by uv", "x by vv", "z by uu", "z by uv", "z by vv")
 OF_FINGER = (*RIGID, *DEFORMATION, "pressure")
 NAMES = tuple(f"{name}{part}" for part in "+-" for name in OF_FINGER)
+STICKING = [NAMES.index(n) for n in ("roll-", "pitch+", "yaw-", "x+", "y-", "z+")]  # what a tool that sticks moves
 COUNT = len(NAMES)  # 32
 PER_FINGER = len(OF_FINGER)  # 16
 MIRROR = np.array((-1.0, 1.0, -1.0, 1.0, -1.0, 1.0) + (1.0,) * 10)  # sign of each in the mirror

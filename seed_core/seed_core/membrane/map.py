@@ -24,6 +24,7 @@ from seed_core.membrane.features import (
     RIGID,
     SCALE,
     SCALES,
+    STICKING,
     FeatureError,
     Motions,
     by_finger,
@@ -38,6 +39,7 @@ from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
+STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, FOLLOWED = 0.15, 0.02  # motion [scales] that counts as none; share by which pressures at the grasp follow then
 OFF_PRESSURE = 0.03  # a pressure off the identified ones by more than this share is of another grip, membrane or unit
@@ -111,7 +113,7 @@ class MembraneMap:
         w_C, leverage = self._coefficients @ terms, self._spread @ terms
         squared = float(leverage @ leverage)
         covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
-        covariance[_DIAGONAL] += self._variance * (1.0 + squared)
+        covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared)
         X_TC = inverse_pose(estimate.X_CT)
         self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)
@@ -124,6 +126,11 @@ class MembraneMap:
         if self._last is None:
             return Stiffness.from_vector(self._rest)
         return Stiffness.from_vector(np.maximum(self._local_stiffness(*self._last), LEAST_STIFFNESS * self._rest))
+
+    def _growth(self, z: Array) -> float:
+        """Of the residual's variance with the square of the motion, 1 at the mean of what was identified."""
+        still = z[STICKING]
+        return max(STILL, float(still @ still) / self.file.motion) if self.file.motion > 0.0 else 1.0
 
     def grasped(self, left: float, right: float) -> None:
         """Pressures [hPa] at the grasp, from which rises count; else they are those seen while nothing moves."""

@@ -81,6 +81,7 @@ class MembraneMapFile:
     largest: tuple[float, ...] = field(low=0.0, high=1e6, doc="of each feature among the poses identified, in scales")
     leverage: float = field(low=0.0, high=1e9, doc="largest |spread . terms|^2 among the poses identified")
     grips: tuple[GripMap, ...] = field(doc="at least one")
+    motion: float = field(0.0, low=0.0, high=1e6, doc="mean squared motion of a sticking tool identified; 0: not told")
     version: int = field(1, low=1, high=1, doc="of this format")
 
     def __post_init__(self) -> None:

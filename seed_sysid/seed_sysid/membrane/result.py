@@ -10,7 +10,7 @@ from seed_core.membrane.map import MembraneMap
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, term_names, texts
 from seed_core.spatial import Array
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, grip_coordinate, rms
-from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS, indices, values
+from seed_sysid.membrane.terms import DEFAULT_MODEL, MAIN, MODELS, indices, values
 from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS
 
 _LEAST_STD = np.array([1e-5] * 3 + [1e-4] * 3)  # [N m, N]
@@ -56,6 +56,7 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
         largest=tuple(np.abs(data.Z).max(axis=0).round(6).tolist()),
         leverage=float(leverage.max()),
         grips=tuple(grips),
+        motion=float((data.Z[:, list(MAIN)] ** 2).sum(axis=1).mean()),
     )
     for grip in file.grips:
         MembraneMap(file, grip)  # refuses a stiffness that is not positive

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seed_core.membrane.features import COUNT, NAMES, PER_FINGER, WRENCH_MIRROR
+from seed_core.membrane.features import COUNT, PER_FINGER, STICKING, WRENCH_MIRROR
 from seed_core.membrane.map_file import MOST_FACTORS
 from seed_core.spatial import Array
 
@@ -25,7 +25,7 @@ PARITY = np.where(np.arange(COUNT) < PER_FINGER, 1.0, -1.0)  # of features in th
 PARITY_XZ = np.tile(np.array([_OF_FINGER_X, _OF_FINGER_Z], dtype=float), 2)  # (2, COUNT)
 PRESSURES = tuple(i for i in range(COUNT) if i % PER_FINGER == PER_FINGER - 1)
 RIGID = tuple(i for i in range(COUNT) if i % PER_FINGER < 6)
-MAIN = tuple(NAMES.index(n) for n in ("roll-", "pitch+", "yaw-", "x+", "y-", "z+"))  # what a sticking tool moves
+MAIN = tuple(STICKING)  # what a sticking tool moves
 APART = tuple(i for i in RIGID if i not in MAIN)
 DEFORMING = tuple(i for i in range(COUNT) if i not in RIGID and i not in PRESSURES)
 WRENCH_PARITY = np.array([WRENCH_MIRROR, (1, -1, -1, -1, 1, 1), (-1, -1, 1, 1, 1, -1)], dtype=float).T  # (6, 3)
