@@ -170,6 +170,18 @@ def test_the_correction_finds_offset_and_scale_once_both_are_excited() -> None:
     assert_allclose(more.force, (0.0, 0.0, 0.4 + 0.3), atol=0.15)
 
 
+def test_noise_of_a_light_tool_is_not_taken_for_a_scale() -> None:
+    """0.2 N of weight under 0.24 N of noise for a minute: both agree on the mean, and nothing is mended."""
+    rng, correction = np.random.default_rng(5), Correction(ReferenceSettings())
+    C, D = np.diag([1e-3] * 3 + [0.0576] * 3), np.diag([1e-4] * 3 + [2.5e-3] * 3)
+    for i in range(600):
+        reference = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.2 if i % 100 < 50 else -1.8))
+        told = reference + np.sqrt(C.diagonal()) * rng.standard_normal(6)
+        correction.learn(0.1 * i, told, reference, C, D)
+        correction.advance(0.1 * i, told)
+        assert not correction.active
+
+
 def test_the_correction_is_bounded() -> None:
     settings = ReferenceSettings(correction_offset=1.0, correction_share=0.1)
     correction = Correction(settings)

@@ -20,6 +20,7 @@ _PRIOR = np.array((0.1, 0.1, 0.1, 0.6, 0.6, 0.6, 0.1, 0.1, 0.1)) ** 2  # [N m, N
 _WALK = np.array((2e-3, 2e-3, 2e-3, 0.02, 0.02, 0.02, 5e-3, 5e-3, 5e-3)) ** 2  # per second
 _SLOWLY = 0.6  # [s] in which a correction comes in
 _CORRELATION = 3.0  # how many times longer than a sample's distance errors stay alike
+_LEAST_SCALE = 0.5  # that a load is divided by
 _NOTHING = 1e-3  # of a correction that has gone
 _LEVER = 0.1  # [m] over which a force of that bound makes the torque's
 _BEGIN, _END = 3.5, 2.0  # standard deviations at which a correction begins and ends
@@ -50,7 +51,9 @@ class Correction:
         self._stamp, self._systematic = max(stamp, self._stamp), systematic
         P = self._P + dt * np.diag(_WALK)
         P = np.where(np.eye(9, dtype=bool), np.minimum(P, np.diag(_PRIOR)), P)
-        H = _rows(told)
+        # The load by the reference, not as told: noise of what is told would pass for a scale that is too large.
+        load = (reference[3:] - self._x[3:6]) / np.maximum(1.0 + self._x[6:], _LEAST_SCALE)
+        H = _rows(np.concatenate((told[:3], load)))
         PHt = P @ H.T
         S = H @ PHt + _CORRELATION * random + systematic
         gain = np.linalg.solve(S, PHt.T).T
