@@ -170,6 +170,25 @@ def test_command_prints_one_json_object(tmp_path, capsys):
     assert figure.stat().st_size > 10000
 
 
+def test_pose_is_found_on_membranes_with_mechanics(tmp_path, capsys):
+    file = tmp_path / "membrane.yaml"
+    file.write_text(
+        "grasp: {kind: membrane}\nmembrane: {spacing: 0.006}\ntrajectory: {duration: 1.5, scale: 0.25}\n"
+        "tactile: {tool: {kind: box, radius: 0.012, width: 0.03, length: 0.04}}",
+        encoding="utf-8",
+    )
+    assert validate.main(["estimator", "--scenario", str(file), "--seed", "9", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["valid_fraction"] == 1.0
+    assert max(out["rmse"][f"{axis}_mm"] for axis in "xyz") < 0.15
+    assert max(out["rmse"][f"{axis}_deg"] for axis in ("roll", "pitch", "yaw")) < 0.6
+    assert 0.0 < out["sliding_share"]["mean"] < out["sliding_share"]["max"] < 0.9
+    calibrated = tmp_path / "calibrated.yaml"
+    calibrated.write_text(file.read_text() + "\ncalibrate: true")
+    assert validate.main(["estimator", "--scenario", str(calibrated)]) != 0
+    assert "bushing only" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "word"), [("trajectory: {rate: 0}", "rate"), ("tactile: {squeez: 1}", "squeez"), ("tactile: 3", "tactile")]
 )
