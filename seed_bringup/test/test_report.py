@@ -4,18 +4,25 @@
 import multiprocessing
 import re
 import signal
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seed_bringup.commands.demo import _parser
 from seed_bringup.demo.baselines import running_baselines
-from seed_bringup.demo.figures import force_and_torque, relative_pose
+from seed_bringup.demo.figures import force_and_torque, relative_pose, true_and_believed
+from seed_bringup.demo.hidden import HIDDEN
+from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
-from seed_bringup.demo.score import Curve, Phase
+from seed_bringup.demo.score import Belief, Curve, Phase, deviations, score_of_belief
 from seed_bringup.demo.series import Series
+from seed_core.errors import SeedError
 from seed_core.spatial import pose_from_rpy
+from seed_sim.closed_loop.recording import Recording
+from seed_sim.scenario import load_scenario
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(20)
 
@@ -90,6 +97,62 @@ def test_numbers_stand_where_they_belong_and_missing_ones_are_dashes(report: Rep
     lines = text_table(report.scores).splitlines()
     assert [line.split()[0] for line in lines[1:]] == ["SEED", "open"]
     assert lines[1].split()[1:] == ["0.12", "0.020", "1.5"]
+
+
+def test_the_figure_of_belief_stands_in_the_report_with_what_was_hidden(report: Report) -> None:
+    t = np.linspace(0.0, 6.0, 200)
+    run = Belief(t, np.full(200, 9.8), np.full(200, 10.1), np.full(200, 0.2), np.full(200, 10.0))
+    figure = true_and_believed(run, (3.0, 6.0), [Phase("wipe", 2.0, 6.0)])
+    assert "<!-- believed, with 2 stated deviations -->" in figure
+    told = {"believed_z": {"rmse": 0.11, "error": 0.31, "bias": 0.3, "stated": 0.2, "in_band": 0.954}}
+    html = replace(report, belief_figure=figure, hidden="<a>", scores={"seed": a_score(0.2) | told}).html()
+    assert "&lt;a&gt;" in html
+    assert "<b>95 %</b><span>truth in band</span>" in html
+    assert "<b>0.11 N</b><span>believed error rms</span>" in html
+    assert "truth in band" not in report.html()  # nothing is known of it there
+    page = Links()
+    page.feed(html)
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
+    """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
+    n, rng = 20000, np.random.default_rng(3)
+    force, ones = np.tile((0.0, 0.0, -10.0), (n, 1)), np.ones((n, 3))
+    rows = {
+        "t": np.arange(n) * 1e-3 + 5.0,
+        "phase": np.zeros(n, int),
+        "force": force,
+        "wanted_force": force,
+        "believed_force": force + 0.3 * rng.normal(size=(n, 3)),
+    }
+    for stated, share in ((0.3, 0.9545), (0.15, 0.6827)):
+        score = score_of_belief(Recording(["wipe"], rows={**rows, "stated_force": stated * ones}), "wipe")
+        assert score is not None
+        assert score["in_band"] == pytest.approx(share, abs=0.01)
+        assert score["error"] == pytest.approx(0.3, rel=0.03)
+
+
+def test_deviations_are_turned_into_the_axes_of_the_task() -> None:
+    C, R = np.diag((1.0, 4.0, 9.0)), pose_from_rpy([np.pi / 2, 0.0, 0.0], [0.0, 0.0, 0.0])[:3, :3]
+    np.testing.assert_allclose(deviations(C[None], R), [[1.0, 3.0, 2.0]], atol=1e-12)
+
+
+def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(tmp_path: Path) -> None:
+    plans = [
+        plan(_parser().parse_args(["--world", "hidden", "--seed", str(seed), "--out", str(tmp_path / name)]))
+        for name, seed in (("a", 5), ("b", 5), ("c", 11))
+    ]
+    first, again, other = (load_scenario(p.scenario_name) for p in plans)
+    assert plans[0].scenario_name == str(tmp_path / "a" / HIDDEN)
+    assert first == again == plans[0].scenario
+    assert first.grasp.kind == "membrane"
+    assert first.membrane.Et != other.membrane.Et
+    assert first.tool_mass != first.tool.mass
+    assert first.grasp.believed is None
+    assert "--world hidden" in plans[0].command
+    with pytest.raises(SeedError, match="rigid_fit"):
+        plan(_parser().parse_args(["--world", "hidden", "--estimator", "truth", "--out", str(tmp_path / "d")]))
 
 
 def test_ctrl_c_is_not_for_the_processes_of_the_baselines() -> None:

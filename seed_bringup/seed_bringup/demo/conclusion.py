@@ -9,25 +9,32 @@ from typing import Any
 import numpy as np
 
 from seed_bringup.demo.baselines import Baseline
-from seed_bringup.demo.figures import force_and_torque, relative_pose
+from seed_bringup.demo.figures import force_and_torque, relative_pose, true_and_believed
+from seed_bringup.demo.hidden import Findings
 from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import Plan
 from seed_bringup.demo.report import Report, text_table
-from seed_bringup.demo.score import Phase, curve_of, recording_of, scored_stretch
+from seed_bringup.demo.score import Phase, belief_of, curve_of, recording_of, score_of_belief, scored_stretch
 from seed_bringup.demo.series import Series
 from seed_bringup.demo.terminal import say
 from seed_core.program.command_line import to_json
 from seed_core.spatial import rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 
-FORCE_BOUND, TORQUE_BOUND = 0.5, 0.08  # [N], [N m] rms
+BOUNDS, HIDDEN_BOUNDS = (0.5, 0.08), (1.0, 0.15)  # [N], [N m] rms, of a known and of a hidden world
 GAP = 0.3  # [s] in the recording above which the score is not to be trusted
 SLOW = 0.98  # real-time factor below which it is said
 
 
-def conclude(asked: Plan, live: LiveRun, series: dict[str, Series], baselines: dict[str, Baseline]) -> bool:
+def conclude(
+    asked: Plan,
+    live: LiveRun,
+    series: dict[str, Series],
+    baselines: dict[str, Baseline],
+    findings: Findings | None = None,
+) -> bool:
     """Score the run, write summary.json and report.html, and say what they say; whether the force was held."""
-    done = _Conclusion(asked, live, series, baselines)
+    done = _Conclusion(asked, live, series, baselines, findings)
     gap = float(np.diff(done.recording["t"], prepend=0.0).max())
     if gap > GAP:
         say(f"the recording has a gap of {gap:.1f} s: the machine was too busy; the score may mislead")
@@ -36,8 +43,18 @@ def conclude(asked: Plan, live: LiveRun, series: dict[str, Series], baselines: d
     print(f"\n{text_table(done.scores)}\n")
     if live.real_time_factor < SLOW:
         say(f"the simulation ran at {live.real_time_factor:.2f} of real time: this machine was busy")
-    say(f"force {'held' if done.held else 'NOT held'} (at most {FORCE_BOUND} N and {TORQUE_BOUND} N m rms)")
+    if done.belief is not None:
+        say(belief_words(done.belief))
+    force, torque = done.bounds
+    say(f"force {'held' if done.held else 'NOT held'} (at most {force} N and {torque} N m rms)")
     return done.held
+
+
+def belief_words(belief: dict[str, Any]) -> str:
+    """Whether the controller knew the force, in words."""
+    share, off = belief["in_band"], belief["error"]
+    words = f"believed and true force differ by {off:.2f} N rms, {belief['stated']:.2f} N are stated"
+    return f"{words}; the truth lay within two stated deviations for {share:.0%} of the time"
 
 
 @dataclass(frozen=True)
@@ -48,6 +65,18 @@ class _Conclusion:
     live: LiveRun
     series: dict[str, Series]
     baselines: dict[str, Baseline]
+    findings: Findings | None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Largest rms of force [N] and torque [N m] that count as held."""
+        return HIDDEN_BOUNDS if self.asked.hidden else BOUNDS
+
+    @property
+    def belief(self) -> dict[str, Any] | None:
+        """Of believed against true force."""
+        found: dict[str, Any] | None = self.score["believed_z"]
+        return found
 
     @cached_property
     def recording(self) -> Recording:
@@ -55,7 +84,8 @@ class _Conclusion:
 
     @cached_property
     def score(self) -> dict[str, Any]:
-        own = score(self.recording, scored_phase(self.asked.task))
+        phase = scored_phase(self.asked.task)
+        own = score(self.recording, phase) | {"believed_z": score_of_belief(self.recording, phase)}
         return own | {"finished": True, "real_time_factor": self.live.real_time_factor}
 
     @property
@@ -65,7 +95,7 @@ class _Conclusion:
     @property
     def held(self) -> bool:
         force, torque = self.score["force_z"]["rmse"], self.score["torque_x"]["rmse"]
-        return bool(self.score["samples"] > 0 and force <= FORCE_BOUND and torque <= TORQUE_BOUND)
+        return bool(self.score["samples"] > 0 and force <= self.bounds[0] and torque <= self.bounds[1])
 
     @property
     def phases(self) -> list[Phase]:
@@ -82,7 +112,9 @@ class _Conclusion:
             "law": self.asked.options.law,
             "robot": self.asked.robot["robot"],
             "held": self.held,
-            "bounds": {"force_z_rmse": FORCE_BOUND, "torque_x_rmse": TORQUE_BOUND},
+            "bounds": dict(zip(("force_z_rmse", "torque_x_rmse"), self.bounds, strict=True)),
+            "world": "hidden" if self.asked.hidden else "known",
+            "found": self.findings.figures if self.findings else None,
             **self.score,
             "baselines": {law: b.score for law, b in self.baselines.items()},
             "phases": [p._asdict() for p in self.phases],
@@ -111,12 +143,19 @@ class _Conclusion:
             held=self.held,
             scores=self.scores,
             force_figure=force_and_torque(runs, wanted, band, phases),
+            belief_figure=true_and_believed(belief_of(self.recording), band, phases),
+            hidden=self._hidden(),
             pose_figure=relative_pose(estimated, true, phases),
             pictures=self.live.pictures,
             details=self._details(),
             source="the true pose" if estimator == "truth" else f"tactile images ({estimator})",
             replay="replay.html" if (self.asked.folder / "replay.html").is_file() else "",
         )
+
+    def _hidden(self) -> str:
+        if self.findings is None:
+            return ""
+        return f"{self.findings.words} In this run {belief_words(self.belief)}." if self.belief else self.findings.words
 
     def _details(self) -> dict[str, str]:
         contact, frame, scenario = self.recording.contact_time, self.asked.task.frame, self.asked.scenario

@@ -11,7 +11,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seed_bringup.demo.score import Curve, Phase
+from seed_bringup.demo.score import BAND, Belief, Curve, Phase
 from seed_bringup.demo.series import Series
 from seed_core.spatial import Array, rpy_from_rotation
 
@@ -52,6 +52,39 @@ def force_and_torque(
         torques = [np.abs(run.torque[(run.t >= band[0]) & (run.t <= band[1])]) for run in runs.values()]
         worst = max(0.1, *(float(np.percentile(q, 99, method="nearest")) for q in torques if q.size))
         bottom.set_ylim(-1.3 * worst, 1.6 * worst)
+        return svg(figure)
+
+
+def true_and_believed(run: Belief, band: tuple[float, float], phases: list[Phase]) -> str:
+    """True, believed and wanted pressing force [N] over time, and below what truth and belief differ by.
+
+    The band is of BAND stated deviations either way. band: the scored stretch [s].
+    """
+    with style.context(STYLE):
+        figure = Figure(figsize=(9.6, 5.6), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        wide = BAND * run.deviation
+        label = f"believed, with {BAND:g} stated deviations"
+        top.fill_between(run.t, run.believed - wide, run.believed + wide, color=ORANGE, alpha=0.22, lw=0, zorder=2)
+        top.plot(run.t, run.wanted, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=3, label="wanted")
+        top.plot(run.t, run.believed, color=ORANGE, lw=1.2, zorder=4, label=label)
+        top.plot(run.t, run.true, color=BLUE, lw=1.6, zorder=5, label="true, of the simulated contact")
+        bottom.fill_between(run.t, -wide, wide, color=ORANGE, alpha=0.22, lw=0, zorder=2)
+        bottom.plot(run.t, run.true - run.believed, color=BLUE, lw=1.2, zorder=4)
+        bottom.axhline(0.0, color=ORANGE, lw=1.0, zorder=3)
+        size = max(float(np.abs(run.wanted).max()), 0.5)
+        top.set_ylim(-0.12 * size, 1.6 * size)
+        inside = (run.t >= band[0]) & (run.t <= band[1])
+        both = np.concatenate([np.abs(run.true - run.believed)[inside], wide[inside]])
+        most = float(np.percentile(both, 99)) if both.size else 0.1 * size
+        bottom.set_ylim(-1.5 * most - 0.05, 1.5 * most + 0.05)
+        for axis, name in ((top, "pressing force [N]"), (bottom, "true - believed [N]")):
+            axis.set_ylabel(name)
+            axis.axvspan(*band, color=BLUE, alpha=0.06, lw=0)
+        _name_phases(top, phases)
+        top.legend(loc="upper left", fontsize=9)
+        bottom.set_xlabel("time [s]")
+        bottom.set_xlim(float(run.t[0]), float(run.t[-1]))
         return svg(figure)
 
 

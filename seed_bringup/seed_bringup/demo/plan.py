@@ -6,18 +6,27 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from seed_bringup.demo.hidden import HIDDEN, hide, write_scenario
 from seed_control.tasks import Task, load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import results_folder
 from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
 from seed_sim.scenario import Scenario, load_scenario
 
+SEEING = "rigid_fit"  # the estimator that tells what the membranes do
 STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The options and what they name; robot: the launch arguments `robot` and `robot_ip`; folder: of the results."""
+    """The options and what they name.
+
+    Attributes:
+        robot: the launch arguments `robot` and `robot_ip`.
+        scenario_name: a name or a file, as the simulation is told of it. scenario: the same, loaded.
+        folder: of the results.
+        hidden: the scenario is a world that estimator and controller are not told of.
+    """
 
     options: argparse.Namespace
     robot: dict[str, str]
@@ -25,12 +34,14 @@ class Plan:
     scenario_name: str
     scenario: Scenario
     folder: Path
+    hidden: bool = False
 
     @property
     def command(self) -> str:
         """What to type to get this again."""
         o = self.options
         words = ["./seed demo", "--task", o.task, "--seed", o.seed, "--estimator", o.estimator]
+        words += ["--world", "hidden" if self.hidden else "known"]
         words += [] if o.force is None else ["--force", f"{o.force:g}"]
         words += [] if o.scenario is None else ["--scenario", o.scenario]
         words += [] if o.law == "seed" else ["--law", o.law]
@@ -44,13 +55,29 @@ def plan(options: argparse.Namespace) -> Plan:
     robot = robot_arguments(options.robot)
     task = load_task(options.task, options.force)
     scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(task.name, task.name))
-    scenario = load_scenario(scenario_name)
+    scenario, hidden = load_scenario(scenario_name), hidden_world(options)
     stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     folder: Path = (options.out or results_folder() / f"{task.name}-{stamp}").resolve()
     if folder.is_dir() and any(folder.iterdir()):
         raise SeedError(f"{folder} is not empty; results are never overwritten: name another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    return Plan(options, robot, task, scenario_name, scenario, folder)
+    if hidden:
+        scenario, scenario_name = hide(scenario, options.seed), str(folder / HIDDEN)
+        write_scenario(scenario, folder / HIDDEN)
+    return Plan(options, robot, task, scenario_name, scenario, folder, hidden)
+
+
+def hidden_world(options: argparse.Namespace) -> bool:
+    """Whether the world is a hidden one.
+
+    Raises:
+        SeedError: a hidden world is asked for with an estimator that does not tell what membranes do.
+    """
+    if options.world == "hidden" and options.estimator != SEEING:
+        raise SeedError(
+            f"--world hidden needs --estimator {SEEING}: '{options.estimator}' does not tell what the membranes do"
+        )
+    return str(options.world) == "hidden"
 
 
 def robot_arguments(words: list[str]) -> dict[str, str]:

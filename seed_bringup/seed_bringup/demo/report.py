@@ -17,18 +17,24 @@ class Column(NamedTuple):
     unit: str
     path: tuple[str, ...]
     digits: int
-    sign: int = 1
+    scale: float = 1.0
     card: bool = False  # at the head of the report
     terminal: bool = False
 
 
 COLUMNS = (
     Column("force error rms", "N", ("force_z", "rmse"), 2, card=True, terminal=True),
-    Column("mean pressing force", "N", ("force_z", "mean"), 2, sign=-1),  # z points out of the table
+    Column("believed error rms", "N", ("believed_z", "rmse"), 2, card=True, terminal=True),
+    Column("truth in band", "%", ("believed_z", "in_band"), 0, scale=100.0, card=True, terminal=True),
+    Column("mean pressing force", "N", ("force_z", "mean"), 2, scale=-1.0),  # z points out of the table
     Column("largest force error", "N", ("force_z", "max_abs_error"), 2),
     Column("torque rms", "N m", ("torque_x", "rmse"), 3, card=True, terminal=True),
     Column("lean rms", "deg", ("lean_deg", "rms"), 1, card=True, terminal=True),
     Column("path error rms", "mm", ("path_rmse_mm",), 1, card=True),
+)
+BELIEF = (
+    "What the table felt, and what the controller took it for. The orange band is two standard deviations that the "
+    "controller states, either way; the truth should lie in it for 95 % of the time. Shaded: the scored stretch."
 )
 NAMES = {
     "seed": ("SEED", ""),
@@ -58,6 +64,8 @@ class Report:
     pose_figure: str
     pictures: Sequence[Picture]
     details: Mapping[str, str]
+    belief_figure: str = ""  # of true and believed force
+    hidden: str = ""  # what was hidden and what was found, in words
     replay: str = ""  # name of the file beside this one
     source: str = "tactile images"  # of the relative pose
 
@@ -65,7 +73,7 @@ class Report:
         """The page."""
         template = Template(files("seed_bringup").joinpath("templates/report.html").read_text(encoding="utf-8"))
         own = next(iter(self.scores.values()))
-        cards = [(_number(own, c), c) for c in COLUMNS if c.card]
+        cards = [(_number(own, c), c) for c in _columns(self.scores) if c.card]
         details = {name: escape(value) for name, value in self.details.items()}
         if self.replay:
             details["3-D replay"] = f'<a href="{escape(self.replay)}">{escape(self.replay)}</a>'
@@ -75,6 +83,8 @@ class Report:
             verdict="force held" if self.held else "force not held",
             verdict_class="" if self.held else "no",
             cards="".join(f'<div class="card"><b>{n} {c.unit}</b><span>{c.name}</span></div>' for n, c in cards),
+            hidden=_section("A hidden world", escape(self.hidden)) if self.hidden else "",
+            belief=_section("True and believed force", BELIEF, self.belief_figure) if self.belief_figure else "",
             force_figure=self.force_figure,
             pose_figure=self.pose_figure,
             table=_table(self.scores, f"this run: {self.source} in the loop"),
@@ -84,21 +94,32 @@ class Report:
         )
 
 
+def _columns(scores: Mapping[str, Score]) -> list[Column]:
+    """Those of which the first score knows something."""
+    own = next(iter(scores.values()))
+    return [c for c in COLUMNS if own.get(c.path[0]) is not None]
+
+
+def _section(head: str, words: str, figure: str = "") -> str:
+    return f"<section><h2>{head}</h2>\n<p>{words}</p>\n{figure}</section>"
+
+
 def _number(score: Score, column: Column) -> str:
     """A number of a score as text; a dash where it has none."""
     value: Any = score
     for key in column.path:
         value = value.get(key) if isinstance(value, Mapping) else None
-    return "-" if value is None or value != value else f"{column.sign * value:.{column.digits}f}"
+    return "-" if value is None or value != value else f"{column.scale * value:.{column.digits}f}"
 
 
 def _table(scores: Mapping[str, Score], own_words: str) -> str:
     """The scores as an HTML table, the first row being the run's own."""
-    head = "".join(f"<th>{c.name} [{c.unit}]</th>" for c in COLUMNS)
+    columns = _columns(scores)
+    head = "".join(f"<th>{c.name} [{c.unit}]</th>" for c in columns)
     rows: list[str] = []
     for key, score in scores.items():
         name, words = NAMES.get(key, (key, ""))
-        cells = "".join(f"<td>{_number(score, c)}</td>" for c in COLUMNS)
+        cells = "".join(f"<td>{_number(score, c)}</td>" for c in columns)
         own = "" if rows else ' class="own"'
         rows.append(f"<tr{own}><td>{escape(name)}<small>{escape(words or own_words)}</small></td>{cells}</tr>")
     return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
@@ -106,7 +127,7 @@ def _table(scores: Mapping[str, Score], own_words: str) -> str:
 
 def text_table(scores: Mapping[str, Score]) -> str:
     """The scores as lines for a terminal."""
-    columns = [c for c in COLUMNS if c.terminal]
+    columns = [c for c in _columns(scores) if c.terminal]
     lines = [f"{'':<11}" + "".join(f"{f'{c.name} [{c.unit}]':>26}" for c in columns)]
     for key, score in scores.items():
         lines.append(f"{NAMES.get(key, (key, ''))[0]:<11}" + "".join(f"{_number(score, c):>26}" for c in columns))

@@ -18,7 +18,11 @@ TOPICS = {
     "true_tip": "/sim/ground_truth/tip_pose",
     "true_relative": "/sim/ground_truth/relative_pose",
     "relative_pose": "/relative_pose",
+    "believed_wrench": "/wrench_estimate",
 }
+
+
+BAND = 2.0  # stated deviations, either way
 
 
 class Phase(NamedTuple):
@@ -27,6 +31,16 @@ class Phase(NamedTuple):
     name: str
     start: float
     end: float
+
+
+class Belief(NamedTuple):
+    """Times (n,) [s] and pressing force (n,) [N]: true, believed, its stated deviation, wanted."""
+
+    t: Array
+    true: Array
+    believed: Array
+    deviation: Array
+    wanted: Array
 
 
 class Curve(NamedTuple):
@@ -40,6 +54,12 @@ class Curve(NamedTuple):
 def curve_of(recording: Recording) -> Curve:
     """The curve of a run, simulated without ROS or live."""
     return Curve(recording["t"], -recording["force"][:, 2], recording["torque_T"][:, 0])
+
+
+def belief_of(recording: Recording) -> Belief:
+    """True and believed force of a live run."""
+    force, believed, wanted = (-recording[name][:, 2] for name in ("force", "believed_force", "wanted_force"))
+    return Belief(recording["t"], force, believed, recording["stated_force"][:, 2], wanted)
 
 
 def scored_stretch(phases: list[Phase], name: str, contact: float) -> tuple[float, float]:
@@ -80,11 +100,48 @@ def recording_of(series: dict[str, Series], task: Task, X_Ttip: Array, phases: l
         "reference": (to_work @ references)[:, :3, 3],
         "lean": [lean_of(R_wanted, R) for R_wanted, R in zip(R_reference, R_T, strict=True)],
     }
+    if "believed_wrench" in series:
+        told = series["believed_wrench"].nearest(t)
+        rows["believed_force"] = told[:, 3:6] @ R_work
+        rows["stated_force"] = deviations(told[:, 6:].reshape(-1, 6, 6)[:, :3, :3], R_work)
     return Recording(
         [p.name for p in phases],
         torque_axes=torque_axes_of(task),
         rows={name: list(values) for name, values in rows.items()},
     )
+
+
+def deviations(covariance: Array, R: Array) -> Array:
+    """(N, 3) standard deviations along the columns of R of vectors with covariances (N, 3, 3)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ji,njk,ki->ni", R, covariance, R), 0.0)))
+
+
+def score_of_belief(recording: Recording, phase: str) -> dict[str, Any] | None:
+    """Believed force along the task's z over the rows that count; None where there is none.
+
+    Returns:
+        rmse: [N] of the believed force against the wanted one. error, bias: [N] rms and mean of what it differs by
+        from the true one. stated: [N] rms of its stated deviation. in_band: share of time that the truth is within
+        BAND stated deviations.
+    """
+    if "believed_force" not in recording.rows:
+        return None
+    keep = recording.scored(phase)
+    if not keep.any():
+        return None
+    true, believed = recording["force"][keep, 2], recording["believed_force"][keep, 2]
+    off, stated = believed - true, recording["stated_force"][keep, 2]
+    return {
+        "rmse": _rms(believed - recording["wanted_force"][keep, 2]),
+        "error": _rms(off),
+        "bias": float(off.mean()),
+        "stated": _rms(stated),
+        "in_band": float((np.abs(off) <= BAND * stated).mean()),
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _turned(R: Array, vectors: Array) -> Array:

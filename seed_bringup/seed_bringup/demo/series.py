@@ -45,6 +45,8 @@ class Series:
 def read_series(bag: Path, topics: dict[str, str]) -> dict[str, Series]:
     """Series by name of the topics given as name: topic. Poses become (4, 4), wrenches (6,) [torque, force].
 
+    An estimate of a wrench becomes (42,): the wrench, then its covariance row by row, force first.
+
     Raises:
         SeedError: no readable bag, or a topic without messages.
     """
@@ -68,8 +70,10 @@ def _value(message: Any, kind: str) -> Array | None:
     match kind:
         case "geometry_msgs/msg/PoseStamped":
             return _pose(message.pose)
-        case "geometry_msgs/msg/WrenchStamped" | "seed_msgs/msg/WrenchEstimate":
+        case "geometry_msgs/msg/WrenchStamped":
             return _wrench(message.wrench)
+        case "seed_msgs/msg/WrenchEstimate":
+            return np.concatenate([_wrench(message.wrench), message.covariance])
         case "seed_msgs/msg/RelativePose":
             return _pose(message.pose.pose) if message.valid else None
         case "seed_msgs/msg/ControllerState":
