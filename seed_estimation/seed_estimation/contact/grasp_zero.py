@@ -111,15 +111,16 @@ class GraspZero(NamedTuple):
 
 
 def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
-    """What the patches of all fingers say together."""
+    """What the patches of all fingers say together: a load drags both alike, so one alone tells nothing of it."""
     seen = {f: d for f, d in fingers.items() if d is not None}
     if not seen:
         unknown = "whether the grasp was under load cannot be told: its dots are not those of the free bubble"
         return GraspZero(np.zeros(2), 0.0, unknown)
-    motion = np.mean([d.motion for d in seen.values()], axis=0)
-    deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()])))
+    motions = np.array([d.motion for d in seen.values()])
+    motion, apart = motions.mean(axis=0), motions - motions.mean(axis=0)
+    deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()]) + np.square(apart).mean()))
     size = float(np.sqrt(motion @ motion))
-    if size < CLEAR * deviation:
+    if len(seen) < 2 or size < CLEAR * deviation:  # one bubble that is pressed aside looks the same
         return GraspZero(motion, deviation)
     x, z = 1e3 * motion
     way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
