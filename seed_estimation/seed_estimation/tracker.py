@@ -123,7 +123,7 @@ class Tracker:
         """The images around the tool at a pose; the whole images while it is lost."""
         if self.lost:
             return {m.finger: crop(images[m.finger]) for m in self.models}
-        return {m.finger: crop(images[m.finger], m.pixels(X_CT, m.patch[:, ::7])) for m in self.models}
+        return {m.finger: crop(images[m.finger], m.pixels(X_CT, m.seen)) for m in self.models}
 
     def _fit(self, crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]) -> Fit:
         return self._fit_of(self.models, crops, start, steps)

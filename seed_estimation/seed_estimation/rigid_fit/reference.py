@@ -78,6 +78,7 @@ class FingerModel:
     picture: Image  # (H, W) coarse infrared of the patch, 0 beside it
     material: ImagePoints  # fine, of all the membrane that touches the tool
     patch: Array32  # (3, K) pixels of it, evenly [m]
+    seen: Array32  # (3, L) some of all that is followed, of `p` and `patch`: what an image has to show [m]
 
     def without_image(self) -> FingerModel:
         """The same of which depth alone is followed."""
@@ -125,12 +126,13 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     material, patch = _material(membrane, depth, picture, good, mask, p)
     v, u, cells = _sorted_by_cell(*_spread(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
+    rows = _rows(P)
     return FingerModel(
         finger=membrane.finger,
         camera=membrane.camera,
         X_XC=inverse_pose(membrane.X_CX),
         levels=levels,
-        p=_rows(P),
+        p=rows,
         n=_rows(n),
         n_p=(n * P).sum(axis=1),
         J=_motion_jacobian(P, n),
@@ -140,6 +142,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         picture=np.where(good, blurred, np.float32(0.0)),
         material=material,
         patch=patch,
+        seen=np.concatenate((rows[:, ::7], patch[:, ::7]), axis=1),
     )
 
 
