@@ -311,6 +311,7 @@ class Controller:
             desired=hybrid.wrench if hybrid is not None else None,
             estimated=law.estimated_task,
             filtered=law.filtered_task,
+            told=m.told if m is not None else None,
             deviation=self._known.deviation,
             covariance=self._known.covariance,
             contradictions=self.references.contradictions,

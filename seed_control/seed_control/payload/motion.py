@@ -63,7 +63,7 @@ class PayloadRun:
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
         self._player = TaskPlayer(payload_task(state.X_W_tip))
-        self._wrench_estimator, self._fit = wrench_estimator, PayloadFit(wrench_estimator.bushing)
+        self._fit = PayloadFit(wrench_estimator.bushing)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
 
@@ -88,13 +88,9 @@ class PayloadRun:
             return
         assert state.X_W_tip is not None
         assert state.measured_X_CT is not None
-        assert state.estimated is not None
         self._seen = image
-        X_WT = state.X_W_tip @ self._X_tipT
-        on_tip = state.estimated.rotated(X_WT[:3, :3].T @ state.R_W_task)
-        load = on_tip.about(-self._wrench_estimator.p_Ttip)  # about T, in T: the spring's, and the stated weight
-        spring = load.minus(self._wrench_estimator.weight(X_WT[:3, :3]))
-        self._fit.add(X_WT, state.measured_X_CT, spring)
+        # Uncorrected: what the stated weight has mended would agree with it.
+        self._fit.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT, state.told)
 
 
 def report(payload: Payload, tool: Tool) -> str:
