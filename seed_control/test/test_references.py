@@ -86,9 +86,18 @@ def test_hold_stops_the_arm_at_a_contradiction(share: float, reference: str) -> 
 
 
 def test_a_grasp_taken_while_the_tool_hung_is_told_in_free_space_and_tared() -> None:
+    """A press at once is refused before the weight can tell for certain; enabled again, it presses what is asked."""
     bench = Bench(start=start())
     bench.X_TT_new = np.linalg.inv(bench.grasp())  # T := C under the weight
+    bench.enabled()
+    bench.press(8.0)
+    bench.run(2.0)
+    assert bench.state.mode == "holding"
+    assert "the tool hung (2.0 N)" in bench.state.reason
+    assert max(bench.forces) == 0.0
+    assert bench.controller.references.correction.active
     pressing(bench, force=8.0, seconds=3.0)
+    assert bench.state.mode == "contact"
     assert "tool's weight of 1.96 N along the tool's z" in bench.state.contradictions[0]
     assert_allclose(bench.forces[-round(1.0 / DT) :], 8.0, atol=0.25)  # 2 N off without
 
