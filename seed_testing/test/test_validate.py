@@ -107,7 +107,8 @@ def test_scoring_starts_when_it_should():
 def test_scenario_file_of_the_documentation_loads(tmp_path):
     text = Path(__file__).parents[2].joinpath("docs", "tactile_simulation.md").read_text(encoding="utf-8")
     file = tmp_path / "my_tool.yaml"
-    file.write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    (of_validate,) = (block for block in text.split("```yaml\n")[1:] if block.startswith("name: my_tool"))
+    file.write_text(of_validate.split("```")[0], encoding="utf-8")
     scenario = load_scenario(file, *run.FOLDERS)
     assert tactile_of(scenario).tool.kind == "box"
     assert scenario.trajectory.rotation_deg == (5.0, 10.0, 5.0)
