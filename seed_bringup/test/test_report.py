@@ -13,8 +13,10 @@ import pytest
 
 from seed_bringup.commands.demo import _parser
 from seed_bringup.demo.baselines import running_baselines
+from seed_bringup.demo.conclusion import _Conclusion
 from seed_bringup.demo.figures import force_and_torque, relative_pose, true_and_believed
 from seed_bringup.demo.hidden import HIDDEN
+from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
 from seed_bringup.demo.score import Belief, Curve, Phase, deviations, score_of_belief
@@ -136,6 +138,20 @@ def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
 def test_deviations_are_turned_into_the_axes_of_the_task() -> None:
     C, R = np.diag((1.0, 4.0, 9.0)), pose_from_rpy([np.pi / 2, 0.0, 0.0], [0.0, 0.0, 0.0])[:3, :3]
     np.testing.assert_allclose(deviations(C[None], R), [[1.0, 3.0, 2.0]], atol=1e-12)
+
+
+def test_bounds_are_the_worlds_own_and_a_task_that_ended_early_is_not_held(tmp_path: Path) -> None:
+    score = a_score(0.7) | {"samples": 100, "torque_x": {"rmse": 0.1}}
+
+    def held(world: str, early: str) -> bool:
+        asked = plan(_parser().parse_args(["--world", world, "--out", str(tmp_path / f"{world}{len(early)}")]))
+        done = _Conclusion(asked, LiveRun([], [], 1.0, early), {}, {}, None)
+        done.__dict__["score"] = score
+        return done.held
+
+    assert held("hidden", "")
+    assert not held("known", "")
+    assert not held("hidden", "the task ended early: the track is lost")
 
 
 def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ def conclude(
     print(f"\n{text_table(done.scores)}\n")
     if live.real_time_factor < SLOW:
         say(f"the simulation ran at {live.real_time_factor:.2f} of real time: this machine was busy")
+    if live.early:
+        say(live.early)
     if done.belief is not None:
         say(belief_words(done.belief))
     force, torque = done.bounds
@@ -86,7 +88,11 @@ class _Conclusion:
     def score(self) -> dict[str, Any]:
         phase = scored_phase(self.asked.task)
         own = score(self.recording, phase) | {"believed_z": score_of_belief(self.recording, phase)}
-        return own | {"finished": True, "real_time_factor": self.live.real_time_factor}
+        return own | {
+            "finished": not self.live.early,
+            "message": self.live.early,
+            "real_time_factor": self.live.real_time_factor,
+        }
 
     @property
     def scores(self) -> dict[str, dict[str, Any]]:
@@ -95,7 +101,9 @@ class _Conclusion:
     @property
     def held(self) -> bool:
         force, torque = self.score["force_z"]["rmse"], self.score["torque_x"]["rmse"]
-        return bool(self.score["samples"] > 0 and force <= self.bounds[0] and torque <= self.bounds[1])
+        return bool(
+            not self.live.early and self.score["samples"] > 0 and force <= self.bounds[0] and torque <= self.bounds[1]
+        )
 
     @property
     def phases(self) -> list[Phase]:
@@ -162,6 +170,7 @@ class _Conclusion:
         rpy = rpy_from_rotation(frame.pose[:3, :3])
         return {
             "command": self.asked.command,
+            **({"ended": self.live.early} if self.live.early else {}),
             "scenario": f"{scenario.name}: {scenario.description}".rstrip(": "),
             "first contact": "never" if contact is None else f"{contact:.2f} s after the start",
             "phases": ", ".join(f"{p.name} {p.end - p.start:.1f} s" for p in self.phases),

@@ -53,11 +53,15 @@ def live_rates() -> tuple[float, float]:
 
 
 class LiveRun(NamedTuple):
-    """What is left of a run beside the bag: its phases in ROS time [s], and debug images of its moments."""
+    """What is left of a run beside the bag: its phases in ROS time [s], and debug images of its moments.
+
+    early: why the task ended before its end, after it had touched something; '' if it did not.
+    """
 
     phases: list[Phase]
     pictures: list[Picture]
     real_time_factor: float
+    early: str = ""
 
 
 def play_live(asked: Plan, believed: Scenario) -> LiveRun:
@@ -68,7 +72,7 @@ def play_live(asked: Plan, believed: Scenario) -> LiveRun:
         believed: the plan's scenario as controller and estimator are told of it.
 
     Raises:
-        FailedError: a node died or did not answer, or the task ended early.
+        FailedError: a node died or did not answer, or the task ended before it touched anything.
     """
     camera_rate, loop_rate = live_rates()
     if camera_rate and not asked.options.camera_rate:
@@ -102,11 +106,12 @@ def play_live(asked: Plan, believed: Scenario) -> LiveRun:
         session.spin(0.3)
         say("closing the bag and the cell")
     played = session.played
-    if not played.result.success:
-        raise FailedError(f"the task ended early: {played.result.message}; the bag and nodes.log are in {asked.folder}")
+    early = "" if played.result.success else f"the task ended early: {played.result.message}"
+    if early and (played.contact is None or not played.phases):
+        raise FailedError(f"{early}; the bag and nodes.log are in {asked.folder}")
     ends = [start for _, start in played.phases[1:]] + [played.ended]
     phases = [Phase(name, start, end) for (name, start), end in zip(played.phases, ends, strict=True)]
-    return LiveRun(phases, pictures, round(played.real_time_factor, 3))
+    return LiveRun(phases, pictures, round(played.real_time_factor, 3), early)
 
 
 def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
