@@ -50,7 +50,8 @@ def rigid_fit(
         angle, length = np.rad2deg(deviation[:3].max()), 1e3 * deviation[3:].max()
         reason = f"too little is in contact: the pose is known to {angle:.1f} degrees and {length:.1f} mm only"
         return invalid(stamp, reason, "rigid_fit")
-    unlocked = [f for f, share in fit.explained.items() if share < p.lock]
+    followed = {f for f, motion in tracker.material.items() if motion.explained > 0.0}
+    unlocked = [f for f, share in fit.explained.items() if share < p.lock and not (f in touching and f in followed)]
     words = [f"{f} bubble {'is not followed' if f in touching else 'touches nothing'}" for f in unlocked]
     if len(fit.explained) < 2:
         words.append(f"reduced: {next(iter(fit.explained))} finger only")

@@ -2,7 +2,9 @@
 """The tool followed from frame to frame by the rigid fit: prediction, locked or lost, relocalisation.
 
 A frame is locked when the motion explains enough of the image of every finger that touches something, and no finger's
-depth contradicts it. Where the first fit is not, others are tried before the track is lost.
+depth contradicts it. Where the first fit is not, others are tried before the track is lost. A membrane that creeps along
+its edge or stretches does not move as one body: where one rigid motion explains less, a frame is locked all the same if
+depth fits as well as usual, and the material, followed as it deforms, is found in the image of every finger.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -32,6 +34,9 @@ SURE_FRAMES = 2  # and do so this many frames in a row
 REACH = 0.35, 0.012  # [rad], [m] no tool jumps further than this between two frames
 RANGE = 0.9, 0.03  # [rad], [m] nor is it found further than this from where it was grasped
 APART = 3.0  # times the usual depth residual: the tool is not there
+# [1] of every image that the rigid motion must explain, and the material as it deforms, where the former is too little
+PART, WHOLE = 0.35, 0.6
+FITS = 1.6  # times the usual depth residual, up to which depth fits as well as usual
 USUAL = 0.05  # weight of a frame in what is usual
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
 FOLLOWED = 0.2  # [s] between frames, up to which they tell a velocity and a micro-slip
@@ -91,26 +96,39 @@ class Tracker:
         if share < p.lock:
             best = max([best, *self._fits_elsewhere(crops, start, p.iterations)], key=quality)
             share = quality(best)
+        before, material = self.X_CT, None
+        if share < p.lock and self._fits_in_part(touching, best, share):
+            material = self._materials(crops, before, best.X_CT)
+            if all(f in material and material[f].explained >= WHOLE for f in touching):
+                share = max(share, p.lock + 2.0 * SURE)
+            else:
+                before, material = best.X_CT, None
         locked = share >= (p.lock + SURE if self.lost else p.lock)
         if locked or 0.0 < stamp - self._stamp <= SPAN:
             self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
         if share < p.lock and not self.lost:  # the markers may have sprung back, and the tool with them
             best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._detector.places)], key=quality)
             share = quality(best)
-        if share >= p.lock and not self.lost:
+        if share >= p.lock and not self.lost and material is None:
             best = self._without_hidden_images(crops, best, touching, p.iterations)
             share = quality(best)
-        before = self.X_CT
         self._accept(best, share, stamp, p)
-        self._follow_material(crops, self.X_CT @ inverse_pose(before))
+        if self.lost:
+            self.material = {}
+        else:
+            self.material = material if material is not None else self._materials(crops, before, self.X_CT)
         return best
 
-    def _follow_material(self, crops: Mapping[str, Crop], step: Array) -> None:
-        """What the membranes do, started from how the tool has moved (4, 4) in C since the frame before."""
-        self.material = {}
-        if not self.lost:
-            found = {m.model.finger: m.follow(crops[m.model.finger], step, self.X_CT) for m in self._membranes}
-            self.material = {f: motion for f, motion in found.items() if motion is not None}
+    def _materials(self, crops: Mapping[str, Crop], before: Array, X_CT: Array) -> dict[str, MaterialMotion]:
+        """What the membranes do where the tool has gone from `before` to X_CT (4, 4), by finger that is found."""
+        step = X_CT @ inverse_pose(before)
+        found = {m.model.finger: m.follow(crops[m.model.finger], step, X_CT) for m in self._membranes}
+        return {f: motion for f, motion in found.items() if motion is not None}
+
+    def _fits_in_part(self, touching: Collection[str], found: Fit, share: float) -> bool:
+        """Whether a fit that explains too little may be right: it explains a part, and depth fits as usual."""
+        fits = all(found.depth_rms[f] <= FITS * self._usual.get(f, 0.0) for f in touching)
+        return share > 0.0 and fits and all(found.explained[f] >= PART for f in touching)
 
     def _predicted(self, stamp: float) -> Array:
         """X_CT (4, 4) expected at a time [s], at constant velocity."""

@@ -10,6 +10,9 @@ Robust Gauss-Newton finds F from the fine infrared image of the grasp (r = I_t(q
 q along its normal from the membrane) with Jacobians that are made once, for p. X is where the tool's last motion would
 have brought the material; after a frame it becomes the rigid part of what was found, the least sum of squares over the
 patch, so F stays the small remainder.
+
+Where the dots of a finger are not found for a moment, its material is taken to move as the tool does, and is known the
+worse the longer that lasts and the further the tool goes.
 """
 
 from typing import NamedTuple
@@ -17,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.material import Patch, deformation, patch_of, rigid_motion
-from seed_core.spatial import Array, inverse_pose, skew
+from seed_core.spatial import Array, inverse_pose, skew, so3_log
 from seed_estimation.images.sampling import Crop, sample
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.rigid_fit.reference import FingerModel
@@ -40,6 +43,8 @@ FOUND = 0.5  # [1] of the image that the motion must explain
 OWN = 0.5  # [1] deviations of the fit's own information
 UNCLEAR = 0.2  # [1] share of what is not rigid by which the rigid part is uncertain
 SCATTER = 0.65  # [1] deviations of how far pieces of the patch contradict each other
+ASSUMED = 0.0003, 0.5  # [m] and share of the tool's way since, by which material that is not found may be elsewhere
+FRAMES = 8  # for which it is assumed at most
 ONE = np.float32(1.0)
 
 
@@ -50,7 +55,7 @@ class MaterialMotion(NamedTuple):
         X_CM: (4, 4) its rigid part.
         covariance: (6, 6) of [rotation vector in C, translation in C].
         deformation: (9,) [m] as of `MembraneMotion`.
-        explained: share of the image that it explains.
+        explained: share of the image that it explains; 0 where it is assumed, not found.
     """
 
     X_CM: Array
@@ -78,6 +83,8 @@ class MaterialTracker:
         bends = np.array((0.0, *(STRAIN**-2,) * 5))
         self._prior = np.diag(np.concatenate([bends] * 3))
         self._X, self._F = np.eye(4), np.zeros((3, 6))
+        self._found: MaterialMotion | None = None  # last
+        self._missed, self._way = 0, 0.0  # frames since, and how far the tool has gone in them [m]
         self.lost = False
 
     def _spread(self, direction: Array32) -> Array32:
@@ -93,7 +100,7 @@ class MaterialTracker:
         return np.asarray(np.linalg.lstsq(motion, field, rcond=None)[0])
 
     def follow(self, crop: Crop, step: Array, X_CT: Array) -> MaterialMotion | None:
-        """The motion in a frame, or None where the material is not found.
+        """The motion in a frame, or None where the material has not been found for some frames.
 
         step: (4, 4) how the tool has moved in C since the frame before; X_CT: where it is now.
         """
@@ -104,10 +111,24 @@ class MaterialTracker:
             F = self._descended(crop, X, F)
             explained = self._explained()
             if explained > FOUND:
-                self.lost = False
-                return self._taken(X, F, explained)
-        self.lost = True
-        return None
+                self.lost, self._missed, self._way = False, 0, 0.0
+                self._found = self._taken(X, F, explained)
+                return self._found
+        return self._assumed(step)
+
+    def _assumed(self, step: Array) -> MaterialMotion | None:
+        """The motion where the material is not found: from where it was last, with the tool."""
+        self._missed += 1
+        if self._found is None or self.lost or self._missed > FRAMES:
+            self.lost = True
+            return None
+        middle = self._X[:3, :3] @ self._area.mean(axis=1) + self._X[:3, 3]
+        shift, turn = step[:3, :3] @ middle + step[:3, 3] - middle, so3_log(step[:3, :3])
+        self._way += float(np.sqrt(shift @ shift)) + self.patch.size * float(np.sqrt(turn @ turn))
+        self._X = step @ self._X
+        off = ASSUMED[0] + ASSUMED[1] * self._way
+        covariance = self._found.covariance + self._about_middle(off, self._X)
+        return MaterialMotion(self._X, covariance, self._found.deformation, 0.0)
 
     def _descended(self, crop: Crop, X: Array, F: Array) -> Array:
         """The field after some steps of Gauss-Newton."""
@@ -168,7 +189,11 @@ class MaterialTracker:
 
         size: root mean square of what is not rigid [m].
         """
-        turn, way = (UNCLEAR * size / self.patch.size) ** 2, (UNCLEAR * size) ** 2
+        return self._about_middle(UNCLEAR * size, X_CM)
+
+    def _about_middle(self, off: float, X_CM: Array) -> Array:
+        """(6, 6) of a motion of which all of the patch is known to a deviation [m]."""
+        turn, way = (off / self.patch.size) ** 2, off**2
         about = np.eye(6)  # from the patch's middle to C
         about[3:, :3] = skew(X_CM[:3, :3] @ self._area.mean(axis=1) + X_CM[:3, 3])
         return np.asarray(about @ np.diag((turn, turn, turn, way, way, way)) @ about.T)

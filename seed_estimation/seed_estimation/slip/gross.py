@@ -14,8 +14,9 @@ A displacement has three components [m]: turn about y at the patch's reach, alon
 markers' displacement loses within FALL_FRAMES; evidence counts falls in multiples of their threshold. A frame is locked
 when the rigid fit explains it; a track without such frames is lost (`tracker.py`).
 
-A tool that is set free lets the membrane spring back, too. But then the load is gone, and with it what a load does to a
-patch: it is one body again, without incipient slip, and as much of its image is explained as usual.
+A tool that is set free lets the membrane spring back, too. But then the tool goes with it: as much of the image is
+explained as usual. And the load is gone, while a tool that slides is borne by friction still. So where markers have
+sprung back, the end of their fall is awaited: an alarm is raised where they stay above half of what they were.
 """
 
 import math
@@ -35,6 +36,9 @@ LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
 FALL, FALL_SHARE = 2e-4, 0.03  # [m], [1] threshold of a fall: so much, and this share of the displacement
 FALL_SURE = 6.0  # deviations of noise
 SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slides, and of what it was before
+LOSS = 0.03  # [1] of the image that the tool's pose must explain less than usual within a fall
+SET_FREE = 0.5  # [1] of its displacement to which a membrane without load has sprung back, and one that slides has not
+SETTLED, LONGEST = 0.015, 0.04  # [s] for which the end of a fall is awaited, at least and at most
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
 LEAST, MOST = 0.7, 1.5  # [thresholds] of fall from which a frame is evidence, and as how much it counts at most
 SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
@@ -55,6 +59,7 @@ class GrossSlip:
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
+        self._fell = math.inf  # [s] when it was enough
 
     @property
     def places(self) -> list[Array]:
@@ -84,7 +89,22 @@ class GrossSlip:
         if falls:  # markers that cannot be found say nothing either way
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
-        return self._evidence >= EVIDENCE * len(judged) or gone_on or (not locked and self._torn(stamp))
+        fallen = self._fallen([self._markers[f.model.finger].seen for f in judged], stamp)
+        return fallen or gone_on or (not locked and self._torn(stamp))
+
+    def _fallen(self, observed: Sequence[Sequence[Observation]], stamp: float) -> bool:
+        """Whether markers have sprung back, and to where friction bears them still; observed: by finger."""
+        if self._evidence >= EVIDENCE * len(observed):
+            self._fell = min(self._fell, stamp)
+        since = stamp - self._fell
+        if since < 0.0:
+            return False
+        now = [seen for seen in observed if seen and seen[-1].stamp == stamp]
+        if now and all(set_free(seen) for seen in now):
+            self._evidence, self._fell = 0.0, math.inf
+            return False
+        falling = any(len(seen) > 1 and seen[-1].size < seen[-2].size - FALL for seen in now)
+        return since > LONGEST or (since > SETTLED and bool(now) and not falling)
 
     def _torn(self, stamp: float) -> bool:
         """Whether the markers of a patch with incipient slip under its load have not been found for too long."""
@@ -115,7 +135,8 @@ def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
     fall, before, expected = falls[back], loaded[back], foretold(back)
     share = fall / max(FALL, FALL_SHARE * before.size, FALL_SURE * jitter)
     slipping = now.doubtful or now.incipient > max(SLIPPING, SLIPPING_SHARE * before.incipient)
-    if share < LEAST or not slipping:
+    lost = max(s.loss for s in list(seen)[-1 - FALL_FRAMES :])
+    if share < LEAST or not slipping or lost < LOSS:
         return 0.0
     # A sheet that loses its load springs back against it; a sudden pull aside makes a displacement smaller, too.
     size = math.hypot(*expected)
@@ -130,6 +151,11 @@ def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
     stayed = -float(direction @ (apart - apart_before))
     fell_too = math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
     return 0.0 if fell_too else min(share, MOST)
+
+
+def set_free(seen: Sequence[Observation]) -> bool:
+    """Whether one finger's markers have gone back further than friction lets them while the tool is under a load."""
+    return seen[-1].size < SET_FREE * max(s.size for s in seen)
 
 
 def depth_went_on(observations: Iterable[Observation]) -> bool:

@@ -47,6 +47,7 @@ class Observation(NamedTuple):
         depth: where depth would put the tool in this frame.
         incipient: incipient slip [1].
         doubtful: less of the image is explained than usual.
+        loss: how much less the tool's pose explains than usual [1]; 1 where no pose is known.
     """
 
     stamp: float
@@ -55,6 +56,7 @@ class Observation(NamedTuple):
     depth: Depth
     incipient: float
     doubtful: bool
+    loss: float
 
 
 class Markers:
@@ -90,6 +92,7 @@ class Markers:
         [1]; depth: where it would put the tool.
         """
         explained = known.explained() if known is not None else 0.0
+        loss = self._usual - explained if known is not None else 1.0
         if known is None or self._doubts(explained):
             found = self._search(crop, near, slip)
             if found is None:
@@ -100,9 +103,8 @@ class Markers:
         step = solved(known.image.H[THREE] + FREE, known.image.g[SIDEWAYS])
         displacement = self._lever * (sideways(near, self._centre) - step)
         incipient = incipient_slip(known, motion_vector(near), self._creep, HOLD)
-        self.seen.append(
-            Observation(stamp, displacement, math.hypot(*displacement), depth, incipient, self._doubts(explained))
-        )
+        size, doubtful = math.hypot(*displacement), self._doubts(explained)
+        self.seen.append(Observation(stamp, displacement, size, depth, incipient, doubtful, loss))
         self._learn(explained)
         return True
 
