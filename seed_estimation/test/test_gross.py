@@ -11,7 +11,7 @@ import pytest
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy
 from seed_estimation import Estimator, EstimatorParameters
-from seed_estimation.slip.gross import FALL, FALL_SHARE, LOADED, MOST, depth_went_on, set_free, sprung_back
+from seed_estimation.slip.gross import FALL, FALL_SHARE, LOADED, MOST, depth_went_on, sprung_back, without_load
 from seed_estimation.slip.markers import JITTER, UNSEEN, Depth, Observation
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
@@ -226,8 +226,8 @@ def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
 
 
 def test_markers_without_load_are_set_free() -> None:
-    assert set_free(observed([*PULLED, (0.0, 0.0, 1.7)]))
-    assert not set_free(observed([*PULLED, (0.0, 0.0, 2.3)]))  # sliding friction of 0.64 of what it stuck with
+    assert without_load(observed([*PULLED, (0.0, 0.0, 1.7)]))
+    assert not without_load(observed([*PULLED, (0.0, 0.0, 2.3)]))  # sliding friction of 0.64 of what it stuck with
 
 
 def test_depth_that_goes_on_without_the_markers_is_seen() -> None:

@@ -39,7 +39,9 @@ UNKNOWNS = 18  # 3 axes, 6 powers
 STRAIN = 1e-3  # [m] deviation of what bends the patch, before anything is seen: hardly more than 1e-3 is met
 STEPS = 3  # at most, of one frame
 DONE = 2e-5  # [m] of the patch's mean motion in one step: the next would be a fraction of it
-FOUND = 0.5  # [1] of the image that the motion must explain
+FOUND = 0.5  # [1] of the image that the motion explains where it is found well
+PART = 0.25  # [1] that it must explain: friction lets a patch go in pieces, which no smooth field follows
+PATCHY = 0.0005  # [m] by which the patch's motion is uncertain then
 OWN = 0.5  # [1] deviations of the fit's own information
 UNCLEAR = 0.2  # [1] share of what is not rigid by which the rigid part is uncertain
 SCATTER = 0.65  # [1] deviations of how far pieces of the patch contradict each other
@@ -107,13 +109,18 @@ class MaterialTracker:
         starts = [(X_CT, np.zeros((3, 6)))]
         if not self.lost:
             starts.insert(0, (step @ self._X, self._F))
+        tried: list[tuple[float, Array, Array]] = []
         for X, F in starts:
             F = self._descended(crop, X, F)
             explained = self._explained()
+            tried.append((explained, X, F))
             if explained > FOUND:
-                self.lost, self._missed, self._way = False, 0, 0.0
-                self._found = self._taken(X, F, explained)
-                return self._found
+                break
+        explained, X, F = max(tried, key=lambda one: one[0])
+        if explained > (FOUND if self.lost else PART):
+            self.lost, self._missed, self._way = False, 0, 0.0
+            self._found = self._taken(X, F, explained)
+            return self._found
         return self._assumed(step)
 
     def _assumed(self, step: Array) -> MaterialMotion | None:
@@ -171,6 +178,8 @@ class MaterialTracker:
         beyond = X_CM[:3, :3].T @ (after - X_CM[:3, 3:]) - self._area
         size = float(np.sqrt(np.square(beyond).sum(axis=0).mean()))
         covariance = self._covariance(X) + self._unclear(size, X_CM)
+        if explained < FOUND:
+            covariance += self._about_middle(PATCHY, X_CM)
         self._X, self._F = X_CM, beyond @ self._field_of
         return MaterialMotion(X_CM, covariance, deformation(X_CM, self._area, after), explained)
 

@@ -80,12 +80,13 @@ class GrossSlip:
             markers.forget(stamp)
         held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
         judged = held or fit.fingers  # a membrane that the tool leaves springs back, and has not let it go
+        least_loss = LOSS if len(self._markers) > 1 else -math.inf  # a bubble alone: the pose goes with its markers
         falls = []
         for finger in judged:
             markers = self._markers[finger.model.finger]
             near, known = (fit.X_CT, finger) if locked else (markers.X_CT, None)
             if markers.follow(crops[finger.model.finger], near, known, slip, stamp, depth):
-                falls.append(sprung_back(markers.seen, markers.jitter))
+                falls.append(sprung_back(markers.seen, markers.jitter, least_loss))
         if falls:  # markers that cannot be found say nothing either way
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
@@ -100,7 +101,7 @@ class GrossSlip:
         if since < 0.0:
             return False
         now = [seen for seen in observed if seen and seen[-1].stamp == stamp]
-        if now and all(set_free(seen) for seen in now):
+        if now and all(without_load(seen) for seen in now):
             self._evidence, self._fell = 0.0, math.inf
             return False
         falling = any(len(seen) > 1 and seen[-1].size < seen[-2].size - FALL for seen in now)
@@ -113,10 +114,11 @@ class GrossSlip:
         return slipping and stamp - max(finger[-1].stamp for finger in seen) > BROKEN
 
 
-def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
+def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = LOSS) -> float:
     """The markers' sudden fall, without the tool and while the patch still slips, over its threshold; 0: none.
 
-    seen: observations of one finger, the last one now; jitter: noise of their displacement [m].
+    seen: observations of one finger, the last one now; jitter: noise of their displacement [m]; least_loss: of the share
+    of the image that the tool's pose explains.
     """
     now = seen[-1]
 
@@ -136,7 +138,7 @@ def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
     share = fall / max(FALL, FALL_SHARE * before.size, FALL_SURE * jitter)
     slipping = now.doubtful or now.incipient > max(SLIPPING, SLIPPING_SHARE * before.incipient)
     lost = max(s.loss for s in list(seen)[-1 - FALL_FRAMES :])
-    if share < LEAST or not slipping or lost < LOSS:
+    if share < LEAST or not slipping or lost < least_loss:
         return 0.0
     # A sheet that loses its load springs back against it; a sudden pull aside makes a displacement smaller, too.
     size = math.hypot(*expected)
@@ -153,7 +155,7 @@ def sprung_back(seen: Sequence[Observation], jitter: float) -> float:
     return 0.0 if fell_too else min(share, MOST)
 
 
-def set_free(seen: Sequence[Observation]) -> bool:
+def without_load(seen: Sequence[Observation]) -> bool:
     """Whether one finger's markers have gone back further than friction lets them while the tool is under a load."""
     return seen[-1].size < SET_FREE * max(s.size for s in seen)
 
