@@ -2,9 +2,9 @@
 """The tool followed from frame to frame by the rigid fit: prediction, locked or lost, relocalisation.
 
 A frame is locked when the motion explains enough of the image of every finger that touches something, and no finger's
-depth contradicts it. Where the first fit is not, others are tried before the track is lost. A membrane that creeps along
-its edge or stretches does not move as one body: where one rigid motion explains less, a frame is locked all the same if
-depth fits as well as usual, and the material, followed as it deforms, is found in the image of every finger.
+depth contradicts it. Where the first fit is not, others are tried before the track is lost. A membrane that creeps
+along its edge or stretches does not move as one body: where one rigid motion explains less, a frame is locked all the
+same if depth fits as well as usual and the material, followed as it deforms, is found in the image of every finger.
 """
 
 from collections.abc import Collection, Mapping, Sequence

@@ -218,7 +218,7 @@ def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
     assert sprung_back([*together[:-2], *staying], JITTER) == MOST
 
 
-def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
+def test_a_fall_that_the_pose_explains_is_no_slip() -> None:
     """A membrane that creeps on its edge keeps that when it is unloaded: but the tool's pose explains it as before."""
     lifted = [*PULLED, (0.0, 0.0, 2.6)]
     assert sprung_back(observed(lifted), JITTER) == MOST

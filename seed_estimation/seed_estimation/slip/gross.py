@@ -117,8 +117,8 @@ class GrossSlip:
 def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = LOSS) -> float:
     """The markers' sudden fall, without the tool and while the patch still slips, over its threshold; 0: none.
 
-    seen: observations of one finger, the last one now; jitter: noise of their displacement [m]; least_loss: of the share
-    of the image that the tool's pose explains.
+    seen: observations of one finger, the last one now; jitter: noise of their displacement [m]; least_loss: of the
+    share of the image that the tool's pose explains.
     """
     now = seen[-1]
 
