@@ -11,12 +11,15 @@ from numpy.testing import assert_allclose
 from quasi_static import Bench
 
 from seed_control.wrench.model_settings import WrenchSettings, age, choose_model
+from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand
+from seed_core.hysteretic_file import hysteretic_file, save_hysteretic
+from seed_core.hysteretic_spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_map, texts
-from seed_core.spatial import Wrench, make_pose
+from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
 
@@ -144,3 +147,30 @@ def test_an_estimator_without_membranes_is_named_and_nothing_moves() -> None:
     assert "motion of both membranes is needed; told: none" in bench.state.reason
     with pytest.raises(Exception, match="cannot enable: no estimate"):
         bench.controller.enable(bench.t)
+
+
+def test_the_force_comes_from_a_hysteretic_spring_where_its_file_is_chosen(tmp_path: Path) -> None:
+    """Without rise and friction it is the midpoint bushing; of another hand, or without a file, it is refused."""
+    k = np.array((*DEFAULT_STIFFNESS.rotation, *DEFAULT_STIFFNESS.translation))
+    straight = HystereticStiffness(
+        stiffness=k,
+        rise=np.zeros(6),
+        yields=np.full((1, 6), 0.01),
+        friction=np.zeros((1, 6)),
+        covariance=np.zeros((6, 3, 3)),
+        residual=np.zeros(6),
+        largest=np.full(6, 0.2),
+        centre=np.zeros(3),
+    )
+    file = tmp_path / "hysteretic_spring.yaml"
+    save_hysteretic(file, hysteretic_file(straight, Hand().name, "squeegee", "2026-01-31", 1030.0, 0.02))
+    settings = WrenchSettings(model="hysteretic", file=str(file))
+    chosen = choose_model(settings, DEFAULT_STIFFNESS, Hand()).model
+    X_TC = make_pose(rotation_from_rpy(np.array((0.1, -0.05, 0.02))), (0.002, 0.001, 0.006))
+    told = chosen.spring(RelativePoseEstimate(0.0, inverse_pose(X_TC))).wrench.vector()
+    assert chosen.name == "hysteretic"
+    assert_allclose(told, Bushing(DEFAULT_STIFFNESS).wrench(X_TC).vector(), atol=1e-9)
+    with pytest.raises(ConfigError, match="identified with the hand"):
+        choose_model(settings, DEFAULT_STIFFNESS, replace(Hand(), name="other"))
+    with pytest.raises(ConfigError, match=r"needs wrench\.file"):
+        choose_model(WrenchSettings(model="hysteretic"), DEFAULT_STIFFNESS, Hand())

@@ -11,19 +11,29 @@ from seed_control.monitor.pressure_check import PressureCheck
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError, field
 from seed_core.hand import Hand
+from seed_core.hysteretic_file import load_hysteretic
+from seed_core.hysteretic_spring import HystereticSpring
 from seed_core.membrane.map import MembraneMap
 from seed_core.stiffness_file import StiffnessFile, load_stiffness
 from seed_core.wrench_model import BushingModel, MapUncertainty, WrenchModel
 
-MODELS = ("bushing", "membrane")
+MODELS = ("bushing", "hysteretic", "membrane")
 
 
 @dataclass(frozen=True)
 class WrenchSettings(MapUncertainty):
     """The model and the file of its identification."""
 
-    model: str = field("bushing", choices=MODELS, doc="bushing: the paper's map of the tool's pose; membrane: a map")
-    file: str = field("", doc="membrane_map.yaml; of a bushing stiffness.yaml, for deviations, age and pressures")
+    model: str = field(
+        "bushing",
+        choices=MODELS,
+        doc="bushing: the paper's map of the tool's pose; hysteretic: a spring that stiffens and has friction; "
+        "membrane: a map of what the membranes do",
+    )
+    file: str = field(
+        "",
+        doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations and age",
+    )
 
 
 class ChosenModel(NamedTuple):
@@ -52,6 +62,12 @@ def choose_model(
         _same_hand(settings.file, model.file.hand, hand)
         pressures = [grip.pressure_hpa for grip in model.file.grips]
         return ChosenModel(model, PressureCheck(pressures, needed=model.file.needs_pressure))
+    if settings.model == "hysteretic":
+        if not settings.file:
+            raise ConfigError("wrench.model = 'hysteretic' needs wrench.file, the hysteretic_spring.yaml of this hand")
+        spring = load_hysteretic(settings.file)
+        _same_hand(settings.file, spring.hand, hand)
+        return ChosenModel(HystereticSpring(spring.identified), PressureCheck([spring.pressure_hpa]))
     bushing = BushingModel(Bushing(stiffness), settings)
     if not settings.file:
         return ChosenModel(bushing, PressureCheck())

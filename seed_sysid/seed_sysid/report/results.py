@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files that an identification leaves: stiffness.yaml, membrane_map.yaml, summary.json and report.html."""
+"""The files that an identification leaves: stiffness.yaml, models of the wrench, summary.json and report.html."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from seed_core.config import ConfigError
+from seed_core.hysteretic_file import hysteretic_file, save_hysteretic
 from seed_core.membrane.map_file import save_membrane_map
 from seed_core.spatial import Array
 from seed_core.stiffness_file import save_stiffness
 from seed_sysid.fit.analysis import Analysis
+from seed_sysid.fit.hysteretic_fit import fit_hysteretic
 from seed_sysid.report import figures as plots
 from seed_sysid.report.summary import stiffness_file
 from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS, UNITS
@@ -31,7 +34,7 @@ _SENSOR = (  # where it stands in the summary, and its unit
 
 
 def write_results(folder: Path, a: Analysis, figures: dict[str, Any], date: str) -> None:
-    """Write all of them; a stiffness.yaml or membrane_map.yaml that is there already is kept as .previous.yaml.
+    """Write all of them; a YAML file that is there already is kept as .previous.yaml.
 
     Args:
         folder: made if it is not there.
@@ -49,11 +52,30 @@ def write_results(folder: Path, a: Analysis, figures: dict[str, Any], date: str)
         stiffness.replace(stiffness.with_suffix(".previous.yaml"))
     if result is not None:
         save_stiffness(stiffness, result)
+    _write_hysteretic_spring(folder, a, date)
     _write_membrane_map(folder, a, date)
     (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     part = folder / "report.html.part"
     part.write_text(render(a, figures), encoding="utf-8")
     part.replace(folder / "report.html")
+
+
+def _write_hysteretic_spring(folder: Path, a: Analysis, date: str) -> None:
+    """hysteretic_spring.yaml of the middle grip; none where the data do not determine one."""
+    file = folder / "hysteretic_spring.yaml"
+    if file.exists():
+        file.replace(file.with_suffix(".previous.yaml"))
+    if a.undetermined:
+        return
+    try:
+        spring = fit_hysteretic(a).identified
+    except ConfigError:
+        return
+    head, g = a.data.header, a.nominal
+    pressure, width = (float(np.nan_to_num(v[g])) for v in (a.pressures, a.widths))
+    save_hysteretic(
+        file, hysteretic_file(spring, head.hand or "hand", head.tool or "tool", date, max(pressure, 0.0), width)
+    )
 
 
 def _write_membrane_map(folder: Path, a: Analysis, date: str) -> None:
