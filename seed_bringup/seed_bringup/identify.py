@@ -186,5 +186,6 @@ def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
         lines.append(f"squeegee, rms force error: {', '.join(errors)} (allowed {loop['allowed_rmse']:.4f} N)")
     lines += [f"warning: {w}" for w in a.warnings]
     if folder is not None:
-        lines.append(f"left in {folder}: {", ".join(sorted(f.name for f in folder.glob("*.[yhj]*")))}")
+        left = sorted(f.name for f in folder.iterdir())
+        lines.append(f"left in {folder}: {', '.join(left)}")
     return "\n".join(lines)
