@@ -15,8 +15,8 @@ from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand
-from seed_core.hysteretic_file import hysteretic_file, save_hysteretic
-from seed_core.hysteretic_spring import HystereticStiffness
+from seed_core.hysteretic.file import hysteretic_file, save_hysteretic
+from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_map, texts
 from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from seed_core.config import ConfigError
-from seed_core.hysteretic_file import hysteretic_file, load_hysteretic, save_hysteretic
-from seed_core.hysteretic_spring import HystereticStiffness
+from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hysteretic
+from seed_core.hysteretic.spring import HystereticStiffness
 
 
 def spring() -> HystereticStiffness:

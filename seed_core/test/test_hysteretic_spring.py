@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hysteretic_spring import HystereticSpring, HystereticStiffness
+from seed_core.hysteretic.spring import HystereticSpring, HystereticStiffness
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy, so3_exp
 
 K = np.array((4.0, 3.0, 4.0, 800.0, 1200.0, 800.0))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from seed_core.bushing import Bushing, Stiffness
-from seed_core.hysteretic_spring import coordinates
+from seed_core.hysteretic.spring import coordinates
 from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
 from seed_sim.world.parameters import SpringWorld
 from seed_sim.world.spring import YIELDS, WorldSpring

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hysteretic_spring import HystereticSpring
+from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.spatial import inverse_pose, make_pose
 from seed_sim.scenario import load_scenario
 from seed_sim.world.parameters import SpringWorld, World

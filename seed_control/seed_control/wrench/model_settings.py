@@ -11,8 +11,8 @@ from seed_control.monitor.pressure_check import PressureCheck
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError, field
 from seed_core.hand import Hand
-from seed_core.hysteretic_file import load_hysteretic
-from seed_core.hysteretic_spring import HystereticSpring
+from seed_core.hysteretic.file import load_hysteretic
+from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.membrane.map import MembraneMap
 from seed_core.stiffness_file import StiffnessFile, load_stiffness
 from seed_core.wrench_model import BushingModel, MapUncertainty, WrenchModel

@@ -16,7 +16,7 @@ from math import exp
 import numpy as np
 
 from seed_core.bushing import Stiffness
-from seed_core.hysteretic_spring import coordinates
+from seed_core.hysteretic.spring import coordinates
 from seed_core.spatial import Array, Wrench, cross
 from seed_sim.world.parameters import SpringWorld
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from seed_core.hysteretic_spring import HystereticStiffness
+from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.spatial import Array, make_pose
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.hysteresis import stop_states

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.config import ConfigError
-from seed_core.hysteretic_file import hysteretic_file, save_hysteretic
+from seed_core.hysteretic.file import hysteretic_file, save_hysteretic
 from seed_core.membrane.map_file import save_membrane_map
 from seed_core.spatial import Array
 from seed_core.stiffness_file import save_stiffness

@@ -15,7 +15,7 @@ import numpy as np
 from seed_control.payload.identify import PayloadError
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
-from seed_core.hysteretic_spring import HystereticSpring, HystereticStiffness
+from seed_core.hysteretic.spring import HystereticSpring, HystereticStiffness
 from seed_core.membrane.map import MembraneMap
 from seed_core.membrane.map_file import MembraneMapFile
 from seed_core.wrench_model import WrenchModel

@@ -14,7 +14,7 @@ import numpy as np
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hysteretic_spring import HystereticSpring
+from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import Grasp, IdentificationScenario

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from seed_core.config import ConfigError, field, load_file, to_mapping
-from seed_core.hysteretic_spring import HystereticStiffness
+from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.vector3 import Vector3
 
 HEADER = (
