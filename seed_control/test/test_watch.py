@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the contact tells while force is controlled: how images are dated, and whether the force swings by itself."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from quasi_static import DT, Bench
 
+from seed_control.monitor.contact.contact_motion import ContactMotion
+from seed_control.monitor.contact.late_stamps import LateStamps
 from seed_control.monitor.contact.swing import LEGS, Swing
+from seed_control.parameters import ControllerParameters
+from seed_control.wrench.history import PoseHistory
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import make_pose
 
 NOISE = 3e-4  # [m]
 
@@ -61,6 +68,30 @@ def test_stamps_that_the_loop_cannot_bear_make_it_hold_within_a_second_of_contac
     assert "images are dated" in bench.state.reason
     assert ("late" if error > 0.0 else "early") in bench.state.reason
     assert bench.t - touched < 1.0
+
+
+@pytest.mark.parametrize("late", [0.0, 0.085])
+def test_a_grasp_that_slides_does_not_hold_as_if_stamps_were_late(late: float) -> None:
+    """Pressed and let go: the deflection stays behind the way by a play of +-2 mm, and by the clock besides."""
+    stamps = np.arange(0.0, 2.0, DT)
+    way = 0.004 * (1.0 - np.cos(2.0 * np.pi * np.clip(stamps - 0.4, 0.0, 0.8) / 0.8))
+    behind, play = np.zeros_like(way), 2e-3
+    for i in range(1, len(way)):
+        behind[i] = np.clip(behind[i - 1], way[i] - play, way[i] + play)
+    history, motion, rng = PoseHistory(), ContactMotion(np.zeros(3)), np.random.default_rng(1)
+    for t, z in zip(stamps, way, strict=True):
+        history.add(float(t), make_pose(p=(0.0, 0.0, z)))
+    watch, n, seen = LateStamps(ControllerParameters()), np.array((0.0, 0.0, 1.0)), []
+    for k, t in enumerate(np.arange(0.35, 1.55, 1.0 / 45.0).tolist()):
+        X_WC, X_WT = np.eye(4), np.eye(4)
+        X_WC[2, 3] = np.interp(t - late, stamps, behind) + 1e-4 * rng.standard_normal()
+        motion.add(SimpleNamespace(stamp=t, X_WC=X_WC, X_WT=X_WT, tip=np.zeros(3), variance=1e-8))  # type: ignore[arg-type]
+        if k % 4 == 3:
+            followed = motion.followed(n, history)
+            seen += [followed.shift] if followed is not None else []
+            watch.update(followed, lambda: motion.sure(n, history))
+    assert max(seen) > 0.07  # the lag alone would hold
+    assert bool(watch.reason) == bool(late)
 
 
 def test_bumps_say_nothing_about_clocks_and_are_no_swing() -> None:

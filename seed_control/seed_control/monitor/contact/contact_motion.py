@@ -6,7 +6,8 @@ gripper's height c, which is counted with the tool's lever:
 
     d(t) = a + (1 - beta) c(t) - g . s(t)         s: the place across n, g: the surface's slope, beta as in the observer
 
-d comes from the image alone and c from kinematics alone: nothing but a wrong stamp makes one of them late.
+d comes from the image alone and c from kinematics alone. A wrong stamp makes one of them late; a grasp that slides or
+stiffens may look like it (mechanical_lag.py).
 """
 
 from collections import deque
@@ -15,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from seed_control.monitor.contact.mechanical_lag import certainty
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.history import PoseHistory
 from seed_core.spatial import Array, cross
@@ -47,6 +49,16 @@ class Followed(NamedTuple):
     steepness: float
 
 
+class _Aligned(NamedTuple):
+    """d: (N,) deflection; X: (3, shifts, N) height and places across at each shift; variance of d; way across."""
+
+    d: Array
+    X: Array
+    variance: float
+    shifts: Array
+    way: float
+
+
 class ContactMotion:
     """Images since contact was made, `WINDOW` seconds of them at most."""
 
@@ -74,6 +86,16 @@ class ContactMotion:
 
         shift: [s] by which stamps are known to be ahead; None: to be found.
         """
+        aligned = self._aligned(n, history, shift)
+        return None if aligned is None else _best(*aligned)
+
+    def sure(self, n: Array, history: PoseHistory) -> float:
+        """Chi-square by which a lag explains the deflection better than whatever a grasp could do without one."""
+        aligned = self._aligned(n, history, None)
+        prior = np.square((_SHARE, _SLOPE, _SLOPE))
+        return 0.0 if aligned is None else certainty(aligned.d, aligned.X, aligned.variance, prior, _INFLATION)
+
+    def _aligned(self, n: Array, history: PoseHistory, shift: float | None) -> _Aligned | None:
         d = np.array([row[1] for row in self._rows]) @ n if len(self) >= _FEW else np.zeros(1)
         if float(np.ptp(d)) < _LEAST_MOTION:
             return None
@@ -88,7 +110,7 @@ class ContactMotion:
         when, across = times[inside] - shifts[:, None], _across(n)
         c, s1, s2 = (np.interp(when, stamps, places @ axis) for axis in (n, *across))
         way = float(np.abs(np.diff(np.stack((s1[0], s2[0])))).sum())
-        return _best(d[inside], np.stack((c + lever, s1, s2)), variance, shifts, way)
+        return _Aligned(d[inside], np.stack((c + lever, s1, s2)), variance, shifts, way)
 
     def _path(self, since: float, history: PoseHistory) -> tuple[Array, Array]:
         """Stamps (N,) [s] and places of C (N, 3) [m], of every second flange pose."""

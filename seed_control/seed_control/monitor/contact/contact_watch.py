@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a contact shows while force is controlled: whether images are dated right, and whether the force swings."""
 
+from functools import partial
 from math import inf
 
 import numpy as np
@@ -66,6 +67,6 @@ class ContactWatch:
 
     def _look(self, normals: Array, history: PoseHistory) -> None:
         for n, swing in zip(normals, self._swings, strict=True):
-            self.late.update(self._motion.followed(n, history))
+            self.late.update(self._motion.followed(n, history), partial(self._motion.sure, n, history))
             if swing.suspected and not self.late.reason:
                 swing.judge(self._motion.followed(n, history, self.late.error or 0.0))

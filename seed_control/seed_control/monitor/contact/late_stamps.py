@@ -3,8 +3,11 @@
 
 In free space the tool is carried along and its pose in the grasp says nothing about time. But whenever a force is built
 up, the grasp is deflected as the gripper moves, and the image says when. See contact_motion.py. A surface may rise and
-fall under a tool that wipes; one that is as steep as a press is not believed.
+fall under a tool that wipes; one that is as steep as a press is not believed. Nor is a lag that a grasp may have by
+itself, as it slides or stiffens: it is told, but does not hold.
 """
+
+from collections.abc import Callable
 
 from seed_control.monitor.contact.contact_motion import Followed
 from seed_control.parameters import ControllerParameters
@@ -12,6 +15,7 @@ from seed_control.parameters import ControllerParameters
 _KNOWN = 0.012  # [s] of deviation, from which on the stamp error counts as told
 _EXPLAINED = 0.9  # of the deflection's variance, at least
 _SHARES = 0.1, 1.4  # of the gripper's motion that a deflection may follow
+_SURE = 9.0  # chi-square by which a lag must be better than the best of a grasp's own
 _STEEP = 0.03  # standard deviation of the deflection per way across
 
 
@@ -36,8 +40,8 @@ class LateStamps:
         """A hold is over: what is to be said has to be seen anew."""
         self.reason, self._late = "", 0
 
-    def update(self, seen: Followed | None) -> None:
-        """Take in how the deflection has followed the gripper."""
+    def update(self, seen: Followed | None, sure: Callable[[], float]) -> None:
+        """Take in how the deflection has followed the gripper; sure: chi-square of a lag against a grasp's own."""
         if seen is None or not _tells(seen):
             return
         self.error, self.deviation = seen.shift, seen.deviation
@@ -47,6 +51,10 @@ class LateStamps:
             f"{'late' if seen.shift > 0.0 else 'early'}, as the motion in contact shows"
         )
         self.warning = words if size > self._notable + seen.deviation else ""
+        if size > self._most and sure() < _SURE:
+            self.warning += ", or the grasp slides" if self.warning else ""
+            self._late = 0
+            return
         self._late = self._late + 1 if size > self._most else 0
         if self._late >= 2 or size > self._most + 2.0 * seen.deviation:
             most = f"more than {1e3 * self._most:.0f} ms makes the force swing"
