@@ -10,8 +10,6 @@ the kinematics go stale or invalid it decelerates to a hold, latched with the re
 from dataclasses import replace
 from math import inf
 
-import numpy as np
-
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
@@ -21,7 +19,6 @@ from seed_control.monitor.contact.contact_watch import ContactWatch
 from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
@@ -37,6 +34,7 @@ from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array, Wrench
 from seed_core.vector3 import as_vector3
 from seed_core.wrench_model import WrenchModel
+from seed_core.wrench_settings import ReferenceSettings
 
 # The laws that `parameters.LAWS` names. The default `seed` is HybridLaw with the surface observer, `plain` the same
 # without it. (The stiffness map's model 'plain' is something else: see seed_core/bushing.py.)
@@ -254,9 +252,10 @@ class Controller:
     def _pressing(self) -> Array | None:
         """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""
         plan = self.law.plan
-        if len(plan.normals) != 1 or not self._guard.following or not plan.wanted.any() or not self.law.gravity:
+        if len(plan.normals) != 1 or not self._guard.following or not plan.wanted[0] or not self.law.gravity:
             return None
-        return np.asarray(plan.normals[0] * np.sign(plan.wanted[0]))
+        n: Array = plan.normals[0]
+        return n if plan.wanted[0] > 0.0 else -n
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""

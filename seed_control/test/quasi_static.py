@@ -13,7 +13,6 @@ import numpy as np
 
 from seed_control.controller import Controller, ControllerParameters
 from seed_control.monitor.pressure_check import PressureCheck
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_core.bushing import Bushing, Stiffness
@@ -21,6 +20,7 @@ from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
 from seed_core.wrench_model import WrenchModel
+from seed_core.wrench_settings import ReferenceSettings
 
 DOWN = pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02))  # tip pose: tool's z into the table
 PRESS_Z = np.diag([0.0, 0.0, 1.0])

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import Bench
 
-from seed_control.wrench.model_settings import WrenchSettings, age, choose_model
+from seed_control.wrench.model_settings import age, choose_model
 from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
@@ -22,6 +22,7 @@ from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_
 from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
+from seed_core.wrench_settings import WrenchSettings
 
 GRIP = Grip(
     1030.0,

@@ -10,11 +10,11 @@ from quasi_static import DT, Bench
 
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
-from seed_control.monitor.settings import ReferenceSettings
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import Wrench, make_pose
+from seed_core.wrench_settings import ReferenceSettings
 
 SENSOR = ReferenceSettings(
     arm_force_noise=0.1, arm_torque_noise=0.01, arm_force_offset=0.05, arm_torque_offset=0.02, arm_gain=0.005

@@ -6,13 +6,13 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.wrench.estimate import MOST_DISCREPANCY, bounded
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import Wrench, inverse_pose
 from seed_core.wrench_model import BushingModel, SpringWrench
+from seed_core.wrench_settings import ReferenceSettings
 
 
 class TrueMap:

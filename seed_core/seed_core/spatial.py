@@ -74,7 +74,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def skew(v: ArrayLike) -> Array:
     """(3, 3) matrix with skew(v) @ u = v x u."""
-    x, y, z = np.asarray(v, dtype=float)
+    x, y, z = np.asarray(v, dtype=float).tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 

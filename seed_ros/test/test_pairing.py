@@ -77,3 +77,27 @@ def test_the_skew_of_the_last_set_is_told() -> None:
     pairing.add("left", 2.0, "c")
     assert pairing.add("right", 2.02, "d") is None  # too far apart to be one moment
     assert abs(pairing.skew - 0.011) < 1e-9
+
+
+def test_a_skew_up_to_the_bound_pairs_and_is_told() -> None:
+    pairing = Pairing[int](("left", "right"), 0.025)
+    for i in range(20):
+        assert pairing.add("left", i / 15.0, i) is None
+        done = pairing.add("right", i / 15.0 + 0.022, i)
+        assert done is not None
+        assert done[1] == {"left": i, "right": i}
+        assert abs(pairing.skew - 0.022) < 1e-9
+    assert pairing.unpaired == 0
+
+
+def test_a_tolerance_beyond_the_period_pairs_the_nearest_after_a_loss() -> None:
+    pairing = Pairing[int](("left", "right"), 0.025)
+    sets = []
+    for i in range(60):
+        for name, ahead in (("left", 0.0), ("right", 0.004)):
+            if (name, i) not in (("left", 10), ("right", 31)):
+                sets.append(pairing.add(name, i * PERIOD + ahead, i))
+    pairs = [done[1] for done in sets if done is not None]
+    assert [p["left"] for p in pairs] == [i for i in range(60) if i not in (10, 31)]
+    assert all(p["left"] == p["right"] for p in pairs)
+    assert abs(pairing.skew - 0.004) < 1e-9

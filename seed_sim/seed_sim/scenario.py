@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from seed_control.monitor.settings import ReferenceSettings
-from seed_control.wrench.model_settings import WrenchSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
+from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection

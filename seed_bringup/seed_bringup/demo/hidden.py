@@ -11,10 +11,10 @@ import numpy as np
 import yaml
 
 from seed_bringup.demo.terminal import say
-from seed_control.wrench.model_settings import WrenchSettings
 from seed_core.bushing import Stiffness
 from seed_core.config import to_mapping
 from seed_core.errors import FailedError
+from seed_core.wrench_settings import WrenchSettings
 from seed_sim.scenario import Scenario, on_membrane
 from seed_sysid.stiffness_map import CHANNELS
 

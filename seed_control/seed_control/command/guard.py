@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the arm may move: it is enabled, and nothing has made it hold since."""
 
-from math import inf
+from math import degrees, inf
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class Guard:
         p = self._parameters
         force = float(np.sqrt(m.on_environment.force @ m.on_environment.force))
         deflection = float(np.sqrt(m.X_TC[:3, 3] @ m.X_TC[:3, 3]))
-        angle = float(np.rad2deg(np.abs(rpy_from_rotation(m.X_TC[:3, :3])).max()))
+        angle = degrees(max(map(abs, rpy_from_rotation(m.X_TC[:3, :3]).tolist())))
         why = (
             f"estimated force {force:.1f} N is beyond {p.max_measured_force:g} N"
             if force > p.max_measured_force

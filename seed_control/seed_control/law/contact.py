@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the tool touches: some images in a row above a share of each wanted force; lost after more below another."""
 
-import numpy as np
-
 from seed_control.parameters import ControllerParameters
 from seed_core.spatial import Array
 
@@ -29,12 +27,12 @@ class ContactDetector:
             along, wanted: estimated and wanted force (m,) [N] along the force directions.
             deviation: standard deviation of the estimate [N].
         """
-        active = np.abs(wanted) > 0.0
-        if not active.any():
+        pairs = [(f if w > 0.0 else -f, abs(w)) for f, w in zip(along.tolist(), wanted.tolist(), strict=True) if w]
+        if not pairs:
             return False
-        p, along_wanted, size = self._parameters, (along * np.sign(wanted))[active], np.abs(wanted[active])
-        above = bool(np.any(along_wanted > np.maximum(p.contact_share * size, _CERTAIN * deviation)))
-        below = bool(np.all(along_wanted < p.lost_share * size))
+        p, least = self._parameters, _CERTAIN * deviation
+        above = any(f > max(p.contact_share * size, least) for f, size in pairs)
+        below = all(f < p.lost_share * size for f, size in pairs)
         self._above, self._below = self._above + 1 if above else 0, self._below + 1 if below else 0
         if not self.made and self._above >= p.contact_images:
             self.made = True

@@ -20,7 +20,7 @@ def force_directions(P: Array, before: Array | None) -> tuple[Array, bool]:
     m = round(float(P[0, 0] + P[1, 1] + P[2, 2]))
     if before is not None and len(before) == m:
         turned = before @ P
-        if ((turned * before).sum(axis=1) > _SAME).all():
+        if all(float(new @ old) > _SAME for new, old in zip(turned, before, strict=True)):
             return _orthonormal(turned, m), True
     if m == 3:
         return np.eye(3), False

@@ -18,6 +18,7 @@ from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
 
 Selection = tuple[bool, bool, bool]
+_EYE = np.eye(3)
 PITCH_RANGE = np.deg2rad(60.0)  # [rad]; twice of what the grasp endures before slip
 
 
@@ -38,7 +39,7 @@ def hybrid_force_position(force_projector: Array, K: Array, displacement: Array,
     """
     P = force_projector
     scale = float(K[0, 0])  # [N/m], makes both kinds of rows of about one size
-    M = np.eye(3) - P + P @ K / scale  # (S + P K / scale) d = S displacement + P force / scale
+    M = _EYE - P + P @ K / scale  # (S + P K / scale) d = S displacement + P force / scale
     return np.asarray(np.linalg.solve(M, displacement - P @ displacement + P @ force / scale))
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's law: Algorithm 2, hybrid by the partial inverses of Sec. V-C, and nothing more."""
 
+from math import radians
 from typing import NamedTuple
 
 import numpy as np
@@ -142,8 +143,8 @@ class PublishedLaw:
             return
         self.estimated_task = m.on_environment.rotated(plan.R_W_task.T)
         self.filtered_task = filtered.rotated(plan.R_W_task.T)
-        error = np.abs(plan.normals @ filtered.force - plan.wanted)
-        self.settled = self.contact.made and bool((error < np.maximum(0.1 * np.abs(plan.wanted), 0.3)).all())
+        pairs = zip((plan.normals @ filtered.force).tolist(), plan.wanted.tolist(), strict=True)
+        self.settled = self.contact.made and all(abs(f - wanted) < max(0.1 * abs(wanted), 0.3) for f, wanted in pairs)
 
     def regulated_error(self) -> Wrench | None:
         """Filtered estimate less wanted wrench, where force and torque are regulated, in the task frame.
@@ -205,13 +206,13 @@ class PublishedLaw:
         except PartialInverseError:
             limits.append("torque domain")
             return R_TC_held
-        bound = float(np.deg2rad(self.parameters.max_rotation))
-        clipped = np.clip(np.array(wanted), -bound, bound)
-        if np.any(clipped != wanted):
+        bound = radians(self.parameters.max_rotation)
+        clipped = tuple(min(max(angle, -bound), bound) for angle in wanted)
+        if clipped != tuple(wanted):
             limits.append("max_rotation")
         R_TC = rotation_from_rpy(clipped)
         drift = so3_log(R_TT_des.T @ R_TC)
-        size, bound = float(np.sqrt(drift @ drift)), bound + float(np.deg2rad(self.parameters.max_drift))
+        size, bound = float(np.sqrt(drift @ drift)), bound + radians(self.parameters.max_drift)
         if size <= bound:
             return R_TC
         limits.append("max_drift")

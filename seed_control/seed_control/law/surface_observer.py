@@ -67,7 +67,7 @@ class SurfaceObserver:
         gain = Ph / total
         self.x += gain * innovation
         self.x[4] = min(max(self.x[4], 0.0), MAX_SHARE)
-        self.P -= np.outer(gain, Ph)
+        self.P -= gain[:, None] * Ph
         return innovation
 
     def wanted_height(self, n: Vector3, deflection: float) -> tuple[float, Vector3]:

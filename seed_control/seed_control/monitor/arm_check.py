@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_control.monitor.contradiction import WindowTest
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.monitor.weight_check import Sample
 from seed_control.wrench.estimate import Measurement
 from seed_core.errors import SeedError
 from seed_core.hand import GRAVITY, Tool
 from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.wrench_settings import ReferenceSettings
 
 _SPAN = 0.03  # [s] around an image within which readings are averaged
 _KEPT = 400  # readings

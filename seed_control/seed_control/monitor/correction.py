@@ -12,9 +12,9 @@ from math import inf
 
 import numpy as np
 
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.wrench.estimate import share_of
 from seed_core.spatial import Array, Wrench
+from seed_core.wrench_settings import ReferenceSettings
 
 _PRIOR = np.array((0.1, 0.1, 0.1, 0.6, 0.6, 0.6, 0.1, 0.1, 0.1)) ** 2  # [N m, N, 1]
 _WALK = np.array((2e-3, 2e-3, 2e-3, 0.02, 0.02, 0.02, 5e-3, 5e-3, 5e-3)) ** 2  # per second

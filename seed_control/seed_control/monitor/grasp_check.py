@@ -20,6 +20,7 @@ _STAYED = 1e-3, 0.02  # [m], [rad] by which an arm that stands still may seem to
 _LEAST, _SHARE = 1.0, 0.3  # [N], and of the force before, by which a force that is kept may differ
 _NOISE = 4.0  # deviations of the estimated force
 _ALIKE = 0.25  # of the weight, by which a force may differ that a hanging tool explains
+_NONE = np.zeros((0, 3)), np.zeros((0, 3))  # places and forces of no image
 
 
 class GraspCheck:
@@ -35,7 +36,7 @@ class GraspCheck:
         self._anew = self._loaded = ""
         self._before: Measurement | None = None  # the last one of the grasp before
         self._taken = False  # a new grasp has been taken since
-        self._rows: list[tuple[Array, Array]] | None = []  # of an approach: p_WC [m], force; None: it is judged
+        self._rows: tuple[Array, Array] | None = _NONE  # of an approach: p_WC [m], force, (N, 3); None: it is judged
 
     @property
     def reason(self) -> str:
@@ -44,7 +45,7 @@ class GraspCheck:
 
     def restart(self) -> None:
         """Enabled anew: an approach is to show again what it has shown."""
-        self._loaded, self._rows = "", []
+        self._loaded, self._rows = "", _NONE
 
     def new_grasp(self, last: Measurement | None) -> None:
         """T is counted anew; last: the newest measurement of the grasp before."""
@@ -64,7 +65,7 @@ class GraspCheck:
             self._taken = False
             self._compare(m, stiffness)
         if pressing is None:
-            self._rows = []
+            self._rows = _NONE
         elif self._rows is not None:
             self._approach(m, pressing, stiffness * m.variance**0.5)
 
@@ -88,11 +89,12 @@ class GraspCheck:
     def _approach(self, m: Measurement, pressing: Array, noise: float) -> None:
         """Where the gripper goes on and the force does not rise, there is no contact and no force."""
         assert self._rows is not None
-        self._rows = [*self._rows[1 - _MOST :], (m.X_WC[:3, 3], m.on_environment.force)]
-        places, forces = np.array([p for p, _ in self._rows]), np.array([f for _, f in self._rows])
+        rows, new = self._rows, (m.X_WC[:3, 3], m.on_environment.force)
+        places, forces = (np.concatenate((a[1 - _MOST :], b[None])) for a, b in zip(rows, new, strict=True))
+        self._rows = places, forces
         heights = places @ pressing
-        across = places - np.outer(heights, pressing)
-        if float(np.ptp(heights)) < max(_WAY, float(np.ptp(across, axis=0).max())):
+        gone = float(heights.max() - heights.min())
+        if gone < _WAY or gone < float(np.ptp(places - np.outer(heights, pressing), axis=0).max()):
             return  # a surface may rise and fall under a tool that wipes
         way = heights - heights.mean()
         square = float(way @ way)

@@ -3,11 +3,11 @@
 
 from seed_control.monitor.arm_check import ArmCheck
 from seed_control.monitor.correction import Correction
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.monitor.weight_check import WeightCheck
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
+from seed_core.wrench_settings import ReferenceSettings
 
 
 class References:

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_control.monitor.contradiction import WindowTest
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.wrench.estimate import Measurement
 from seed_core.hand import GRAVITY, Tool
 from seed_core.spatial import Array, Wrench, skew
+from seed_core.wrench_settings import ReferenceSettings
 
 WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
 CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again

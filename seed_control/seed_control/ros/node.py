@@ -15,7 +15,6 @@ from seed_msgs.msg import WrenchSetpoint as WrenchMsg
 from std_srvs.srv import SetBool
 
 from seed_control.controller import Controller
-from seed_control.monitor.settings import ReferenceSettings
 from seed_control.parameters import ControllerParameters
 from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
@@ -24,13 +23,14 @@ from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, ControlOutput
-from seed_control.wrench.model_settings import WrenchSettings, choose_model
+from seed_control.wrench.model_settings import choose_model
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.clocks import DOC, clocks
 from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
+from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_ros import COMMAND, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import (
     check_frame,

@@ -183,9 +183,10 @@ class WrenchEstimator:
         if self.correction is not None and (more := self.correction.wrench(told)) is not None:
             corrected = told.plus(more)
             discrepancy = bounded(spring.minus(corrected), spring)
-        stated, seen = estimate.covariance.diagonal(), np.array(estimate.observed_translation)
+        stated, seen = estimate.covariance.diagonal(), estimate.observed_translation
+        of_force = stated[3:][list(seen)] if any(seen) and not all(seen) else stated[3:]  # it is controlled along these
         turning = sum(stated[:3].tolist()) / 3.0
-        variance = float(np.mean(stated[3:][seen] if seen.any() else stated[3:]))  # force is controlled along these
+        variance = float(np.mean(of_force))
         return Measurement(
             stamp=estimate.stamp,
             X_WC=X_WC,

@@ -3,7 +3,7 @@
 
 from bisect import bisect_right
 from collections import deque
-from itertools import islice
+from itertools import takewhile
 from math import inf
 from operator import itemgetter
 
@@ -33,8 +33,7 @@ class PoseHistory:
 
     def since(self, stamp: float) -> list[tuple[float, Array]]:
         """Stamps and poses (4, 4) from a time [s] on."""
-        first = bisect_right(self._entries, stamp, key=itemgetter(0))
-        return list(islice(self._entries, first, None))
+        return list(takewhile(lambda entry: entry[0] > stamp, reversed(self._entries)))[::-1]
 
     def add(self, stamp: float, X: Array) -> bool:
         """Append a pose; False, and nothing changes, when its stamp does not rise."""

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which model the wrench comes from, and how an identification becomes one; refused where it is of something else."""
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -9,31 +8,14 @@ import numpy as np
 
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_core.bushing import Bushing, Stiffness
-from seed_core.config import ConfigError, field
+from seed_core.config import ConfigError
 from seed_core.hand import Hand
 from seed_core.hysteretic.file import load_hysteretic
 from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.membrane.map import MembraneMap
 from seed_core.stiffness_file import StiffnessFile, load_stiffness
-from seed_core.wrench_model import BushingModel, MapUncertainty, WrenchModel
-
-MODELS = ("bushing", "hysteretic", "membrane")
-
-
-@dataclass(frozen=True)
-class WrenchSettings(MapUncertainty):
-    """The model and the file of its identification."""
-
-    model: str = field(
-        "bushing",
-        choices=MODELS,
-        doc="bushing: the paper's map of the tool's pose; hysteretic: a spring that stiffens and has friction; "
-        "membrane: a map of what the membranes do",
-    )
-    file: str = field(
-        "",
-        doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations and age",
-    )
+from seed_core.wrench_model import BushingModel, WrenchModel
+from seed_core.wrench_settings import WrenchSettings
 
 
 class ChosenModel(NamedTuple):

@@ -37,7 +37,9 @@ class InputSettings:
     fingers: str = field("both", choices=tuple(FINGERS), doc="which bubbles have a camera")
     rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
     pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
-    finger_tolerance: float = field(0.012, unit="s", low=0.0, high=0.1, doc="between the images of both fingers")
+    finger_tolerance: float = field(
+        0.025, unit="s", low=0.0, high=0.1, doc="between the images of both fingers; max_skew bounds what is used of it"
+    )
     clock_offset: float = field(
         0.0,
         unit="s",
@@ -138,6 +140,11 @@ class ImageInputs:
             apart = abs(self._latest[finger, "depth"] - self._latest[finger, "ir"])
             if apart > most:
                 return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
+        if len(self.fingers) > 1:
+            apart = abs(self._latest["left", "depth"] - self._latest["right", "depth"])
+            if apart > self.settings.finger_tolerance:
+                most = self.settings.finger_tolerance
+                return f"images of bubble_left and bubble_right are {apart:.3f} s apart (at most {most:g} s)"
         return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
 
     def _on_image(self, finger: str, kind: str, serialized: bytes, _: Any) -> None:

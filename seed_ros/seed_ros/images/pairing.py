@@ -7,13 +7,16 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+_SLOWER = 1.05  # per item, by which a period may seem to grow: a lost item doubles one
 BACKWARDS = 0.5  # [s] a stamp this much older than its predecessor is a clock that was set back, not a late packet
 
 
 class Pairing(Generic[T]):
     """Collects one item of each stream whose stamps lie within `tolerance` [s].
 
-    Queues are bounded: the oldest item is dropped and counted. A clock that jumps back empties the queues.
+    The nearest make a set, also where the tolerance is wider than the time between two items: a skew beyond half of
+    that waits for the next item of the late stream, which may be nearer. Queues are bounded: the oldest item is dropped
+    and counted. A clock that jumps back empties the queues.
     """
 
     def __init__(self, streams: tuple[str, ...], tolerance: float, depth: int = 4) -> None:
@@ -21,6 +24,7 @@ class Pairing(Generic[T]):
         self._queues: dict[str, deque[tuple[float, T]]] = {name: deque() for name in streams}
         self._depth = depth
         self._newest: dict[str, float] = dict.fromkeys(streams, -math.inf)
+        self._period: dict[str, float] = dict.fromkeys(streams, math.inf)  # [s] between items, where none is lost
         self.complete = 0
         self.skew = 0.0  # [s] between the oldest and the newest stamp of the last set
         self.unpaired = 0
@@ -47,6 +51,7 @@ class Pairing(Generic[T]):
         newest = self._newest[stream]
         if stamp > newest:
             self._newest[stream] = stamp
+            self._period[stream] = min(stamp - newest, _SLOWER * self._period[stream])
             return True
         self.backwards += 1
         if newest - stamp > BACKWARDS:
@@ -57,14 +62,24 @@ class Pairing(Generic[T]):
         return False
 
     def _match(self) -> tuple[float, dict[str, T]] | None:
-        """Drop what can have no partner any more: an item older than the newest head by more than the tolerance."""
+        """The newest set that is complete. What can have no partner any more is dropped, and what has a nearer one."""
+        done: tuple[float, dict[str, T]] | None = None
         while all(self._queues.values()):
             heads = {name: queue[0][0] for name, queue in self._queues.items()}
             oldest = min(heads, key=lambda name: heads[name])
-            skew = max(heads.values()) - heads[oldest]
-            if skew <= self.tolerance:
-                self.complete, self.skew = self.complete + 1, skew
-                return heads[oldest], {name: queue.popleft()[1] for name, queue in self._queues.items()}
-            self._queues[oldest].popleft()
+            queue, skew = self._queues[oldest], max(heads.values()) - heads[oldest]
+            if len(queue) > 1:
+                after = [*(heads[name] for name in heads if name != oldest), queue[1][0]]
+                fits = skew <= max(after) - min(after)
+            else:
+                fits = True
+                if 0.5 * self._period[oldest] < skew <= self.tolerance:
+                    break
+            if skew <= self.tolerance and fits:
+                self.unpaired += len(heads) if done is not None else 0
+                self.complete, self.skew = self.complete + (done is None), skew
+                done = heads[oldest], {name: queue.popleft()[1] for name, queue in self._queues.items()}
+                continue
+            queue.popleft()
             self.unpaired += 1
-        return None
+        return done

@@ -6,9 +6,9 @@ from math import sqrt
 
 import numpy as np
 
-from seed_control.monitor.settings import ReferenceSettings
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Wrench
+from seed_core.wrench_settings import ReferenceSettings
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import ArmSensorSection
 

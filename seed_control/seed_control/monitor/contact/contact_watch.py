@@ -4,8 +4,6 @@
 from functools import partial
 from math import inf
 
-import numpy as np
-
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact.contact_motion import ContactMotion
 from seed_control.monitor.contact.late_stamps import LateStamps
@@ -32,7 +30,7 @@ class ContactWatch:
         self._motion = ContactMotion(p_EC)
         self.late = LateStamps(parameters)
         self._swings: list[Swing] = []
-        self._wanted = np.zeros(0)
+        self._wanted: list[float] = []
         self._looked = -inf  # [s]
 
     def restart(self) -> None:
@@ -48,18 +46,20 @@ class ContactWatch:
 
     def update(self, m: Measurement, law: PublishedLaw, history: PoseHistory) -> None:
         """Take in an image; law: as it is after it; history: flange poses."""
-        plan = law.plan
-        if not law.contact.made or not plan.wanted.any():
+        plan, wanted = law.plan, law.plan.wanted.tolist()
+        if not law.contact.made or not any(wanted):
             self._motion.clear()
             self._swings = []
             return
         self._motion.add(m)
-        size = np.abs(plan.wanted)
-        if len(self._swings) != len(size) or bool((np.abs(plan.wanted - self._wanted) > _LEAST_SHARE * size).any()):
-            self._swings, self._wanted = [Swing() for _ in size], plan.wanted.copy()
+        sizes = [abs(w) for w in wanted]
+        if len(self._swings) != len(sizes) or any(
+            abs(w - before) > _LEAST_SHARE * size for w, before, size in zip(wanted, self._wanted, sizes, strict=True)
+        ):
+            self._swings, self._wanted = [Swing() for _ in sizes], wanted
         noise = _NOISE * law.wrench_estimator.mean_stiffness * m.variance**0.5
         along = plan.normals @ m.on_environment.force
-        for swing, force, least in zip(self._swings, along.tolist(), size.tolist(), strict=True):
+        for swing, force, least in zip(self._swings, along.tolist(), sizes, strict=True):
             swing.update(m.stamp, force, max(_LEAST_SHARE * least, _LEAST_FORCE, noise))
         if m.stamp >= self._looked + _EVERY or m.stamp < self._looked:
             self._looked = m.stamp

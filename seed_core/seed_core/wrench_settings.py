@@ -1,9 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the wrench is checked against, and how well that is known; every number with unit and bound."""
+"""Where the wrench comes from, what it is checked against, and how well that is known; each with unit and bound."""
 
 from dataclasses import dataclass
 
 from seed_core.config import field
+from seed_core.wrench_model import MapUncertainty
+
+MODELS = ("bushing", "hysteretic", "membrane")
+
+
+@dataclass(frozen=True)
+class WrenchSettings(MapUncertainty):
+    """The model and the file of its identification."""
+
+    model: str = field(
+        "bushing",
+        choices=MODELS,
+        doc="bushing: the paper's map of the tool's pose; hysteretic: a spring that stiffens and has friction; "
+        "membrane: a map of what the membranes do",
+    )
+    file: str = field(
+        "",
+        doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations and age",
+    )
 
 
 @dataclass(frozen=True)
