@@ -164,11 +164,15 @@ def test_a_grasp_reminds_of_clocks_that_were_never_compared(bench: Bench, render
     assert "compared" not in reference.message
 
 
-@pytest.mark.parametrize("count", [1, 8])
+@pytest.mark.parametrize(
+    ("count", "loaded", "z"),
+    [(1, "correct", 0.002), (8, "correct", 0.002), (1, "ignore", 0.0), (8, "ignore", 0.0)],
+)
 def test_a_grasp_taken_anew_is_told_by_invalid_poses_that_no_controller_can_miss(
-    bench: Bench, renderer: Any, count: int
+    bench: Bench, renderer: Any, count: int, loaded: str, z: float
 ) -> None:
-    rig = Rig(bench, renderer, **(QUICK | {"grasp_frames": count})).grasped()
+    """It counts from where the tool would be without the load that has dragged it by 2 mm, or from where it is."""
+    rig = Rig(bench, renderer, **(QUICK | {"grasp_frames": count, "loaded_grasp": loaded})).grasped()
     rig.X_CT = make_pose(p=(0.0, 0.0, 0.002))
     bench.spin(3 * PERIOD)
     rig.poses.clear()
@@ -180,7 +184,7 @@ def test_a_grasp_taken_anew_is_told_by_invalid_poses_that_no_controller_can_miss
     assert anew[-len(told) - 1 : -1] == [False] * len(told)  # in a row, up to the first pose of the new grasp
     assert all("a new grasp is taken" in p.reason for p in told)
     assert seconds(told[-1].header.stamp) - seconds(told[0].header.stamp) > 0.2
-    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose)[:3, 3]).max() < 5e-4  # [m]: T := C, where it was 2 mm
+    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose)[:3, 3] - (0.0, 0.0, z)).max() < 5e-4  # [m]
 
 
 def test_without_a_reference_or_a_grasp_it_says_so(bench: Bench, renderer: Any) -> None:
