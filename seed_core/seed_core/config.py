@@ -253,3 +253,15 @@ def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mappin
         if meta.get("choices") and value not in meta["choices"]:
             _fail(node, source, f"{name} = '{value}' must be one of: {', '.join(meta['choices'])}")
     return value
+
+
+def save_file(path: str | Path, header: str, value: Any, width: int = 80) -> None:
+    """Write a dataclass as YAML, whole or not at all; load_file reads it.
+
+    Args:
+        header: comments that stand first, with their line ends. width: characters after which lines are broken.
+    """
+    target = Path(path)
+    part = target.with_suffix(target.suffix + ".part")
+    part.write_text(header + yaml.safe_dump(to_mapping(value), sort_keys=False, width=width), encoding="utf-8")
+    part.replace(target)

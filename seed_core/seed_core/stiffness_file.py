@@ -8,10 +8,9 @@ from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from seed_core.bushing import MODELS, Stiffness
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import ConfigError, field, load_file, save_file
 from seed_core.vector3 import Vector3
 
 HEADER = (
@@ -87,7 +86,4 @@ def load_stiffness(path: str | Path) -> StiffnessFile:
 
 def save_stiffness(path: str | Path, file: StiffnessFile) -> None:
     """Write a stiffness.yaml whole or not at all."""
-    target = Path(path)
-    part = target.with_suffix(target.suffix + ".part")
-    part.write_text(HEADER + yaml.safe_dump(to_mapping(file), sort_keys=False), encoding="utf-8")
-    part.replace(target)
+    save_file(path, HEADER, file)

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import ConfigError, field, load_file, save_file
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.vector3 import Vector3
 
@@ -104,7 +103,4 @@ def load_hysteretic(path: str | Path) -> HystereticFile:
 
 def save_hysteretic(path: str | Path, file: HystereticFile) -> None:
     """Write a hysteretic_spring.yaml whole or not at all."""
-    target = Path(path)
-    part = target.with_suffix(target.suffix + ".part")
-    part.write_text(HEADER + yaml.safe_dump(to_mapping(file), sort_keys=False), encoding="utf-8")
-    part.replace(target)
+    save_file(path, HEADER, file)

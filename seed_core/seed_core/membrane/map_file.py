@@ -11,9 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import ConfigError, field, load_file, save_file
 from seed_core.membrane.features import COUNT, NAMES, SCALES
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
@@ -161,7 +160,4 @@ def load_membrane_map(path: str | Path) -> MembraneMapFile:
 
 def save_membrane_map(path: str | Path, file: MembraneMapFile) -> None:
     """Write a membrane_map.yaml whole or not at all."""
-    target = Path(path)
-    part = target.with_suffix(target.suffix + ".part")
-    part.write_text(HEADER + yaml.safe_dump(to_mapping(file), sort_keys=False, width=1_000_000), encoding="utf-8")
-    part.replace(target)
+    save_file(path, HEADER, file, width=1_000_000)
