@@ -89,6 +89,16 @@ def test_estimates_see_the_membranes_that_the_sensor_feels():
         assert_allclose(motion.X_CM[:3, 3], -X_TC[:3, 3], atol=1e-3)  # the material goes with the tool
 
 
+def test_images_of_a_pose_that_rests_keep_the_track():
+    poses = TactilePoses(SCENARIO, 3)
+    cell = cell_of(SCENARIO, 3, poses)
+    way = [make_pose(None, share * X_TC[:3, 3]) for share in (0.0, 0.25, 0.5, 0.75)]
+    rests = [make_pose(None, X_TC[:3, 3])] * 30  # for 2.6 s before it is measured
+    followed = [cell.step(command(X, 1, measuring=i >= 30)).followed for i, X in enumerate(way + rests)]
+    assert followed[-4:] == [True] * 4
+    assert False not in followed
+
+
 def test_random_membranes_come_with_a_firm_grip():
     drawn = identify_on_membrane(IdentificationScenario(), 5)
     assert drawn.grasp.kind == "membrane"

@@ -15,10 +15,12 @@ from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.data.dataset import Header
-from seed_sysid.parameters import Procedure
+from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure
 from seed_sysid.run.excitation import Target
 from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
+from seed_sysid.run.reach import Reach
+from seed_sysid.stiffness_map import AXES
 
 K = DEFAULT_STIFFNESS.vector()
 
@@ -120,3 +122,58 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
 def test_wrong_arguments_are_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert identify.main(arguments) == 2
     assert message in capsys.readouterr().err
+
+
+def test_where_the_estimator_loses_the_tool_poses_are_drawn_back_and_later_ones_go_less_far() -> None:
+    """It follows up to 9 degrees of pitch, of 12; lost, it finds the tool near the centre alone."""
+    scenario = load("default")
+    procedure = replace(scenario.procedure, widths=[0.02])
+    cell, run = SimulatedCell(scenario, 1), Run(procedure)
+    command, lost, samples, events = Command(np.eye(4), 0.02, 0, "start"), False, [], []
+    while not command.done:
+        reading = cell.step(command)
+        pitch = abs(np.rad2deg(so3_log(reading.X_TC[:3, :3])[1]))
+        lost = pitch > 9.0 or (lost and pitch > 2.0)
+        command = run.step(replace(reading, followed=not lost))
+        assert not command.failure
+        events += [command.event] if command.event else []
+        if command.sample:
+            samples.append((command.sample, lost))
+    assert len(samples) == run.total
+    assert not any(lost for _, lost in samples)
+    assert all("has not followed the tool" in e for e in events)
+    assert len(events) <= 3  # once or twice on the axis itself; what was learnt spares the rest
+    assert max(abs(s.kinematic[4]) for s, _ in samples) > np.deg2rad(7.0)
+
+
+def test_without_an_estimator_or_one_that_never_followed_nothing_is_drawn_back() -> None:
+    scenario = load("default")
+    for followed in (None, False):
+        cell, run = SimulatedCell(scenario, 1), Run(replace(scenario.procedure, widths=[0.02]))
+        command = Command(np.eye(4), 0.02, 0, "start")
+        for _ in range(600):
+            command = run.step(replace(cell.step(command), followed=followed))
+            assert "followed" not in command.event
+
+
+def test_combinations_keep_below_the_wrench_limit_by_the_stiffness_that_was_seen() -> None:
+    excitation, limits = ExcitationParameters(), LimitParameters()
+    reach, twice = Reach(excitation, limits), 2.0 * K  # [N m/rad, N/m]
+    for j, axis in enumerate(AXES):
+        xi = np.zeros(6)
+        xi[j] = 0.5 * excitation.amplitudes[j]
+        reach.measured(Target("a", axis, tuple(xi)), twice * xi)
+    far = Target("b", "combination", tuple(0.8 * excitation.amplitudes))
+    near = np.array(reach.within(far).xi)
+    uses = np.linalg.norm(twice[3:] * near[3:]) / limits.force, np.linalg.norm(twice[:3] * near[:3]) / limits.torque
+    assert max(uses) == pytest.approx(0.9)
+    np.testing.assert_allclose(near / near[0], np.array(far.xi) / far.xi[0])  # the same direction
+
+
+def test_an_axis_is_not_driven_again_to_where_it_failed() -> None:
+    excitation = ExcitationParameters()
+    reach = Reach(excitation, LimitParameters())
+    out = Target("a", "pitch", (0.0, float(excitation.amplitudes[1]), 0.0, 0.0, 0.0, 0.0))
+    reach.failed(out, 0.7)
+    assert reach.within(out.scaled(-1.0)).xi[1] == pytest.approx(-0.7 * excitation.amplitudes[1])
+    assert reach.within(out.scaled(0.5)) == out.scaled(0.5)

@@ -22,7 +22,7 @@ from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_tr
 _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
 
-# From X_CT, stamp [s], and whether it is being measured: a valid estimate, None without an image.
+# From X_CT, stamp [s], and whether it is being measured: an estimate, None without an image.
 PoseSource = Callable[[Array, float, bool], RelativePoseEstimate | None]
 
 
@@ -62,11 +62,14 @@ class SimulatedCell:
         pressures = self._pressures(command.grip)
         seen = self._pose_source(inverse_pose(X_TC), self.stamp, command.measuring) if self._pose_source else None
         sensed = self._sensed(self._lag.sum(axis=0))
-        if seen is None:
-            return Reading(self.stamp, command.X_TC, sensed, command.width, pressures)
+        if seen is None or not seen.valid:
+            followed = None if seen is None else False
+            return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, followed=followed)
         membrane = self._with_pressure(seen.membrane, pressures)
         X_seen = inverse_pose(seen.X_CT)
-        return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane)
+        return Reading(
+            self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane, followed=True
+        )
 
     @staticmethod
     def _with_pressure(

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator's view in a simulated identification: rendered tactile images through the estimator.
 
-Images are rendered while a pose is measured and, on the way, often enough for the estimator to follow; not for every
-reading, which would cost far more and tell nothing new.
+Images are rendered while a pose is measured, on the way often enough for the estimator to follow, and at rest often
+enough for it not to take the images for interrupted; not at a camera's rate, which would cost far more and tell
+nothing new.
 """
 
 from typing import Any
@@ -14,7 +15,8 @@ from seed_core.spatial import Array, so3_log
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.membrane.hold import MembraneHold
 
-_STEP, _TURN = 1.5e-3, np.deg2rad(2.5)  # [m], [rad]; motion between images that is followed with ease
+_STEP, _TURN = 3e-4, np.deg2rad(0.5)  # [m], [rad]; further than that from the last image, another one is taken
+_LONGEST = 0.7  # of the gap between images at which the estimator gives up the track
 _FRAMES = 4  # images averaged per pose
 _BEFORE = 0.01  # [s] between images of the grasp at rest
 _REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at rest
@@ -43,7 +45,7 @@ class TactilePoses:
         parameters = EstimatorParameters(method=scenario.estimator)
         self._estimator = Estimator(parameters, scenario.hand, self._renderer.cameras)
         self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(_REFERENCE)])
-        self._last, self._frames = np.eye(4), 0
+        self._last, self._frames, self._at = np.eye(4), 0, 0.0
         self.invalid = 0
         self.take_grasp(0.0)
 
@@ -51,16 +53,17 @@ class TactilePoses:
         """The gripper has closed on the tool, which rests where its frame counts from, at time t [s]."""
         before = [t - _BEFORE * (_GRASP - i) for i in range(_GRASP)]
         self._estimator.initialize_grasp([self._renderer.render(np.eye(4), stamp) for stamp in before])
-        self._last, self._frames = np.eye(4), 0
+        self._last, self._frames, self._at = np.eye(4), 0, t
 
     def __call__(self, X_CT: Array, stamp: float, measuring: bool) -> RelativePoseEstimate | None:
-        """The estimate, or None when no image was taken or nothing came of it."""
+        """The estimate, valid or not, or None when no image was taken."""
         self._frames = self._frames + 1 if measuring else 0
         moved = float(np.linalg.norm(X_CT[:3, 3] - self._last[:3, 3])) > _STEP
         turned = float(np.linalg.norm(so3_log(X_CT[:3, :3].T @ self._last[:3, :3]))) > _TURN
-        if not (moved or turned or 0 < self._frames <= _FRAMES):
+        old = stamp - self._at > _LONGEST * self._estimator.parameters.max_gap
+        if not (moved or turned or old or 0 < self._frames <= _FRAMES):
             return None
-        self._last = X_CT
+        self._last, self._at = X_CT, stamp
         estimate = self._estimator.update(self._renderer.render(X_CT, stamp), stamp)
         self.invalid += int(not estimate.valid)
-        return estimate if estimate.valid else None
+        return estimate

@@ -138,4 +138,5 @@ class Live:
             slip=float(np.median(s.slip)) if s.slip else 0.0,
             gross_slip=estimate is not None and estimate.gross_slip,
             membrane=estimate.membrane if estimate is not None and estimate.valid else (),
+            followed=None if estimate is None else estimate.valid,
         )

@@ -3,7 +3,8 @@
 
 At each grip it waits for the gripper, then for each pose: moves there along a straight line at a limited rate, waits
 until the wrench has come to rest, averages, and hands over a sample. Limits are watched at every reading: when
-the wrench meets one, the pose is drawn back and tried once more; when the tool slips, the run ends.
+the wrench meets one, or the estimator loses the tool, the pose is drawn back and tried once more, later ones go less
+far (`reach`); when the tool slips, the run ends.
 """
 
 from collections.abc import Collection, Sequence
@@ -16,8 +17,9 @@ from seed_core.estimate import MembraneMotion
 from seed_core.spatial import Array, interpolate_pose, so3_log
 from seed_sysid.data.dataset import Pose, Sample, flat_pose
 from seed_sysid.data.membrane_sample import mean_membrane
-from seed_sysid.parameters import LimitParameters, MotionParameters, Procedure
+from seed_sysid.parameters import MotionParameters, Procedure
 from seed_sysid.run.excitation import Target, designs
+from seed_sysid.run.reach import Reach, limit_reached
 from seed_sysid.run.rest_detector import RestDetector
 from seed_sysid.stiffness_map import wrench_transform
 
@@ -34,6 +36,7 @@ class Reading:
         X_TC: displacement from kinematics (4, 4); X_TC_estimated: from the estimator, None without a new image.
         wrench: load on the sensor about S, in S (6,) [N m, N].
         membrane: what the membranes do, () without a new image.
+        followed: whether the estimator follows the tool; None without a new image, or without an estimator.
     """
 
     stamp: float
@@ -45,6 +48,7 @@ class Reading:
     slip: float = 0.0
     gross_slip: bool = False
     membrane: tuple[MembraneMotion, ...] = ()
+    followed: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,8 @@ class Run:
         self.done = self.total - len(self._queue)
         self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
         self._rest = RestDetector(procedure.settle)
+        self._reach = Reach(procedure.excitation, procedure.limits)
+        self._followed: float | None = None  # when the estimator last followed the tool [s], at this grip
         self._visit: _Visit | None = None
         self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
@@ -123,7 +129,7 @@ class Run:
             grip, target = self._queue[0]
             if grip != self._grip and not self._change_grip(grip, reading.stamp, dt):
                 return self._command("gripping")
-            self._visit = _Visit(target)
+            self._visit = _Visit(self._reach.within(target))
         limits = self.procedure.limits
         if reading.gross_slip or reading.slip > limits.slip:
             reason = f"the tool slips in the grasp (slip {reading.slip:.2f}, limits.slip = {limits.slip:g})"
@@ -131,6 +137,7 @@ class Run:
         if self._tare is None:
             self._tare = reading.wrench
         reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
+        reason = reason or self._lost(reading)
         if reason and self._visit.target.kind != "home":
             return self._draw_back(self._visit, reason)
         return self._measure(self._visit, reading, dt)
@@ -148,8 +155,19 @@ class Run:
             self._via.append(_CENTRE)
         if stamp - self._grip_start < self.procedure.motion.grip_time:
             return False
-        self._grip, self._grip_start, self._tare = grip, None, None
+        self._grip, self._grip_start, self._tare, self._followed = grip, None, None, None
         return True
+
+    def _lost(self, reading: Reading) -> str:
+        """That an estimator which followed the tool does so no longer; '' while it does, or where there is none."""
+        if reading.followed:
+            self._followed = reading.stamp
+        if reading.followed is not False or self._followed is None:
+            return ""
+        age, most = reading.stamp - self._followed, self.procedure.limits.lost
+        if age <= most:
+            return ""
+        return f"the estimator has not followed the tool for {age:.1f} s (limits.lost = {most:g} s)"
 
     def _approach(self, goal: Array, dt: float) -> bool:
         """Move the commanded pose towards goal; whether it is there."""
@@ -164,6 +182,7 @@ class Run:
             self._queue.pop(0)
             self._visit = None
             return self._command("skipped", event=f"{visit.target.name} skipped: {reason}")
+        self._reach.failed(visit.target, _DRAW_BACK)
         self._visit = _Visit(visit.target.scaled(_DRAW_BACK), visit.attempts + 1)
         return self._command("drawing back", event=f"{visit.target.name} drawn back: {reason}")
 
@@ -188,23 +207,9 @@ class Run:
         self._via = []
         if visit.target.kind == "home":
             self._tare = np.array(sample.wrench)
+        elif self._tare is not None:
+            self._reach.measured(visit.target, self._to_tool @ (np.array(sample.wrench) - self._tare))
         return self._command("measured", sample=sample)
-
-
-def limit_reached(X_TC: Array, wrench: Array, limits: LimitParameters) -> str:
-    """The limit that displacement X_TC (4, 4) or wrench (6,) (bias taken off) exceeds, with its value; '' if none."""
-    turn = float(np.rad2deg(np.linalg.norm(so3_log(X_TC[:3, :3]))))
-    shift = float(np.linalg.norm(X_TC[:3, 3]))
-    torque, force = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
-    if turn > 1.02 * limits.rotation_deg:  # 2 %: the command itself may lie on the limit
-        return f"rotation {turn:.1f} deg exceeds limits.rotation_deg = {limits.rotation_deg:g} deg"
-    if shift > 1.02 * limits.translation:
-        return f"deflection {1e3 * shift:.1f} mm exceeds limits.translation = {1e3 * limits.translation:g} mm"
-    if force > limits.force:
-        return f"force {force:.1f} N exceeds limits.force = {limits.force:g} N"
-    if torque > limits.torque:
-        return f"torque {torque:.2f} N m exceeds limits.torque = {limits.torque:g} N m"
-    return ""
 
 
 def towards(X: Array, goal: Array, dt: float, motion: MotionParameters) -> tuple[Array, bool]:
