@@ -35,13 +35,19 @@ class Repeatability:
 
 
 class Arm:
-    """Flange pose by time. `command` a target, `advance` by a step, read `reported` and `actual`."""
+    """Flange pose by time. `command` a target, `advance` by a step, read `reported` and `actual`.
+
+    Attributes:
+        error: of the flange's place, which it does not report.
+        holds: it stays where it is, whatever it is sent.
+    """
 
     def __init__(self, servo: ServoSection, X_WE: Array, rng: np.random.Generator) -> None:
         self.servo = servo
         self._queue: deque[tuple[float, Array]] = deque()
         self._kinematics = None if servo.arm == "cartesian" else URKinematics.for_model(servo.arm)
-        self._repeatability = Repeatability(1e-3 * servo.repeatability, rng)
+        self.error = Repeatability(1e-3 * servo.repeatability, rng)
+        self.holds = False
         self._step = (0.0, 1.0)  # length of the last step [s], and the share of the way that it makes
         self.reset(X_WE)
 
@@ -52,14 +58,15 @@ class Arm:
         self._remaining = np.zeros(3)  # rotation vector from the target to where it is, in the target's axes
         self.rotation_step = np.zeros(3)  # rotation vector of the last step, in the world
         self._queue.clear()
-        self._error = self._repeatability.at(0.0)
+        self._error = self.error.at(0.0)
         self.q = self._kinematics.inverse(X_WE, ELBOW_UP) if self._kinematics else np.zeros(0)
         self._q_target = self.q.copy()
         self.unreachable = 0  # commands that were not followed
 
     def command(self, t: float, X_WE: Array) -> None:
         """Target X_WE (4, 4), sent at time t [s]."""
-        self._queue.append((t + self.servo.dead_time, X_WE))
+        if not self.holds:
+            self._queue.append((t + self.servo.dead_time, X_WE))
 
     def advance(self, t: float, dt: float) -> None:
         """Go to time t [s], a step of dt [s]."""
@@ -71,7 +78,7 @@ class Arm:
             self._follow_joints(self._step[1], dt)
         else:
             self._follow_pose(self._step[1])
-        self._error = self._repeatability.at(t)
+        self._error = self.error.at(t)
 
     def _accept(self, X_WE: Array) -> None:
         self._target = X_WE

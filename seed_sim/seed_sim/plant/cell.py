@@ -169,7 +169,7 @@ class Cell:
     def _add_table(self) -> None:
         k = self._surface.point_stiffness
         in_series = k * _HARD / (_HARD - k)  # with the tool's, this makes k
-        X = RigidTransform(self._surface.X_WS @ make_pose(None, (0.0, 0.0, -0.5)))
+        X = RigidTransform(self._surface.X_WS @ make_pose(None, (self._surface.edge - 2.0, 0.0, -0.5)))
         self._add_contact(self.plant.world_body(), X, dg.Box(4.0, 4.0, 1.0), "table", in_series)
 
     def _add_wall(

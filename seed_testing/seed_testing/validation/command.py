@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""./seed validate: estimators of the relative pose against rendered images of known motion.
+"""./seed validate: estimators of the relative pose against rendered images of known motion; the loop against faults.
 
 seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--json] [--report FILE.png]
 seed validate estimator --method rigid_fit --from BAG
 seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
+seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
 """
 
 import argparse
@@ -17,9 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from seed_control.parameters import LAWS
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, number, seed_number, to_json, whole
 from seed_estimation import METHODS
+from seed_sim.faults.campaign import campaign, summary, table
+from seed_sim.faults.draw import KINDS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
@@ -39,7 +43,7 @@ def main(argv: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip|map")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|map|faults")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
@@ -96,7 +100,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     three.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
     three.set_defaults(run=_map)
-    for either in (one, two, three):
+    four = commands.add_parser(
+        "faults", formatter_class=Help, help="the controller in closed loop with something wrong: force, way and reason"
+    )
+    four.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
+    four.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
+    four.add_argument("--law", choices=LAWS, default="seed", help="which control law")
+    four.set_defaults(run=_faults)
+    for either in (one, two, three, four):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -150,6 +161,14 @@ def _map(options: argparse.Namespace) -> int:
     result = score.score_membranes(seeds, options.noise, options.jobs, options.out)
     print(to_json(result) if options.json else score.table(result))
     return 0
+
+
+def _faults(options: argparse.Namespace) -> int:
+    outcomes = campaign(options.runs, options.seed, options.kind or KINDS, options.law, options.jobs)
+    result = summary(outcomes)
+    runs = [o.told() for o in outcomes]
+    print(to_json({"seed": options.seed, **result, "each": runs}) if options.json else table(result))
+    return int(result["all"]["failed"] > 0)
 
 
 def _table(result: dict[str, Any]) -> str:

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop with something wrong in it: the short form of `./seed validate faults`."""
+
+import pytest
+
+from seed_sim.faults.campaign import campaign, failed, summary, table
+from seed_sim.faults.draw import KINDS
+from seed_sim.faults.run import run_fault
+
+SAFE = ("axis lost",)
+
+
+@pytest.mark.parametrize("kind", SAFE)
+def test_force_and_free_way_are_bounded_and_a_reason_is_told(kind: str) -> None:
+    outcomes = campaign(2, 100, [kind])
+    assert not [o for o in outcomes if failed(o)]
+
+
+def test_a_run_is_its_seeds_alone() -> None:
+    assert run_fault("cliff", 1)[1:] == run_fault("cliff", 1)[1:]
+
+
+def test_the_table_has_a_line_for_each_kind_that_ran() -> None:
+    result = summary(campaign(2, 7, ["axis lost", "cliff"]))
+    assert result["all"]["runs"] == 2
+    text = table(result)
+    assert all((kind in text) == (kind in result["kinds"]) for kind in KINDS)
