@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from quasi_static import DT, Bench
+from quasi_static import DOWN, DT, Bench
 
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
@@ -100,6 +101,32 @@ def test_a_grasp_taken_while_the_tool_hung_is_told_in_free_space_and_tared() -> 
     assert bench.state.mode == "contact"
     assert "tool's weight of 1.96 N along the tool's z" in bench.state.contradictions[0]
     assert_allclose(bench.forces[-round(1.0 / DT) :], 8.0, atol=0.25)  # 2 N off without
+
+
+@pytest.mark.parametrize("still", [0.5, 2.0])
+@pytest.mark.parametrize("lets_go", [0.02, 0.4])
+def test_a_tool_that_was_carried_until_the_arm_moved_off_is_not_tared(still: float, lets_go: float) -> None:
+    """It stands in a holder, whose load its spring does not feel: 2 N are missing until it hangs, and none then."""
+    bench = Bench(start=start())
+    carried, given, began = np.linalg.inv(bench.grasp()), 0.0, bench.X_WE.copy()
+    bench.X_TT_new = carried
+    bench.enabled()
+    bench.run(still)
+    bench.controller.set_setpoint(HybridSetpoint(DOWN), bench.t)
+    seen = False
+    while not bench.state.in_contact:
+        if bench.t > 2.5 + still and bench.state.mode == "position":
+            bench.press(10.0)
+        if np.abs(bench.X_WE - began).max() > 5e-4:
+            given = min(given + DT / lets_go, 1.0)
+        bench.X_TT_new = make_pose(p=(1.0 - given) * carried[:3, 3])
+        bench.step()
+        seen |= bench.controller.references.correction.active
+        assert bench.t < 8.0, bench.state.reason
+    bench.run(3.0)
+    assert not seen
+    assert not bench.controller.references.correction.active
+    assert_allclose(bench.forces[-round(0.5 / DT) :], 10.0, atol=0.1)  # 8 N if it was tared
 
 
 def test_a_touch_is_not_tared() -> None:

@@ -5,8 +5,9 @@ At rest in free space the spring carries the weight: w_spring + w_weight = 0, ab
 An offset of the pose shows at once, a wrong stiffness in proportion to the weight, and both apart as the arm turns.
 
 Whether the tool hangs free is known late and not for certain: a touch is told only once it is strong enough. So a
-sample waits before it counts, and a correction learns from it only if the tip has travelled along the difference, which
-a touch would have changed.
+sample waits before it counts, and a correction learns from it only if the tip had travelled along the difference by
+then, which a touch would have changed, and if the difference is still there after the wait: a support that carries the
+tool (a holder, the hand that gave it) lets go of it as the arm moves off.
 """
 
 from collections import deque
@@ -24,6 +25,7 @@ from seed_core.wrench_settings import ReferenceSettings
 WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
 CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again
 TRAVEL = 4e-3  # [m] of the tip along a difference after which it is no touch
+STAYS = 0.25  # of a difference, by which it may change during the wait, beyond one deviation
 _SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
 _FLOOR = np.array((0.01, 0.01, 0.01, 0.05, 0.05, 0.05)) ** 2  # of a tool that swings a little
 
@@ -33,7 +35,8 @@ class Sample(NamedTuple):
 
     Attributes:
         spring: (6,) as the model tells it, uncorrected, in T. load: (6,) what the weight asks for.
-        random, systematic: (6, 6) covariances of their difference. verified: a touch is ruled out.
+        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in free space by then.
+        verified: a touch or a support is ruled out.
     """
 
     m: Measurement
@@ -41,6 +44,7 @@ class Sample(NamedTuple):
     load: Array
     random: Array
     systematic: Array
+    travelled: Array
     verified: bool = False
 
 
@@ -102,9 +106,9 @@ class WeightCheck:
         if before is None or float(np.abs(told - before[1])[3:].max()) > _SETTLED * (m.stamp - before[0]) + noise:
             return
         load = -weight.vector()
-        self._waiting.append(Sample(m, told, load, random, self._systematic(weight)))
+        self._waiting.append(Sample(m, told, load, random, self._systematic(weight), self._high - self._low))
         while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
-            self._take(self._waiting.popleft())
+            self._take(self._waiting.popleft(), told - load)
         if not self._test.significant:
             self.reason = ""
         elif self._test.to_be_told(m.stamp):
@@ -113,14 +117,18 @@ class WeightCheck:
                 f"{self._test.told()}: is tool.mass right, the stiffness, and was the grasp taken free of load?"
             )
 
-    def _take(self, s: Sample) -> None:
+    def _take(self, s: Sample, now: Array) -> None:
+        """A sample that has waited; now: (6,) the difference at present."""
         difference = s.spring - s.load
+        d = difference[3:]
+        most = STAYS * float(d @ d) + float(np.sqrt(d @ s.random[3:, 3:] @ d))
+        stays = abs(float((now[3:] - d) @ d)) <= most  # along the difference, times its size
         self._test.add(s.m.stamp, difference, s.random, s.systematic)
         mean = difference if self._test.difference is None else self._test.difference.mean
         force = s.m.X_WT[:3, :3] @ mean[3:]
         size = float(np.sqrt(force @ force))
-        travelled = float(np.abs(force) @ (self._high - self._low)) / size if size > 0.0 else inf
-        self.passed.append(s._replace(verified=travelled > TRAVEL))
+        travelled = float(np.abs(force) @ s.travelled) / size if size > 0.0 else inf
+        self.passed.append(s._replace(verified=stays and travelled > TRAVEL))
 
     def _systematic(self, weight: Wrench) -> Array:
         """(6, 6) by mass and centre of mass."""
