@@ -234,6 +234,39 @@ def test_estimator_and_controller_of_a_real_arm_know_of_clocks_what_the_user_say
     assert sorted(given) == [("controller", told), ("estimator", told)]
 
 
+def test_a_namespace_is_every_nodes_once() -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    for arguments in ({"robot": "sim"}, {"robot": "ur", "robot_ip": "127.0.0.2"}):
+        nodes = describe(ROOT / "seed_bringup/launch/cell_launch.xml", {**arguments, "namespace": "left"}).nodes
+        assert {n.namespace for n in nodes} == {"/left"}
+        apart = {("/tf", "tf"), ("/tf_static", "tf_static"), ("/clock", "clock")}
+        assert all(apart <= {*n.remappings} for n in nodes if n.name != "ur_controller")
+
+
+@pytest.mark.parametrize("argument", ["links", "use_sim_time"])
+@pytest.mark.parametrize("file", ["cell", "demo", "perception"])
+def test_what_is_neither_true_nor_false_is_refused_before_anything_starts(file: str, argument: str) -> None:
+    """`ros2 launch` would find it at the node that asks, when others run already; choices it checks at once."""
+    path = ROOT / f"seed_bringup/launch/{file}_launch.xml"
+    declared = {a.name: a for a in declared_arguments(path)}
+    if argument not in declared:
+        return
+    assert {*declared[argument].choices} == {"true", "false", "True", "False"}
+    with pytest.raises(LaunchError, match="must be one of"):
+        describe(path, {argument: "perhaps"})
+
+
+@pytest.mark.parametrize("word", ["true", "True"])
+def test_a_driver_behind_simulated_time_is_told_so(word: str) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    arguments = {"robot": "ur", "robot_ip": "127.0.0.2", "use_sim_time": word}
+    (driver,) = [
+        n for n in describe(ROOT / "seed_bringup/launch/cell_launch.xml", arguments).nodes if n.name == "driver"
+    ]
+    assert {"simulated": True} in driver.parameters
+    assert {"use_sim_time": True} in driver.parameters
+
+
 def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
     """An arm that trails its command by more the larger the motion makes the wipe swing."""
     parameters = yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 
 from seed_core.config import RENAMED, ConfigError, from_mapping
 from seed_core.errors import SeedError
+from seed_ros.parameter_files import check_files
 from seed_ros.private_rclpy import given_parameters
 
 T = TypeVar("T")
@@ -135,11 +136,13 @@ def checking(check: Callable[[list[Parameter]], Any]) -> Callable[[list[Paramete
 def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     """Called once everything is declared: a parameter given from outside that nobody declared is a mistake.
 
-    Names that start with one of `shared` are passed over: files for several nodes hold them.
+    So is a file of parameters that would not be used. Names that start with one of `shared` are passed over: files for
+    several nodes hold them.
 
     Raises:
-        ConfigError: naming the parameter, and the nearest known ones.
+        ConfigError: naming the file; or the parameter, and the nearest known ones.
     """
+    check_files(node)
     for name in given_parameters(node):
         if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
             known = node.get_parameters_by_prefix("")

@@ -35,7 +35,7 @@ class Sample(NamedTuple):
 
     Attributes:
         spring: (6,) as the model tells it, uncorrected, in T. load: (6,) what the weight asks for.
-        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in free space by then.
+        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in the air by then.
         verified: a touch or a support is ruled out.
     """
 
