@@ -44,12 +44,18 @@ class DriverConfig(TargetLimits):
     servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")
     servo_lookahead: float = field(0.03, unit="s", low=0.03, high=0.2, doc="lookahead time of servoj")
     max_joint_speed: float = field(1.0, unit="rad/s", low=0.01, high=6.3, doc="of any joint, below the arm's own limit")
+    max_tracking_error: float = field(
+        0.03, unit="m", low=1e-3, high=0.5, doc="an arm further from its command is held; several times the usual lag"
+    )
+    max_angular_tracking_error: float = field(
+        0.15, unit="rad", low=1e-2, high=3.0, doc="an arm turned further from its command is held"
+    )
     payload_mass: float = field(0.0, unit="kg", low=0, high=20, doc="gripper and tool, for the controller")
     payload_cog: Vector3 = field(
         (0.0, 0.0, 0.0), unit="m", low=-1, high=1, doc="their centre of mass in the flange frame"
     )
     tcp: Vector6 = field((0.0,) * 6, unit="m, rad", low=-4, high=4, doc="TCP in the flange frame as a pose vector")
-    speed_slider: float = field(1.0, low=0.01, high=1, doc="speed slider of the pendant")
+    speed_slider: float = field(0.0, low=0, high=1, doc="speed slider of the pendant; 0: as it is there")
 
     def check(self) -> DriverConfig:
         """Itself, or ConfigError naming the setting, its value, unit and bounds."""

@@ -112,14 +112,14 @@ class ServoProcess:
         if self.session.freedrive:
             robot.control.kickWatchdog()
             return
-        if self.session.may_step():
-            self.motion.step()
-        command, target = self.motion.limiter, self.motion.target
-        robot.servo(command.p, command.q, command.dt)
+        limiter, target = self.motion.limiter, self.motion.target
+        if share := self.session.path.share(limiter.dt, self.motion.rise):
+            self.motion.step(share)
+        robot.servo(*self.motion.command, limiter.dt)
         self.sent += 1
         if target is not None and target is not self._timed_target:
             self.latency, self._timed_target = time.monotonic() - target.received, target
-        if self._quitting and command.still:
+        if self._quitting and limiter.still:
             robot.close()
             os._exit(0)
 
@@ -195,7 +195,7 @@ class ServoProcess:
             armed=not s.reason and stage == Stage.SERVOING,
             linked=s.linked,
             sample=s.sample,
-            command=(m.limiter.p, m.limiter.q),
+            command=m.command,
             timestamp=s.clock,
             target_number=m.target.number if m.target is not None else 0,
             sent=self.sent,

@@ -5,6 +5,7 @@ import time
 from math import dist
 
 from seed_driver.config import TOOL, DriverConfig
+from seed_driver.motion.path_clock import PathClock
 from seed_driver.motion.servo_motion import Motion
 from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import Sample
@@ -13,7 +14,6 @@ from seed_driver.robot.connection import Robot, require
 from seed_driver.robot.link import LinkError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
-AHEAD = 2  # steps of motion beyond the newest state of the robot
 WAITING = "waiting for the robot program"
 NO_SAMPLE = Sample()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
@@ -34,7 +34,7 @@ class Session:
         self.clock = 0.0  # [s] of the robot, in the newest state
         self._unable = False  # the robot, in that state
         self._next_try = 0.0
-        self._moved_until = 0.0  # [s] by the robot's clock, of the steps that were made
+        self.path = PathClock()
 
     @property
     def reason(self) -> str:
@@ -51,6 +51,7 @@ class Session:
                 self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
             self._judge(sample)
+            self._compare(sample)
         elif self.watch.lost(now):
             if self.linked:
                 self.motion.hold("link lost: the controller's clock stands still")
@@ -75,24 +76,29 @@ class Session:
             self.motion.hold(why)
             self.running = self.freedrive = False
 
+    def _compare(self, s: Sample) -> None:
+        """Go on with the path as the robot does, and hold when the arm is not where it was sent."""
+        stood = self.path.heard(self.clock, s.speed_scaling)
+        if not self.running or self.freedrive:
+            return
+        far, turned = self.motion.off(s)
+        c, why = self.config, ""
+        if far > c.max_tracking_error:
+            why = f"the arm is {far:.3f} m from its command (max_tracking_error {c.max_tracking_error:g} m)"
+        elif turned > c.max_angular_tracking_error:
+            why = f"the arm is {turned:.2f} rad from its command (max_angular_tracking_error "
+            why += f"{c.max_angular_tracking_error:g} rad)"
+        if why and not self.reason:
+            self.motion.hold(f"{why}: see what blocks or slows it, then call resend_robot_program")
+        if why or stood:
+            self.motion.restart(s)  # nothing is made up for
+
     # the robot's clock, which that of a simulation shows to run slower than ours
     def held_back(self, now: float) -> float:
         """How far a simulated robot's clock is behind ours [s]; 0 of a real one, whose clock runs as ours."""
         if not self.config.simulated:
             return 0.0
         return now - self.clock - min(now - self.watch.advanced_at, STATE_PERIOD)
-
-    def may_step(self) -> bool:
-        """Whether the command may move in this cycle: never far ahead of the robot's clock, and nothing is caught up.
-
-        What is sent to a robot that is not heard may wait somewhere and reach it all at once, as one long step.
-        """
-        dt = self.motion.limiter.dt
-        until = max(self._moved_until, self.clock) + dt
-        if until > self.clock + (AHEAD + 0.5) * dt:
-            return False
-        self._moved_until = until
-        return True
 
     # what may be asked
     def need_robot(self) -> Robot:
@@ -135,7 +141,7 @@ class Session:
 
     def _begin(self, robot: Robot) -> None:
         """Command what is: the pose where the arm stands now."""
-        self.clock = self._moved_until = robot.timestamp
+        self.clock = robot.timestamp
         self.watch.restart(self.clock, time.monotonic())
         self.sample = s = robot.sample()
         off = dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
@@ -145,6 +151,7 @@ class Session:
                 f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
             )
         self.motion.restart(s)
+        self.path.restart(self.clock, s.speed_scaling)
         self.running = True
 
     def stop(self) -> str:

@@ -117,7 +117,7 @@ def test_payload_and_slider_reach_the_controller(bench) -> None:
     bench.run(0.4)
     state = bench.robot.ask("state")
     assert state["payload"] == pytest.approx(1.25)
-    assert state["speed_scaling"] == pytest.approx(0.5)
+    assert state["speed_slider"] == pytest.approx(0.5)
     bench.supervisor.set_config(bench.supervisor.config.__class__(**{**settings, "speed_slider": 1.0}))
     bench.run(0.3)
 

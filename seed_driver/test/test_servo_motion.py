@@ -34,14 +34,14 @@ class Run:
         self.number += 1
         self.memory.write_target(TargetSlot(self.number, self.now, p, self.q if q is None else q))
 
-    def steps(self, count: int, p=None, q=None) -> None:
+    def steps(self, count: int, p=None, q=None, share: float = 1.0) -> None:
         for _ in range(count):
             self.now += DT
             if p is not None:
                 self.target(p, q)
             self.motion.take_target(self.now)
-            self.motion.step()
-            self.commands.append((self.motion.limiter.p, self.motion.limiter.q))
+            self.motion.step(share)
+            self.commands.append(self.motion.command)
 
     def along_y(self, way: float) -> tuple[float, float, float]:
         return self.p[0], self.p[1] + way, self.p[2]
@@ -124,3 +124,40 @@ def test_no_joint_is_commanded_faster_than_its_limit_near_a_singularity(memory) 
         joints.append(run.arm.follow(to_pose(p, q), joints[-1]))
     speeds = np.abs(np.diff(joints, axis=0)) / DT
     assert 0.5 < speeds.max() <= COMMANDED * 0.6 * 1.02  # the smoothing is of poses, not of joints
+
+
+def test_a_robot_that_is_scaled_down_is_sent_along_the_same_path_more_slowly(memory) -> None:
+    runs = []
+    for share in (1.0, 0.25):
+        run = Run(memory)
+        run.motion.accept_targets()
+        run.number = 1000 * len(runs)  # the memory is the same
+        run.target(run.along_y(0.02))
+        run.motion.latch.patience = 10.0
+        run.steps(int(400 / share), share=share)
+        runs.append(np.array([p for p, _ in run.commands]))
+    full, quarter = runs
+    np.testing.assert_allclose(quarter[::4], full, atol=1e-9)
+    assert (
+        np.linalg.norm(np.diff(quarter, axis=0), axis=1).max()
+        <= 0.26 * np.linalg.norm(np.diff(full, axis=0), axis=1).max()
+    )
+
+
+@pytest.mark.parametrize("share", [0.5, 0.1, 0.01])
+def test_a_hold_brakes_by_the_time_of_the_wall(memory, share) -> None:
+    """At 10 % the arm must not creep on for ten times as long."""
+    run = Run(memory)
+    run.motion.accept_targets()
+    for i in range(200):
+        run.steps(1, run.along_y(0.2 * i * DT))
+    start = len(run.commands)
+    run.steps(1, run.along_y(0.2 * 200 * DT), share=share)
+    run.motion.hold("stopped on request")
+    run.steps(int(2.0 / DT), share=share)
+    way = np.array([p[1] for p, _ in run.commands[start:]])
+    c = run.motion.limiter.limits
+    braking = (c.max_speed * share) ** 2 / 2.0 / c.max_acceleration
+    smoothing = c.max_speed * c.max_acceleration / c.max_jerk
+    assert way[-1] - way[0] <= braking + smoothing + 2.0 * DT * c.max_speed
+    assert way[-1] == pytest.approx(way[-2 - int(1.0 / DT)], abs=1e-6)

@@ -27,6 +27,25 @@ def test_the_servo_lags_by_what_is_documented() -> None:
     assert arm.qd[0] == pytest.approx(speed, rel=1e-3)
 
 
+@pytest.mark.parametrize("scale", [0.5, 0.01])
+def test_a_scaled_servo_moves_along_the_same_path_in_its_own_time(scale: float) -> None:
+    """A goal that jumps: at 1 % the arm goes there a hundred times as slowly, and looks for a new one every 0.2 s."""
+    arms = Arm(KINEMATICS, HOME), Arm(KINEMATICS, HOME)
+    arms[1].slider = scale
+    goal = [HOME[0] + 0.02, *HOME[1:]]
+    for arm in arms:
+        arm.motion = Servo(goal, 0.03, 2000.0)
+    for _ in range(10):
+        arms[0].step(DT)
+        for _ in range(round(1.0 / scale)):
+            arms[1].step(DT)
+        assert arms[1].target_q[0] - HOME[0] == pytest.approx(arms[0].target_q[0] - HOME[0], abs=1e-3)
+    moving = arms[1].target_qd[0]
+    arms[1].motion.take(HOME, 0.03, 2000.0)
+    arms[1].step(DT)
+    assert arms[1].target_qd[0] == pytest.approx(moving, rel=0.1)
+
+
 def test_a_placed_arm_keeps_its_slider_and_forgets_how_the_last_one_reached() -> None:
     robot = Controller(Options())
     pose = robot.arm.tcp_pose()
@@ -42,7 +61,7 @@ def test_a_placed_arm_keeps_its_slider_and_forgets_how_the_last_one_reached() ->
     robot.place(pose, flipped)
     assert_allclose(robot.servo_goal(pose), robot.arm.q, atol=1e-6)
     assert abs(robot.servo_goal(pose)[5] - here[5]) > 6.0
-    assert robot.arm.scaling == 0.4
+    assert robot.arm.slider == 0.4
 
 
 def test_a_servo_step_keeps_joint_limits_and_does_not_overshoot() -> None:

@@ -63,16 +63,21 @@ class CommandLimiter:
         """Whether neither the command nor its past moves."""
         return not self.moving and not any(any(p) or any(r) for p, r in self._steps)
 
-    def propose(self) -> None:
-        """Choose the velocity of this step: towards the reference, or to rest."""
-        limits, goal, angular_goal = self.limits, ZERO, ZERO
+    def propose(self, hurry: float = 1.0) -> None:
+        """Choose the velocity of this step: towards the reference, or to rest.
+
+        Args:
+            hurry: times the acceleration limit in coming to rest, where the time of the steps is not the wall's.
+        """
+        limits, goal, angular_goal, change = self.limits, ZERO, ZERO, hurry * self.dt
         if self.reference is not None:
+            change = self.dt
             feed, angular_feed = self.reference.step(self.dt)
             gap, turn = minus(self.reference.p, self.inner_p), turn_between(self.reference.q, self.inner_q)
             goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration)
             angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
-        self.velocity = _towards(self.velocity, goal, limits.max_acceleration * self.dt)
-        self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * self.dt)
+        self.velocity = _towards(self.velocity, goal, limits.max_acceleration * change)
+        self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * change)
 
     def slow(self, share: float) -> None:
         """Scale this step's velocity, e.g. because a joint would be too fast."""

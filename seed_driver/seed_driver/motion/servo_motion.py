@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from seed_core.arm.hold import HoldLatch
 from seed_core.arm.limits import MotionLimits
-from seed_core.arm.quaternion import IDENTITY
-from seed_core.vector3 import ZERO
+from seed_core.arm.quaternion import IDENTITY, Quaternion, turn_between, turned
+from seed_core.vector3 import ZERO, Vector3, minus, norm, plus_scaled, scaled
 from seed_driver.config import DriverConfig
 from seed_driver.motion.joint_speeds import JointSpeeds
 from seed_driver.motion.limiter import CommandLimiter
@@ -20,7 +20,7 @@ COMMANDED = 0.93  # of a speed limit: commands that reach the robot early, late 
 
 
 class Motion:
-    """The arm's motion: `limiter.p`, `limiter.q` is the command, `latch.reason` tells why it holds."""
+    """The arm's motion: `command` is where it is sent, `latch.reason` tells why it holds."""
 
     def __init__(self, memory: SharedMemory, arm: URKinematics, config: DriverConfig) -> None:
         self.memory, self.arm = memory, arm
@@ -29,6 +29,7 @@ class Motion:
         self.joints = JointSpeeds(arm, COMMANDED * config.max_joint_speed)
         self.target: TargetSlot | None = None  # the newest that was used
         self._seen = 0  # number of the newest target that was looked at
+        self._begin()
 
     def configure(self, config: DriverConfig) -> None:
         """Take changed limits."""
@@ -36,10 +37,16 @@ class Motion:
         self.limiter.limits = limits_of(config)
         self.joints.set_limit(COMMANDED * config.max_joint_speed)
 
+    def _begin(self) -> None:
+        self._last = self.limiter.p, self.limiter.q  # the pose before the limiter's
+        self._phase = 1.0  # share of the way from there on
+        self.command: tuple[Vector3, Quaternion] = self._last  # [m]
+
     def restart(self, sample: Sample) -> None:
         """Command what is: the pose where the arm stands now."""
         self.limiter.hold()
         self.limiter.restart(sample.p, sample.orientation)
+        self._begin()
         self.joints.restart(sample.q)
 
     def accept_targets(self) -> None:
@@ -57,7 +64,8 @@ class Motion:
 
     def halt(self) -> None:
         """Be at rest at once, where the command has stood still already."""
-        self.limiter.restart(self.limiter.p, self.limiter.q)
+        self.limiter.restart(*self.command)
+        self._begin()
 
     def take_target(self, now: float, held_back: float = 0.0) -> None:
         """Follow a new target; hold when there was none for too long.
@@ -79,9 +87,37 @@ class Motion:
         if self.latch.reason:
             self.limiter.hold()
 
-    def step(self) -> None:
-        """One step of the command; a hold when the arm cannot go there."""
-        self.limiter.propose()
+    def step(self, share: float = 1.0) -> None:
+        """Go on along the path by a share of the cycle: what a robot that is scaled down has time for.
+
+        The limiter goes on by whole cycles of the path's time; between them the command is interpolated.
+        """
+        self._phase += share
+        if self._phase > 1.0 + 1e-9:
+            self._phase -= 1.0
+            self._last = self.limiter.p, self.limiter.q
+            self._advance(share)
+        if self._phase > 1.0 - 1e-9:
+            self.command = self.limiter.p, self.limiter.q
+            return
+        (p, q), phase = self._last, self._phase
+        way, turn = minus(self.limiter.p, p), turn_between(self.limiter.q, q)
+        self.command = plus_scaled(p, phase, way), turned(q, scaled(turn, phase))
+
+    @property
+    def rise(self) -> float:
+        """Fastest growth [1/s] of the share at which a motion at its speed limits keeps the acceleration limits."""
+        c = self.limiter.limits
+        return min(c.max_acceleration / c.max_speed, c.max_angular_acceleration / c.max_angular_speed)
+
+    def off(self, sample: Sample) -> tuple[float, float]:
+        """How far the arm is from its command: [m], [rad]."""
+        p, q = self.command
+        return norm(minus(p, sample.p)), norm(turn_between(q, sample.orientation))
+
+    def _advance(self, share: float) -> None:
+        """One step of the limiter; a hold when the arm cannot go there."""
+        self.limiter.propose(1.0 / (share * share))
         trouble = self.joints.limit(self.limiter)
         self.limiter.advance()
         if trouble:

@@ -141,7 +141,8 @@ class Robot:
         self.config = config
         require(self.control.setTcp(list(config.tcp)), "take the TCP")
         require(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
-        self._set_slider(config.speed_slider)
+        if config.speed_slider:
+            self._set_slider(config.speed_slider)
 
     def _set_slider(self, fraction: float) -> None:
         """Move the speed slider, by a connection of its own that stays open."""

@@ -23,6 +23,7 @@ from seed_ros.parameters import Declared, checking
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
 SERVICE_PERIOD = 0.02  # [s]
+SLOWED = 0.99  # below this scale a refusal tells it: a slow robot is left behind by its targets
 REPEAT = 1.0  # [s] the same warning is not repeated earlier
 
 
@@ -141,6 +142,8 @@ class DriverNode(SeedNode, LifecycleNode):
         target = self._target(message)
         why = refusal(target, state.command, config) or out_of_reach(target, self.arm, state.sample.q)
         if why:
+            if state.sample.speed_scaling < SLOWED:
+                why += f"; the robot runs at {state.sample.speed_scaling:.0%} of its speed (slider of the pendant?)"
             supervisor.send("refuse", reason=why)
             self._refused(f"refused: {why}")
             return

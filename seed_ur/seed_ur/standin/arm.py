@@ -3,7 +3,9 @@
 
 The servo model is plausible, not identified: per joint a critically damped second-order follower with
 wn = 2 / lookahead * sqrt(gain / 300), limited to the joint's speed and to 40 rad/s^2, then a 6 ms lag from target
-to actual position. Frames: W is `base`; poses given by programs are of the TCP.
+to actual position. A robot that is scaled down (speed slider, safety limits) does all that in a time that passes more
+slowly, and looks for a new goal when the time of its last servoj is over: at 1 % every 0.2 s.
+Frames: W is `base`; poses given by programs are of the TCP.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 from seed_core.spatial import Array, interpolate_pose, inverse_pose
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.pose import Pose6, matrix_from_pose, pose_from_matrix
+from seed_ur.standin.options import PERIOD
 
 JOINT_ACCELERATION = 40.0  # [rad/s^2] largest that the stand-in does
 LAG = 0.006  # [s] target to actual
@@ -52,18 +55,31 @@ class Servo:
     """Follow a joint goal as servoj does."""
 
     def __init__(self, goal: Sequence[float], lookahead: float, gain: float) -> None:
+        self.done = False
+        self.take(goal, lookahead, gain)
+        self._followed, self._left = self.goal, 0.0  # [s] of this servoj
+        self._qd: list[float] | None = None  # [rad/s] target speeds by the time of the motion, which is scaled
+
+    def take(self, goal: Sequence[float], lookahead: float, gain: float) -> None:
+        """A newer goal; the last one is followed until the time of its servoj is over."""
         self.goal = list(goal)
         self.rate = 2.0 / max(0.03, lookahead) * sqrt(max(1.0, gain) / 300.0)  # [1/s]
-        self.done = False
 
     def velocity(self, arm: Arm, dt: float) -> list[float]:
-        wn = self.rate * arm.scaling
-        out = []
-        for goal, q, v, limit in zip(self.goal, arm.target_q, arm.target_qd, arm.kinematics.model.speed, strict=True):
+        wn, scaling, out = self.rate, arm.scaling, []
+        dt *= scaling
+        if self._qd is None:
+            self._qd = [v / max(scaling, 0.01) for v in arm.target_qd]
+        if self._left <= 1e-9:
+            self._followed, self._left = self.goal, self._left + PERIOD
+        self._left -= dt
+        state = zip(self._followed, arm.target_q, self._qd, arm.kinematics.model.speed, strict=True)
+        for goal, q, v, limit in state:
             a = wn * wn * (goal - q) - 2.0 * wn * v
             a = max(-JOINT_ACCELERATION, min(JOINT_ACCELERATION, a))
             out.append(max(-limit, min(limit, v + a * dt)))
-        return out
+        self._qd = out
+        return [scaling * v for v in out]
 
 
 class Speed:
@@ -129,10 +145,16 @@ class Arm:
         self.q, self.target_q = list(map(float, q)), list(map(float, q))  # [rad]
         self.qd, self.target_qd, self.target_qdd = [0.0] * 6, [0.0] * 6, [0.0] * 6
         self.motion: Motion = Hold()
-        self.scaling = 1.0  # speed slider, 0..1
+        self.slider = 1.0  # 0..1, speed slider of the pendant
+        self.limiting = 1.0  # 0..1, what the controller scales by of itself, e.g. for a safety limit
         self.set_tcp(np.eye(4))
         self.X_WE = kinematics.forward(self.q)
         self._target_pose: Pose6 | None = None
+
+    @property
+    def scaling(self) -> float:
+        """How fast the time of servoed and planned motions passes, 0..1."""
+        return self.slider * self.limiting
 
     def step(self, dt: float) -> None:
         """Advance by dt seconds; raises KinematicsError when a straight move leaves the reach."""

@@ -125,9 +125,13 @@ class Commands:
         goal = robot.servo_goal(target) if cartesian else target
         if not all(map(isfinite, goal)):
             raise ProgramError(f"servoj: target {goal} is not finite")
-        wanted, motion = Servo(goal, *self.doubles(9, 2)), robot.arm.motion
-        robot.check_step(motion.goal if isinstance(motion, Servo) else robot.arm.target_q, goal)
-        robot.arm.motion = wanted
+        motion = robot.arm.motion
+        if isinstance(motion, Servo):
+            robot.check_step(motion.goal, goal)
+            motion.take(goal, *self.doubles(9, 2))
+        else:
+            robot.check_step(robot.arm.target_q, goal)
+            robot.arm.motion = Servo(goal, *self.doubles(9, 2))
 
     def servo_circular(self) -> None:
         """servoC: d0-d5 target."""

@@ -103,7 +103,7 @@ class Controller:
             elif name.startswith("input_double_register_"):
                 self.in_double[int(number)] = float(value)  # type: ignore[arg-type]
         if "speed_slider_fraction" in values and values.get("speed_slider_mask"):
-            self.arm.scaling = max(0.0, min(1.0, float(values["speed_slider_fraction"])))  # type: ignore[arg-type]
+            self.arm.slider = max(0.0, min(1.0, float(values["speed_slider_fraction"])))  # type: ignore[arg-type]
         first = self.offset
         if f"input_int_register_{first}" in values:
             self.register_written_at = now
@@ -185,7 +185,7 @@ class Controller:
         q = self.arm.kinematics.inverse(matrix_from_pose(checked_pose(pose, "pose")), checked_pose(near, "near"))
         before, self.arm = self.arm, Arm(self.arm.kinematics, q.tolist())
         self.arm.set_tcp(before.tcp)
-        self.arm.scaling = before.scaling
+        self.arm.slider, self.arm.limiting = before.slider, before.limiting
 
     def servo_goal(self, pose: Sequence[float]) -> list[float]:
         """Joint goal of a servoL pose (kept while pose, TCP and arm stay the same)."""
@@ -277,8 +277,8 @@ class Controller:
             tcp_offset=arm.tcp_offset,
             target_TCP_pose=arm.target_tcp_pose(),
             target_TCP_speed=arm.tcp_velocity(arm.target_qd),
-            speed_scaling=arm.scaling,
-            target_speed_fraction=arm.scaling,
+            speed_scaling=arm.limiting,
+            target_speed_fraction=arm.slider,
             payload=self.payload,
             payload_cog=self.payload_cog,
             robot_mode=self.robot_mode,

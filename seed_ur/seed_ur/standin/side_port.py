@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from seed_core.errors import SeedError
+from seed_ur.pose import checked_pose
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
 from seed_ur.standin.server import Server
@@ -92,12 +93,14 @@ def _option(server: Server, request: Request) -> None:
         options.program_on_stop = str(value)
     elif name == "remote_control":
         options.remote_control = bool(value)
+    elif name == "speed_slider":
+        server.robot.arm.slider = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "speed_scaling":
-        server.robot.arm.scaling = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
+        server.robot.arm.limiting = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
-        names = "program_on_stop, remote_control, unlock_after, speed_scaling"
+        names = "program_on_stop, remote_control, unlock_after, speed_slider, speed_scaling"
         raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
 
 
@@ -120,15 +123,19 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "freedrive": robot.freedrive,
         "wrench": robot.wrench_W(),
         "payload": robot.payload,
-        "speed_scaling": robot.arm.scaling,
+        "speed_slider": robot.arm.slider,
+        "speed_scaling": robot.arm.limiting,
         "clients": Counter(channel.name for channel in server.channels),
         "messages": list(robot.faults.messages),
     }
 
 
-def _stale_command(server: Server, _: Request) -> None:
-    """As a client leaves it that dies before it can write 0."""
-    server.robot.in_int[server.robot.offset] = SERVO_L
+def _stale_command(server: Server, request: Request) -> None:
+    """As a client leaves it that dies before it can write 0; its pose is the last one's, or as given."""
+    robot, first = server.robot, server.robot.offset
+    if "pose" in request:
+        robot.in_double[first : first + 6] = checked_pose(request["pose"], "pose")
+    robot.in_int[first] = SERVO_L
 
 
 ACTIONS: dict[str, Action] = {
