@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 from seed_core.arm.hold import HoldLatch
 from seed_core.arm.limits import TargetLimits
-from seed_core.arm.quaternion import Quaternion
+from seed_core.arm.quaternion import Quaternion, turn_between
 from seed_core.arm.target_checks import Target, no_pose, refusal
 from seed_core.config import field
-from seed_core.vector3 import Vector3
+from seed_core.vector3 import Vector3, minus, norm
 from seed_driver.motion.limiter import CommandLimiter
 
 Pose = tuple[Vector3, Quaternion]
+LAG = 0.2  # [s] that an arm may be behind its command: clause 1 of docs/arm_contract.md
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,18 @@ class GuardConfig(TargetLimits):
 
 
 class TargetGuard:
-    """One arm's guard; it moves nothing before the first `resume`. Times `now` are any steady clock's [s]."""
+    """One arm's guard; it moves nothing before the first `resume`. Times `now` are any steady clock's [s].
+
+    It sends while it follows targets and until it has come to rest, and nothing at all before, between and after: an
+    arm that was restarted or moved by hand meanwhile finds no old pose to go to.
+    """
 
     def __init__(self, config: GuardConfig) -> None:
         self.config = config
         self.latch = HoldLatch(config.command_timeout, "waiting for resend_robot_program")
         self._measured: Pose | None = None
         self._measured_at = float("-inf")
-        self._limiter: CommandLimiter | None = None  # from the first `resume` on
+        self._limiter: CommandLimiter | None = None  # None while nothing is sent
 
     @property
     def reason(self) -> str:
@@ -41,17 +46,18 @@ class TargetGuard:
         if not no_pose(*pose):
             self._measured, self._measured_at = pose, now
 
+    def _arm(self, now: float) -> Pose | None:
+        """Where the arm is now; None when it is not heard."""
+        return self._measured if now - self._measured_at <= self.config.command_timeout else None
+
     def resume(self, now: float) -> str:
-        """Follow again from where the arm stands.
+        """Follow again, from where the arm stands when the next target comes.
 
         Returns:
             Why not; '' when it does.
         """
-        if self._measured is None or now - self._measured_at > self.config.command_timeout:
+        if self._arm(now) is None:
             return "no current_pose from the arm: is it running?"
-        if self._limiter is None or self.reason:
-            self._limiter = CommandLimiter(*self._measured, 1.0 / self.config.rate, self.config)
-        self._limiter.hold()
         self.latch.resume()
         return ""
 
@@ -65,30 +71,56 @@ class TargetGuard:
         Returns:
             Why it is not followed; '' when it is.
         """
-        if self._limiter is None or self.reason:
+        if self.reason:
             return self.reason
-        if why := refusal(target, (self._limiter.p, self._limiter.q), self.config):
+        limiter = self._limiter
+        if limiter is None:
+            arm = self._arm(now)
+            if arm is None:
+                return "no current_pose from the arm: is it running?"
+            limiter = CommandLimiter(*arm, 1.0 / self.config.rate, self.config)
+        if why := refusal(target, (limiter.p, limiter.q), self.config):
             self.latch.refused(why)
             return why
+        self._limiter = limiter
         self.latch.heard(now)
-        self._limiter.follow(target.p, target.q, now, self.config.command_timeout)
+        limiter.follow(target.p, target.q, now, self.config.command_timeout)
         return ""
 
     def step(self, now: float) -> Pose | None:
         """One step of 1 / rate.
 
         Returns:
-            The pose to send to the arm now: position [m] and quaternion in the base frame; None before the first
-            `resume`.
+            The pose to send to the arm now: position [m] and quaternion in the base frame; None: send nothing.
         """
         limiter = self._limiter
+        self.latch.check(now)
+        arm = self._arm(now)
         if limiter is None:
             return None
-        self.latch.check(now)
-        if not self.reason and now - self._measured_at > self.config.command_timeout:
+        if arm is None and not self.reason:
             self.hold("no current_pose from the arm")
+        if arm is not None and (why := self._astray(arm, (limiter.p, limiter.q))):
+            self.hold(why)
+            self._limiter = None  # a deceleration of the command would be a jump of the arm
+            return None
         if not self.latch.following:
             limiter.hold()
+            if limiter.still:
+                self._limiter = None
+                return None
         limiter.propose()
         limiter.advance()
         return limiter.p, limiter.q
+
+    def _astray(self, arm: Pose, command: Pose) -> str:
+        """Whether the arm is not where it was sent, nor on the way there; '' when it is."""
+        c = self.config
+        bound, angle = c.max_step + LAG * c.max_speed, c.max_angular_step + LAG * c.max_angular_speed
+        away, turned = norm(minus(arm[0], command[0])), norm(turn_between(arm[1], command[1]))
+        if away <= bound and turned <= angle:
+            return ""
+        return (
+            f"the arm is {away:.3f} m and {turned:.2f} rad from its command, at most {bound:.3f} m and {angle:.2f} "
+            "rad: does something else move it?"
+        )

@@ -20,7 +20,8 @@ class Run:
 
     def __init__(self) -> None:
         self.guard, self.now, self.sent = TargetGuard(GuardConfig()), 1.0, []
-        self.guard.measured((HERE, DOWN), self.now)
+        self.arm = (HERE, DOWN)
+        self.guard.measured(self.arm, self.now)
         assert self.guard.resume(self.now) == ""
 
     def steps(self, count: int, y: float | None = None) -> str:
@@ -31,8 +32,10 @@ class Run:
             if y is not None:
                 why = self.guard.target(Target("base", 0.0, (HERE[0], y, HERE[2]), DOWN), self.now)
             pose = self.guard.step(self.now)
-            self.guard.measured(pose, self.now)
-            self.sent.append(pose[0])
+            if pose is not None:
+                self.arm = pose
+                self.sent.append(pose[0])
+            self.guard.measured(self.arm, self.now)
         return why
 
     @property
@@ -65,8 +68,10 @@ def test_whatever_ends_the_motion_holds_until_it_is_resumed(end: str) -> None:
             run.guard.hold("stopped on request")
     reason = run.guard.reason
     assert run.steps(75, HERE[1] + 0.04) == reason  # targets that come later do not move it
-    assert run.speed == 0.0
-    rest = run.sent[-1]
+    count, rest = len(run.sent), run.sent[-1]
+    assert run.speed < 1.0 * DT
+    run.steps(50, HERE[1] + 0.04)
+    assert len(run.sent) == count  # nor is it sent anything once it stands
     assert run.guard.resume(run.now) == ""
     run.steps(100, rest[1] + 0.02)
     assert run.sent[-1][1] == pytest.approx(rest[1] + 0.02, abs=1e-5)
@@ -80,6 +85,61 @@ def test_an_arm_that_is_not_heard_is_not_moved() -> None:
     run.guard.step(late)
     assert run.guard.reason == "no current_pose from the arm"
     assert run.guard.resume(late) == "no current_pose from the arm: is it running?"
+
+
+@pytest.mark.parametrize("how", ["silence", "a stop"])
+def test_an_arm_that_returns_elsewhere_is_sent_nothing_unasked(how: str) -> None:
+    """It was switched off while the guard held, and is 0.2 m away when it is heard again."""
+    run = Run()
+    run.steps(25, HERE[1] + 0.04)
+    if how == "a stop":
+        run.guard.hold("stopped on request")
+    run.steps(100)
+    run.sent.clear()
+    away = (HERE[0], HERE[1] + 0.2, HERE[2])
+    run.now, run.arm = run.now + 3.0, (away, DOWN)
+    run.steps(50, away[1])
+    assert run.sent == []
+    assert run.guard.resume(run.now) == ""
+    run.steps(50)
+    assert run.sent == []  # asked for, but nobody wants it anywhere yet
+    run.steps(1, away[1] + 0.01)
+    assert math.dist(run.sent[0], away) < 1e-4
+    run.steps(100, away[1] + 0.01)
+    assert run.sent[-1][1] == pytest.approx(away[1] + 0.01, abs=1e-5)
+
+
+def test_an_arm_that_was_moved_after_the_request_is_taken_from_where_it_stands() -> None:
+    run = Run()
+    by_hand = (HERE[0] + 0.3, HERE[1], HERE[2])
+    run.arm = (by_hand, DOWN)
+    run.steps(2)
+    assert "jumps 0.3 m" in run.steps(1, HERE[1])
+    assert run.sent == []
+
+
+def test_an_arm_that_something_else_moves_is_not_pulled_back() -> None:
+    run = Run()
+    run.steps(25, HERE[1] + 0.04)
+    sent = len(run.sent)
+    run.arm = ((HERE[0], HERE[1], HERE[2] + 0.15), DOWN)
+    run.guard.measured(run.arm, run.now)
+    run.steps(50, HERE[1] + 0.04)
+    assert "the arm is 0.15" in run.guard.reason
+    assert len(run.sent) == sent
+
+
+def test_an_arm_that_lags_as_the_contract_allows_is_no_stranger() -> None:
+    run = Run()
+    delay = [HERE] * 50  # 0.2 s
+    for i in range(400):
+        run.now += DT
+        y = HERE[1] + 0.25 * i * DT
+        assert run.guard.target(Target("base", 0.0, (HERE[0], y, HERE[2]), DOWN), run.now) == ""
+        pose = run.guard.step(run.now)
+        assert pose is not None
+        delay.append(pose[0])
+        run.guard.measured((delay.pop(0), DOWN), run.now)
 
 
 @pytest.mark.parametrize(
