@@ -42,13 +42,12 @@ class URKinematics:
 
     def frames(self, q: Sequence[float] | Array) -> Array:
         """X_W,i of the six DH frames, (6, 4, 4), for joint angles q (6,) [rad]; the last is `tool0`."""
-        out = np.zeros((6, 4, 4))
-        out[:, 3, 3] = 1.0
         x, y, z, p = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+        flat: list[float] = []
         for i in range(6):
             x, y, z, p = self._next(i, float(q[i]), x, y, z, p)
-            out[i, :3, 0], out[i, :3, 1], out[i, :3, 2], out[i, :3, 3] = x, y, z, p
-        return out
+            flat += (x[0], y[0], z[0], p[0], x[1], y[1], z[1], p[1], x[2], y[2], z[2], p[2], 0.0, 0.0, 0.0, 1.0)
+        return np.array(flat).reshape(6, 4, 4)
 
     def forward(self, q: Sequence[float] | Array) -> Array:
         """X_WE (4, 4) of `tool0` in `base` for joint angles q (6,) [rad]."""
