@@ -12,6 +12,7 @@ from seed_driver.process.shared_memory import Sample
 from seed_driver.robot import link
 from seed_driver.robot.connection import Robot, require
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.state_checks import StateError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 WAITING = "waiting for the robot program"
@@ -46,7 +47,12 @@ class Session:
         """Take the newest state; the reason to give up when the link is beyond hope, else ''."""
         clock = robot.timestamp
         if self.watch.update(robot.packages if self.config.simulated else clock, now):
-            sample = robot.sample()
+            try:
+                sample = robot.sample()
+            except StateError as error:  # neither used nor told; the next good one is judged as after a stop
+                self.want_start, self._unable = False, True
+                self.motion.hold(str(error))
+                return ""
             if clock != self.clock or self.sample is NO_SAMPLE:
                 self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
@@ -120,6 +126,7 @@ class Session:
     def start(self) -> str:
         """Program running with a clean command register, arm standing, targets accepted."""
         robot = self.need_robot()
+        robot.sample()  # refused while the newest state cannot be
         if not self.running:
             with threads_above(self.config):
                 robot.start_program()

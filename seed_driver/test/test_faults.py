@@ -55,6 +55,29 @@ def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> N
         assert np.linalg.norm(moved) < JUMP
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("actual_q", float("nan")), ("actual_TCP_pose", float("inf")), ("safety_mode", -1)]
+)
+def test_a_state_that_cannot_be_is_never_told_on(bench: FaultBench, name: str, value: float) -> None:
+    bench.recover()
+    bench.sway()
+    bench.run(0.3)
+    bench.robot.ask("corrupt", name=name, value=value)
+    bench.wait(lambda s: not s.armed, 1.0, "report")
+    told, deaths = bench.state.sample_time, bench.supervisor.deaths
+    assert bench.state.reason.startswith(f"the robot's {name}")
+    for _ in range(50):
+        state = bench.step()
+        assert np.isfinite([*state.sample.q, *state.sample.p, *state.sample.orientation, *state.sample.twist]).all()
+        assert state.sample.modes.safety_mode == 1
+    assert bench.state.sample_time == told
+    assert not bench.ask("start").ok
+    bench.robot.ask("corrupt", name=name)
+    bench.still()
+    bench.recover()
+    assert bench.supervisor.deaths == deaths
+
+
 def test_polyscope_x_takes_the_program_again() -> None:
     """It has no dashboard, on which ur_rtde relies elsewhere."""
     with FaultBench("--version", "10.10.0") as bench:

@@ -17,6 +17,7 @@ from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample
 from seed_driver.robot import link, rtde_client
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.state_checks import check_state
 from seed_ur import rtde
 
 STATES = (
@@ -69,8 +70,9 @@ class Robot:
         return self.states.open and (self.control is None or bool(self.control.isConnected()))
 
     def sample(self) -> Sample:
-        """The newest state, of the flange: what the controller tells is of its TCP."""
+        """The newest state, of the flange: what the controller tells is of its TCP. Raises StateError."""
         v = self.states.values
+        check_state(v)
         (*p_tcp, rx, ry, rz), twist = v["actual_TCP_pose"], v["actual_TCP_speed"]
         x, y, z = p_tcp
         p, q = (x, y, z), from_rotation_vector((rx, ry, rz))

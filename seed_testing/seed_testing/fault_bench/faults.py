@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The faults that the driver is tested with: what is done to it, how it is undone, how soon it must be reported."""
 
+import math
 import os
 import signal
 import time
@@ -85,6 +86,11 @@ def _insist(bench: FaultBench, *commands: str) -> None:
         bench.run(0.1)
 
 
+def _corrupted(name: str, index: int, value: float) -> tuple[Action, Action]:
+    """A number of an output that cannot be, and its undoing."""
+    return _ask("corrupt", name=name, index=index, value=value), _ask("corrupt", name=name)
+
+
 def _free_ready_bit(bench: FaultBench) -> None:
     bench.robot.ask("switch", name="stuck_ready", on=False)
     bench.run(0.2)
@@ -106,6 +112,14 @@ FAULTS = (
     Fault("emergency stop", _ask("emergency_stop"), _power_up),
     Fault("program stopped on the pendant", _ask("pendant_stop")),
     Fault("ready bit stuck", _ask("switch", name="stuck_ready"), _free_ready_bit),
+    Fault("pose not a number", *_corrupted("actual_TCP_pose", 2, math.nan)),
+    Fault("joint angle infinite", *_corrupted("actual_q", 0, math.inf)),
+    Fault("joint angle out of range", *_corrupted("actual_q", 5, 40.0)),
+    Fault("wrench not a number", *_corrupted("actual_TCP_force", 5, math.nan)),
+    Fault("safety mode -1", *_corrupted("safety_mode", 0, -1)),
+    Fault("robot mode unknown", *_corrupted("robot_mode", 0, 300)),
+    Fault("speed scaling not a number", *_corrupted("speed_scaling", 0, math.nan)),
+    Fault("clock not a number", *_corrupted("timestamp", 0, math.nan)),
     Fault("servo process killed", _signal(signal.SIGKILL)),
     Fault("servo process crashes", _signal(signal.SIGSEGV)),
     Fault("servo process stopped", _signal(signal.SIGSTOP), _wait(0.7)),

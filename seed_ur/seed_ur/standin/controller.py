@@ -287,7 +287,16 @@ class Controller:
             robot_status_bits=(self.robot_mode >= IDLE) | (2 if playing else 0),
             safety_status_bits=_SAFETY_BITS[self.safety_mode],
         )
+        for name, (index, value) in self.faults.corrupt.items():
+            values[name] = _with(values[name], index, value)
         return pose, speed
+
+
+def _with(numbers: rtde.Value, index: int, value: float) -> rtde.Value:
+    """The same with one number replaced."""
+    if isinstance(numbers, Sequence):
+        return (*numbers[:index], value, *numbers[index + 1 :])
+    return int(value) if isinstance(numbers, int) else value
 
 
 def _initial_values() -> dict[str, rtde.Value]:

@@ -41,5 +41,6 @@ class Faults:
     stuck_ready: bool = False  # the ready bit is never given
     refuse_unlock: bool = False
     refuse_script: bool = False
+    corrupt: dict[str, tuple[int, float]] = field(default_factory=dict)  # output: which of its numbers, and its value
     wall: tuple[float, float] | None = None  # height [m] and stiffness [N/m] of a virtual table
     messages: deque[str] = field(default_factory=lambda: deque(maxlen=20))  # the last text messages

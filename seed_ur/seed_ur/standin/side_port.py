@@ -104,6 +104,16 @@ def _option(server: Server, request: Request) -> None:
         raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
 
 
+def _corrupt(server: Server, request: Request) -> None:
+    """A value that cannot be among the outputs, from now on; without a value: no more."""
+    name, value = str(request.get("name")), request.get("value")
+    if name not in server.robot.values:
+        raise ValueError(f"name = {name!r} is no output")
+    server.robot.faults.corrupt.pop(name, None)
+    if value is not None:
+        server.robot.faults.corrupt[name] = (int(request.get("index", 0)), float(value))
+
+
 def _wall(server: Server, request: Request) -> None:
     off = request.get("z") is None
     server.robot.faults.wall = None if off else (float(request["z"]), float(request.get("stiffness", 2000.0)))
@@ -163,6 +173,7 @@ ACTIONS: dict[str, Action] = {
     "stale_command": _stale_command,
     "switch": _switch,
     "option": _option,
+    "corrupt": _corrupt,
     "wall": _wall,
     "place": lambda server, request: server.place(request["pose"], request["near"], request.get("clock")),
     "wrench": lambda server, request: server.robot.set_wrench(request["wrench"]),

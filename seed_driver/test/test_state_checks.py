@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No value that cannot be gets from the robot into a message, a command or an exception."""
+
+import math
+
+import pytest
+
+from seed_driver.robot.connection import STATES
+from seed_driver.robot.link import LinkError
+from seed_driver.robot.state_checks import StateError, check_state
+from seed_ur import rtde
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import PERIOD, Options
+
+NUMBERS = [n for n in STATES if rtde.FORMATS[rtde.OUTPUTS[n]].endswith("d")]
+WORDS = [n for n in STATES if n not in NUMBERS]
+
+
+def values() -> dict:
+    robot = Controller(Options())
+    robot.tick(1.0)
+    robot.tick(1.0 + PERIOD)
+    return {name: robot.values[name] for name in STATES}
+
+
+def spoiled(name: str, index: int, value: float) -> dict:
+    good = values()
+    if isinstance(good[name], int | float):
+        good[name] = value
+    else:
+        good[name] = (*good[name][:index], value, *good[name][index + 1 :])
+    return good
+
+
+def test_a_state_of_a_healthy_robot_passes() -> None:
+    check_state(values())
+
+
+def test_a_controller_that_does_not_tell_its_tcp_passes() -> None:
+    check_state({k: v for k, v in values().items() if k != "tcp_offset"})
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_number_that_cannot_be_is_named(name: str, value: float) -> None:
+    length = 1 if isinstance(values()[name], float) else len(values()[name])
+    for index in range(length):
+        with pytest.raises(StateError, match=name):
+            check_state(spoiled(name, index, value))
+
+
+@pytest.mark.parametrize("value", [-2, 99, 2**31 - 1])
+@pytest.mark.parametrize("name", WORDS)
+def test_a_word_that_is_not_known_is_named(name: str, value: int) -> None:
+    if name == "safety_status_bits" and value == 99:
+        value = 1 << 11
+    with pytest.raises(LinkError, match=f"{name} is {value}, which this driver does not know"):
+        check_state(spoiled(name, 0, value))
+
+
+def test_joints_further_than_they_turn_and_a_pose_further_than_it_reaches_are_named() -> None:
+    with pytest.raises(StateError, match=r"actual_q\[3\] is 7, not within \+-6.4 \(rad\)"):
+        check_state(spoiled("actual_q", 3, 7.0))
+    with pytest.raises(StateError, match=r"actual_TCP_pose\[1\] is -12"):
+        check_state(spoiled("actual_TCP_pose", 1, -12.0))
+    with pytest.raises(StateError, match=r"speed_scaling is -0\.5"):
+        check_state(spoiled("speed_scaling", 0, -0.5))
