@@ -40,6 +40,7 @@ class LimitParameters:
     rotation_deg: float = field(25.0, unit="deg", low=1.0, high=45.0, doc="largest turn; the tool slips near 30")
     slip: float = field(0.3, low=0.0, high=1.0, doc="largest share of the motion that the membrane does not follow")
     lost: float = field(0.4, unit="s", low=0.05, high=60.0, doc="longest that an estimator may not follow the tool")
+    search: float = field(3.0, unit="s", low=0.1, high=60.0, doc="given to it at the centre to find the tool again")
     planned_share: float = field(0.6, low=0.1, high=1.0, doc="share of force and torque limit used when planning")
 
 

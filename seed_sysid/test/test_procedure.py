@@ -177,3 +177,41 @@ def test_an_axis_is_not_driven_again_to_where_it_failed() -> None:
     reach.failed(out, 0.7)
     assert reach.within(out.scaled(-1.0)).xi[1] == pytest.approx(-0.7 * excitation.amplitudes[1])
     assert reach.within(out.scaled(0.5)) == out.scaled(0.5)
+
+
+def test_a_tool_that_is_not_found_again_at_the_centre_asks_for_a_new_grasp() -> None:
+    scenario = load("default")
+    cell, run = SimulatedCell(scenario, 1), Run(replace(scenario.procedure, widths=[0.02]))
+    command, lost, since = Command(np.eye(4), 0.02, 0, "start"), False, None
+    while not command.failure and cell.stamp < 120.0:
+        reading = cell.step(command)
+        lost = lost or abs(so3_log(reading.X_TC[:3, :3])[1]) > np.deg2rad(9.0)
+        command = run.step(replace(reading, followed=not lost))
+        if command.state == "searching" and since is None:
+            since = cell.stamp
+            np.testing.assert_allclose(command.X_TC, np.eye(4))
+    assert command.regrasp
+    assert "initialise the grasp" in command.failure
+    assert cell.stamp - since == pytest.approx(LimitParameters().search, abs=0.3)
+
+
+def test_a_simulated_run_grips_anew_and_goes_on() -> None:
+    """Its estimator loses the tool at the first pitch beyond 9 degrees, until a new grasp."""
+    scenario = load("default")
+    scenario = replace(scenario, procedure=replace(scenario.procedure, widths=[0.02]))
+
+    class Losing(SimulatedCell):
+        lost, grasps = False, 1
+
+        def step(self, command: Command) -> Reading:
+            reading = super().step(command)
+            self.lost = self.lost or abs(so3_log(reading.X_TC[:3, :3])[1]) > np.deg2rad(9.0)
+            return replace(reading, followed=not self.lost)
+
+        def grip_anew(self) -> None:
+            self.lost, self.grasps = False, self.grasps + 1
+
+    cell = Losing(scenario, 1)
+    data, _ = simulate(scenario, 1, None, cell=cell)
+    assert cell.grasps > 1
+    assert len(data.samples) == data.header.planned

@@ -71,6 +71,9 @@ class SimulatedCell:
             self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane, followed=True
         )
 
+    def grip_anew(self) -> None:
+        """Open the gripper and close it on the tool again; a bushing has nothing to forget."""
+
     @staticmethod
     def _with_pressure(
         membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]

@@ -47,6 +47,10 @@ class MembraneCell(SimulatedCell):
         self._grip: int | None = None
         self._load, self._solved, self._asked = np.zeros(6), -np.inf, np.full((4, 4), np.nan)
 
+    def grip_anew(self) -> None:
+        """At the next step the membranes are closed on the tool anew, and the estimator takes a new grasp."""
+        self._grip = None
+
     def _gas(self) -> dict[str, float]:
         return pressures(self.hold.state.bubbles, self.hold.parameters.ambient)
 

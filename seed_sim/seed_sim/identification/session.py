@@ -16,6 +16,7 @@ from seed_sysid.data.dataset import Dataset, Header
 from seed_sysid.data.sample_file import Recorder
 from seed_sysid.run.procedure import Command, Run
 
+_GRASPS = 4  # of a run at most: each time the estimator has lost the tool for good, it is gripped anew
 _SHOW = 1.0  # [s] between lines of progress
 
 
@@ -65,22 +66,29 @@ def simulate(
     cell.stamp = samples[-1].stamp if samples else 0.0
     try:
         run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS)
-        _loop(run, cell, recorder, quiet)
+        last = _loop(run, cell, recorder, quiet)
+        for _ in range(_GRASPS - 1):
+            if last.regrasp:  # what the failure asks of a user, who then goes on
+                cell.grip_anew()
+                run.regrasped()
+                last = _loop(run, cell, recorder, quiet)
+        if last.failure:
+            raise SessionError(f"{last.failure}; {run.done} of {run.total} poses are kept")
     finally:
         recorder.close()
     return recorder.dataset, cell
 
 
-def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, quiet: bool) -> None:
+def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, quiet: bool) -> Command:
+    """Until the run is done or has failed; its last command."""
     command = Command(np.eye(4), run.procedure.widths[0], 0, "start")
     shown = time.monotonic()
-    while not command.done:
+    while not (command.done or command.failure):
         command = run.step(cell.step(command))
         recorder.record(cell.stamp, command.sample, command.event)
-        if command.failure:
-            raise SessionError(f"{command.failure}; {run.done} of {run.total} poses are kept")
         if not quiet and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
             left = run.remaining(cell.stamp) / 60.0
             text = f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min simulated, {left:.1f} min left"
             print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+    return command

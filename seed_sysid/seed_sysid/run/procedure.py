@@ -64,6 +64,7 @@ class Command:
     event: str = ""
     done: bool = False
     failure: str = ""
+    regrasp: bool = False  # after which a new grasp mends the failure
 
 
 @dataclass
@@ -99,6 +100,8 @@ class Run:
         self._rest = RestDetector(procedure.settle)
         self._reach = Reach(procedure.excitation, procedure.limits)
         self._followed: float | None = None  # when the estimator last followed the tool [s], at this grip
+        self._seen = True  # that it did at its last image
+        self._centred: float | None = None  # since when the tool is looked for at the centre [s]
         self._visit: _Visit | None = None
         self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
@@ -115,14 +118,21 @@ class Run:
             return float("nan")
         return (stamp - self._begin[0]) / (self.done - self._begin[1]) * len(self._queue)
 
+    def regrasped(self) -> None:
+        """The failure was mended by a new grasp at the centre: go on with the pose at which it happened."""
+        self._grip, self._visit, self._retreat, self._at = None, None, False, np.eye(4)
+        self._via = []
+
     def step(self, reading: Reading) -> Command:
         """The command that answers a reading."""
         dt = 0.0 if self._stamp is None else reading.stamp - self._stamp
         self._stamp = reading.stamp
         self._begin = self._begin or (reading.stamp, self.done)
+        lost = self._lost(reading)
         if self._retreat:  # straight to the centre, where every load falls
-            self._retreat = not self._approach(np.eye(4), dt)
-            return self._command("retreating")
+            self._retreat = not self._approach(np.eye(4), dt) or bool(lost)
+            return self._search(reading.stamp, lost) if lost else self._command("retreating")
+        self._centred = None
         if self._visit is None:
             if not self._queue:
                 return self._command("home", done=self._approach(np.eye(4), dt))
@@ -137,7 +147,7 @@ class Run:
         if self._tare is None:
             self._tare = reading.wrench
         reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
-        reason = reason or self._lost(reading)
+        reason = reason or lost
         if reason and self._visit.target.kind != "home":
             return self._draw_back(self._visit, reason)
         return self._measure(self._visit, reading, dt)
@@ -156,18 +166,28 @@ class Run:
         if stamp - self._grip_start < self.procedure.motion.grip_time:
             return False
         self._grip, self._grip_start, self._tare, self._followed = grip, None, None, None
+        self._seen = True
         return True
 
     def _lost(self, reading: Reading) -> str:
         """That an estimator which followed the tool does so no longer; '' while it does, or where there is none."""
+        self._seen = self._seen if reading.followed is None else reading.followed
         if reading.followed:
             self._followed = reading.stamp
-        if reading.followed is not False or self._followed is None:
+        if self._seen or self._followed is None:
             return ""
         age, most = reading.stamp - self._followed, self.procedure.limits.lost
-        if age <= most:
-            return ""
-        return f"the estimator has not followed the tool for {age:.1f} s (limits.lost = {most:g} s)"
+        return f"the estimator has not followed the tool for {age:.1f} s (at most {most:g} s)" if age > most else ""
+
+    def _search(self, stamp: float, lost: str) -> Command:
+        """Wait at the centre for the estimator to find the tool."""
+        if not np.allclose(self._at, np.eye(4)):
+            return self._command("retreating")
+        self._centred = stamp if self._centred is None else self._centred
+        if stamp - self._centred <= self.procedure.limits.search:
+            return self._command("searching")
+        reason = f"{lost}, {self.procedure.limits.search:g} s of them at the centre (limits.search)"
+        return self._command("failed", failure=f"{reason}: grip the tool anew and initialise the grasp", regrasp=True)
 
     def _approach(self, goal: Array, dt: float) -> bool:
         """Move the commanded pose towards goal; whether it is there."""
