@@ -34,6 +34,9 @@ class DriverConfig(TargetLimits):
     realtime_priority: int = field(
         60, low=0, high=98, doc="SCHED_FIFO priority of the servo process if allowed; 0: none"
     )
+    loop_priority: int = field(
+        50, low=0, high=98, doc="SCHED_FIFO priority of the node's loop if allowed, below the servo process's; 0: none"
+    )
     cpu: int = field(-1, low=-1, high=1023, doc="processor for the servo process; -1: any")
     simulated: bool = field(
         False, doc="the controller is a simulation whose clock shows ROS time and may run slower than the wall's"

@@ -80,7 +80,7 @@ class ServoProcess:
                 with threads_above(config):
                     return Robot(config)
             except (LinkError, RuntimeError) as error:
-                self.motion.hold(str(error))
+                self.session.refused(error)
             except (struct.error, ValueError, KeyError) as error:
                 self.motion.hold(f"{config.robot_ip} answers like no UR controller: {error}")
             next_look = time.monotonic() + RETRY
@@ -93,11 +93,11 @@ class ServoProcess:
             self.end(LOST, end)
         if self.cycles % CHECK_EVERY == 0:
             self._hear()
-            if s.wants_start(now):
+            if s.wants_start:
                 try:
                     self._start()
                 except (LinkError, RuntimeError) as error:
-                    s.start_later(str(error))
+                    s.refused(error)
         held_back = s.held_back(now)
         self.motion.take_target(now - held_back, held_back)
         if s.running:

@@ -11,13 +11,14 @@ from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import Sample
 from seed_driver.robot import link
 from seed_driver.robot.connection import Robot, require
-from seed_driver.robot.link import LinkError
+from seed_driver.robot.link import AbsentError, LinkError
 from seed_driver.robot.state_checks import StateError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 WAITING = "waiting for the robot program"
 NO_SAMPLE = Sample()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
+SET_BACK = 0.1  # [s] a clock that goes back by more was set
 
 
 class Session:
@@ -34,7 +35,6 @@ class Session:
         self.sample_time = 0.0
         self.clock = 0.0  # [s] of the robot, in the newest state
         self._unable = False  # the robot, in that state
-        self._next_try = 0.0
         self.path = PathClock()
 
     @property
@@ -53,6 +53,8 @@ class Session:
                 self.want_start, self._unable = False, True
                 self.motion.hold(str(error))
                 return ""
+            if self.sample is not NO_SAMPLE and clock < self.clock - SET_BACK:
+                self._set_back(clock)
             if clock != self.clock or self.sample is NO_SAMPLE:
                 self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
@@ -66,6 +68,11 @@ class Session:
         if self.watch.hopeless(now) or not robot.connected:
             return self.reason if not self.linked else "link lost: connection closed"
         return ""
+
+    def _set_back(self, clock: float) -> None:
+        """The controller's clock was set back to `clock` [s]: how much time has passed is not known."""
+        self.motion.hold(f"the controller's clock went back by {self.clock - clock:.1f} s; call resend_robot_program")
+        self.motion.halt()
 
     def _judge(self, s: Sample) -> None:
         why = link.unable(s.modes.robot_mode, s.modes.safety_bits)
@@ -126,8 +133,9 @@ class Session:
     def start(self) -> str:
         """Program running with a clean command register, arm standing, targets accepted."""
         robot = self.need_robot()
-        robot.sample()  # refused while the newest state cannot be
+        sample = robot.sample()  # refused while the newest state cannot be
         if not self.running:
+            self._require_model(sample)
             with threads_above(self.config):
                 robot.start_program()
             self._begin(robot)
@@ -137,26 +145,36 @@ class Session:
         self.motion.accept_targets()
         return "robot program running, waiting for target_frame"
 
-    def wants_start(self, now: float) -> bool:
+    @property
+    def wants_start(self) -> bool:
         """Whether it is time to start the program by ourselves."""
-        return self.want_start and not self.running and self.linked and now >= self._next_try
+        return self.want_start and not self.running and self.linked
 
-    def start_later(self, reason: str) -> None:
-        """A start by ourselves has failed: once more in a second."""
-        self.motion.hold(reason)
-        self._next_try = time.monotonic() + 1.0
+    def refused(self, why: LinkError | RuntimeError) -> None:
+        """A look at the robot, or a start by ourselves, has failed: from now on only a request starts the program.
 
-    def _begin(self, robot: Robot) -> None:
-        """Command what is: the pose where the arm stands now."""
-        self.clock = robot.timestamp
-        self.watch.restart(self.clock, time.monotonic())
-        self.sample = s = robot.sample()
+        Where nobody was there, or the link broke, nothing was refused.
+        """
+        if isinstance(why, AbsentError) or (self.robot is not None and not self.robot.connected):
+            self.motion.hold(str(why))
+            return
+        self.want_start = False
+        self.motion.hold(f"{why}; then call resend_robot_program")
+
+    def _require_model(self, s: Sample) -> None:
+        """Raise LinkError unless the arm is where our model of it says."""
         off = dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
         if off > MODEL_TOLERANCE:
             raise LinkError(
                 f"model {self.config.model} puts the flange {off:.3f} m from where the robot says it is "
                 f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
             )
+
+    def _begin(self, robot: Robot) -> None:
+        """Command what is: the pose where the arm stands now."""
+        self.clock = robot.timestamp
+        self.watch.restart(self.clock, time.monotonic())
+        self.sample = s = robot.sample()
         self.motion.restart(s)
         self.path.restart(self.clock, s.speed_scaling)
         self.running = True

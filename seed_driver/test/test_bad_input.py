@@ -106,22 +106,6 @@ def test_something_else_that_listens_at_the_address(answers: list[bytes], text: 
             thread.join()
 
 
-def test_local_control_is_named_and_remote_control_starts() -> None:
-    with StandIn(None, "--local") as robot:
-        supervisor = Supervisor(DriverConfig(robot_ip=robot.host))
-        try:
-            supervisor.start(start_program=True)
-            assert "local control: switch it to remote control" in reason(supervisor, "local control")
-            assert supervisor.state.linked  # states are published meanwhile
-            robot.ask("option", name="remote_control", value=True)
-            until = time.monotonic() + 5.0
-            while not supervisor.step(time.monotonic()).armed and time.monotonic() < until:
-                time.sleep(0.01)
-            assert supervisor.state.armed
-        finally:
-            supervisor.close()
-
-
 def test_protective_stop_at_start_is_named_and_needs_a_request_afterwards() -> None:
     with FaultBench("--protective-stop", "--unlock-after", "0") as bench:
         bench.wait(lambda s: s.reason == "protective stop", NAMED_WITHIN, "protective stop named")

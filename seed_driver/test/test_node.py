@@ -34,6 +34,7 @@ from seed_testing.peer import Peer
 from seed_ur.standin_client import StandIn
 
 pytestmark = pytest.mark.ros
+WAITING = "waiting for the robot program"
 
 
 def start_node(*parameters: str) -> subprocess.Popen:
@@ -305,7 +306,7 @@ def test_what_is_fixed_can_be_changed_by_configuring_anew(peer) -> None:
         assert peer.set_parameter("base_frame", frame)[0]
         peer.poses.clear()
         transit(peer, "configure", "activate")
-        peer.wait(lambda: running(peer) and peer.poses, 20.0, "driver ready")
+        peer.wait(lambda: peer.latest["hold_reason"].data == WAITING and peer.poses, 20.0, "driver ready")
         assert peer.poses[-1][1].header.frame_id == frame
 
 
@@ -319,7 +320,11 @@ def test_a_call_that_waits_for_the_robot_is_answered_when_the_driver_is_deactiva
     peer.wait(answer.done, 5.0, "answer")
     assert not answer.result().success
     transit(peer, "activate")
-    peer.wait(lambda: running(peer), 20.0, "driver ready")
+    peer.wait(lambda: peer.latest["hold_reason"].data == WAITING, 20.0, "driver ready")
+    here = peer.pose()
+    peer.stream(lambda _: here, 0.5)
+    assert not running(peer)  # a second activation starts nothing by itself
+    assert peer.call("resend_robot_program").success
 
 
 def test_the_servo_process_may_die_and_the_node_lives(peer, node) -> None:
@@ -327,7 +332,7 @@ def test_the_servo_process_may_die_and_the_node_lives(peer, node) -> None:
     os.kill(child, signal.SIGSEGV)
     peer.wait(lambda: not running(peer) and peer.latest["hold_reason"].data != "", 5.0, "death reported")
     assert node.poll() is None
-    peer.wait(lambda: peer.latest["hold_reason"].data == "waiting for the robot program", 10.0, "link back")
+    peer.wait(lambda: peer.latest["hold_reason"].data == WAITING, 10.0, "link back")
     assert peer.call("resend_robot_program").success
 
 

@@ -51,6 +51,7 @@ class Robot:
         self.rate = config.frequency or (125.0 if self.version[0] == 3 else 500.0)
         self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
         self.control: Any = None
+        self.ours = False  # the program that plays, if one does
         self._slider: rtde_client.RtdeClient | None = None
 
     @property
@@ -73,6 +74,7 @@ class Robot:
         """The newest state, of the flange: what the controller tells is of its TCP. Raises StateError."""
         v = self.states.values
         check_state(v)
+        self.ours &= v["runtime_state"] not in link.ENDED
         (*p_tcp, rx, ry, rz), twist = v["actual_TCP_pose"], v["actual_TCP_speed"]
         x, y, z = p_tcp
         p, q = (x, y, z), from_rotation_vector((rx, ry, rz))
@@ -98,16 +100,23 @@ class Robot:
     def start_program(self) -> None:
         """Get our control script running with nothing in the command register; raises LinkError."""
         self._wait_until_able()
+        host = self.config.robot_ip
         if self.control is None:
-            rtde_client.require_control(self.config.robot_ip, self.version)
+            rtde_client.require_control(host, self.version)
+        else:
+            rtde_client.require_remote(host, self.version)
+        if self.states.values["runtime_state"] == link.PLAYING and not self.ours:
+            rtde_client.end_orphan(host)
+        if self.control is None:
             try:
-                self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE))
+                self.control = self._control_class(host, min(self.rate, CONTROL_RATE))
             except RuntimeError as error:
                 raise LinkError(f"the robot does not start our program: {error}") from error
             send_at_once(rtde_client.PORT)
         elif self.states.values["runtime_state"] != link.PLAYING:
             self._send_again()
         self._wait_until_playing()
+        self.ours = True
         self.apply_tool(self.config)
         require(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
 

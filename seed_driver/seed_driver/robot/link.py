@@ -13,6 +13,7 @@ AWAKE = 0.04  # [s] of it we must have been awake, so that our own pause is not 
 CYCLE = 0.01  # [s] a longer one is a pause
 GIVE_UP_AFTER = 0.5  # [s] ur_rtde would reconnect by itself, and crash, at 2.5 s
 PLAYING = 2  # runtime state of a program that runs
+ENDED = (0, 1)  # runtime states of a program that stops, or has
 RUNNING = 7  # robot mode of an arm that can move
 _SAFETY_STOPS = {  # by their bit in safety_status_bits, the most telling first
     2: "protective stop",
@@ -41,6 +42,10 @@ _MODES = {
 
 class LinkError(FailedError):
     """The controller cannot be used as it is; the message says why and what to do."""
+
+
+class AbsentError(LinkError):
+    """Nobody is there yet, or nobody who answers: waiting is enough, nothing was refused."""
 
 
 @dataclass

@@ -8,14 +8,16 @@ here answers within its time-out or raises LinkError.
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
 from seed_driver.robot.dashboard import dashboard
-from seed_driver.robot.link import LinkError
+from seed_driver.robot.link import PLAYING, AbsentError, LinkError
 from seed_ur import rtde
 
 PORT = 30004
@@ -23,6 +25,9 @@ TIMEOUT = 0.5  # [s]
 OLDEST = {3: (3, 10), 5: (5, 4), 10: (10, 10)}  # first supported release of each line
 COMMAND_REGISTER = "input_int_register_0"  # ur_rtde tells its script through it what to do
 ONCE = 125.0  # [Hz] of outputs of which one sample is read
+LONGEST_ROUND_TRIP = 0.05  # [s] of a question and its answer; a robot that is heard later counts as lost
+STOP_SCRIPT = 255  # in the command register: ur_rtde's script ends
+ENDING = 0.4  # [s] for it, or for the watchdog of a driver that has died
 
 
 class RtdeClient:
@@ -32,19 +37,20 @@ class RtdeClient:
         version: PolyScope's (major, minor, bugfix, build).
         values: the newest outputs by RTDE's names, units as in UR's RTDE guide; from `start` on.
         packages: how many times new ones have come.
+        round_trip: quickest answer to a question so far [s]; a busy machine may be late once.
         open: False from the end of the connection on, as far as `poll` has seen.
     """
 
     def __init__(self, host: str, timeout: float = TIMEOUT) -> None:
         """Connect and agree on protocol 2; raises LinkError. timeout: [s] of each answer."""
-        self.host, self.open, self.packages = host, True, 0
+        self.host, self.open, self.packages, self.round_trip = host, True, 0, math.inf
         self.values: Mapping[str, Any] = {}
         self._recipe = rtde.Recipe.of((), rtde.OUTPUTS)
         self._received = bytearray()
         try:
             self._socket = socket.create_connection((host, PORT), timeout)
         except (OSError, UnicodeError) as error:  # the latter from names that cannot be one of a host
-            raise LinkError(f"no controller at {host}:{PORT} ({error}); check robot_ip, cable and power") from error
+            raise AbsentError(f"no controller at {host}:{PORT} ({error}); check robot_ip, cable and power") from error
         try:
             if self.ask(rtde.REQUEST_VERSION, b"\x00\x02") != b"\x01":
                 raise LinkError(f"{host} refuses RTDE protocol 2: its software is too old")
@@ -62,11 +68,14 @@ class RtdeClient:
 
     def ask(self, kind: int, payload: bytes = b"") -> bytes:
         """Send one package and wait for the reply of the same kind."""
+        asked = time.monotonic()
         try:
             self._socket.sendall(rtde.pack(kind, payload))
-            return self._next(kind)
+            answer = self._next(kind)
         except (OSError, rtde.WireError) as error:
-            raise LinkError(f"{self.host}:{PORT} does not speak RTDE ({error}); is it a UR controller?") from error
+            raise AbsentError(f"{self.host}:{PORT} does not speak RTDE ({error}); is it a UR controller?") from error
+        self.round_trip = min(self.round_trip, time.monotonic() - asked)
+        return answer
 
     def _next(self, kind: int) -> bytes:
         """The next package of a kind; others are skipped."""
@@ -94,7 +103,7 @@ class RtdeClient:
         try:
             self._take(self._next(rtde.DATA))
         except (OSError, rtde.WireError) as error:
-            raise LinkError(f"{self.host} answers but sends no data ({error}); restart the controller") from error
+            raise AbsentError(f"{self.host} answers but sends no data ({error}); restart the controller") from error
 
     def _take(self, payload: bytes) -> None:
         values = self._recipe.decode(payload[1:])
@@ -157,6 +166,11 @@ def supported_version(host: str) -> rtde.Version:
                 f"PolyScope {version[0]}.{version[1]} at {host} is not supported; it needs at least {known}"
             )
         client.start(("robot_mode",), ONCE)  # a controller may answer and send no data
+        if client.round_trip > LONGEST_ROUND_TRIP:
+            raise LinkError(
+                f"{host} takes {1e3 * client.round_trip:.0f} ms to answer (limit {1e3 * LONGEST_ROUND_TRIP:.0f} ms): "
+                "connect this machine to the robot's network by cable"
+            )
         return version
 
 
@@ -165,9 +179,41 @@ def require_control(host: str, version: rtde.Version) -> None:
     with RtdeClient(host) as client:
         if not client.take_inputs(COMMAND_REGISTER):
             raise LinkError(f"another RTDE client holds the input registers of {host}: stop that program")
+    require_remote(host, version)
+
+
+def require_remote(host: str, version: rtde.Version) -> None:
+    """Raise LinkError when the robot is in local control, as far as its version tells."""
     remote_is_known = version[0] == 5 and version[1] >= 6
     if remote_is_known and "true" not in dashboard(host, "is in remote control"):
         raise LinkError(f"the robot at {host} is in local control: switch it to remote control on the pendant")
+
+
+def end_orphan(host: str) -> None:
+    """End a control script that nobody feeds any more; raises LinkError when what plays is another program."""
+    with RtdeClient(host) as client:
+        client.take_inputs(COMMAND_REGISTER)
+        register = rtde.Recipe.of((COMMAND_REGISTER,), rtde.INPUTS)
+        client.start(("runtime_state",), ONCE)
+        client.send(register.encode(1, {COMMAND_REGISTER: STOP_SCRIPT}))
+        client.never_wait()
+        until = time.monotonic() + ENDING
+        while (playing := client.values["runtime_state"] == PLAYING) and time.monotonic() < until:
+            time.sleep(0.01)
+            client.poll()
+        client.send(register.encode(1, {COMMAND_REGISTER: 0}))
+    if playing:
+        raise LinkError(
+            f"another program plays on the robot at {host} ({_program(host)}): stop it on the pendant, or let it end"
+        )
+
+
+def _program(host: str) -> str:
+    """What the dashboard says of the program that plays."""
+    try:
+        return dashboard(host, "programState")
+    except LinkError:  # PolyScope X has none
+        return "its name is not told"
 
 
 def command_register(host: str) -> int | None:

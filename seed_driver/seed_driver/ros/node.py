@@ -43,8 +43,17 @@ class DriverNode(SeedNode, LifecycleNode):
         self.outputs: Outputs | None = None
         self.counters = Counters(self, REPEAT)
         self.accepted = 0
+        self._start_program = True  # by the first activation; later ones wait for a request
 
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._step, steady=True, service_period=SERVICE_PERIOD)
+        priority = self.get_parameter("loop_priority").value  # taken once; its bounds are checked when configured
+        self.loop = FixedRateLoop(
+            self,
+            LOOP_RATE,
+            self._step,
+            steady=True,
+            priority=priority if isinstance(priority, int) else 0,
+            service_period=SERVICE_PERIOD,
+        )
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.requests = Requests(self)
 
@@ -65,8 +74,8 @@ class DriverNode(SeedNode, LifecycleNode):
         """Start the servo process; the link may come up later, see ~/hold_reason."""
         assert self.config is not None
         supervisor = Supervisor(self.config)
-        supervisor.start(start_program=True)  # when this fails, the node is not active and nothing starts later
-        self.supervisor = supervisor
+        supervisor.start(self._start_program)  # when this fails, the node is not active and nothing starts later
+        self.supervisor, self._start_program = supervisor, False
         self.requests.begin(supervisor, self.config.robot_ip)
         return super().on_activate(state)
 

@@ -63,6 +63,7 @@ class Controller:
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
         self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
+        self.uploads = 0  # programs that were taken
         self.held_back = 0.0  # [s] that a plant has kept the robot's clock behind the wall's
         self.owners: dict[str, object] = {}  # the connection that may write an input
         self.send_text: Callable[[str], None] = lambda _: None
@@ -118,7 +119,18 @@ class Controller:
         if self.program is not None:
             self.stop_program()
         self.pending = (now + 0.05, program)
+        self.uploads += 1
         return ""
+
+    def play(self, program: Program) -> None:
+        """Start a program on the pendant, in place of what plays."""
+        self.stop_program()
+        self.program, self.runtime_state, self.register_written_at = program, PLAYING, self.now
+
+    def set_clock_back(self, seconds: float) -> None:
+        """As somebody does who sets the controller's clock."""
+        if self.boot is not None:
+            self.boot += seconds
 
     def stop_program(self) -> None:
         """End the program, or the one that is about to start; the arm slows down."""

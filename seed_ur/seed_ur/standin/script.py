@@ -14,6 +14,7 @@ from seed_ur.standin.commands import Commands, Job, PathMove
 from seed_ur.standin.controller import Controller
 
 READY, DONE = 1, 2
+CONTROL_SCRIPT = "rtde_control"  # name of ur_rtde's
 STOP_SCRIPT = 255
 CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
 CUSTOM_CYCLES = 25  # of a script of the user's own: 50 ms
@@ -33,7 +34,7 @@ class Script:
         self.offset = int(offset.group(1)) if offset else 0
         path = [_path_move(m) for m in _PATH_MOVE.finditer(text.partition("# inject move path")[2])]
         self._commands = Commands(robot, self.offset, path)
-        self._is_control_script = self.name == "rtde_control" or offset is not None
+        self._is_control_script = self.name == CONTROL_SCRIPT or offset is not None
         self._executing = False
         self._job: Job | None = None
         self._cycles = 0
@@ -86,6 +87,21 @@ def _path_move(match: re.Match[str]) -> PathMove:
     numbers = [float(t) for t in match.group(3).split(",")]
     kind = "movej_ik" if match.group(1) == "movej" and match.group(2) else match.group(1)
     return PathMove(kind, numbers, float(match.group(4) or 1.2), float(match.group(5) or 0.25))
+
+
+class OtherProgram:
+    """A program of somebody else's that plays for some cycles and knows nothing of registers."""
+
+    offset = 0
+    watchdog = None
+
+    def __init__(self, name: str, cycles: int) -> None:
+        self.name, self._left = name, cycles
+
+    def step(self) -> bool:
+        """One cycle; False when it has ended."""
+        self._left -= 1
+        return self._left > 0
 
 
 class ScriptChannel(Channel):

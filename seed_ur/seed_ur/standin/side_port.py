@@ -16,6 +16,8 @@ from seed_core.errors import SeedError
 from seed_ur.pose import checked_pose
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import PERIOD
+from seed_ur.standin.script import CONTROL_SCRIPT, OtherProgram, Script
 from seed_ur.standin.server import Server
 
 Request: TypeAlias = dict[str, Any]
@@ -129,6 +131,7 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "safety_mode": robot.safety_mode,
         "runtime_state": robot.runtime_state,
         "program": robot.program.name if robot.program else None,
+        "uploads": robot.uploads,
         "command": robot.in_int[robot.offset],
         "freedrive": robot.freedrive,
         "wrench": robot.wrench_W(),
@@ -146,6 +149,13 @@ def _stale_command(server: Server, request: Request) -> None:
     if "pose" in request:
         robot.in_double[first : first + 6] = checked_pose(request["pose"], "pose")
     robot.in_int[first] = SERVO_L
+
+
+def _play(server: Server, request: Request) -> None:
+    """A program from the pendant; one called rtde_control is that of a driver that is gone."""
+    robot, name = server.robot, str(request.get("name", "pick_and_place"))
+    own = name == CONTROL_SCRIPT
+    robot.play(Script(robot, f"def {name}():\nend\n") if own else OtherProgram(name, int(_seconds(request) / PERIOD)))
 
 
 ACTIONS: dict[str, Action] = {
@@ -170,6 +180,8 @@ ACTIONS: dict[str, Action] = {
     "emergency_stop": lambda server, _: server.robot.emergency_stop(),
     "release_emergency_stop": lambda server, _: server.robot.release_emergency_stop(),
     "pendant_stop": lambda server, _: server.robot.stop_program(),
+    "play": _play,
+    "set_clock_back": lambda server, request: server.robot.set_clock_back(_seconds(request)),
     "stale_command": _stale_command,
     "switch": _switch,
     "option": _option,
