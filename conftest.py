@@ -18,11 +18,11 @@ LAST_DOMAIN = 101  # above it, DDS ports meet the ephemeral ones of Linux
 
 def _claim_domain() -> tuple[int, IO[str] | None]:
     """A domain whose lock file this process holds for its lifetime."""
-    folder = Path(tempfile.gettempdir()) / f"seed-test-domains-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"seed-domains-{os.getuid()}"  # as seed_bringup.launching.domains has it
     folder.mkdir(exist_ok=True)
     domains = random.sample(range(1, LAST_DOMAIN + 1), LAST_DOMAIN)
     for domain in domains:
-        lock = (folder / str(domain)).open("w")
+        lock = (folder / str(domain)).open("a")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -28,6 +28,7 @@ COMMANDS = (
     Command("launch", "seed_bringup.commands.launch", "run a launch file: launch FILE [name:=value ...]"),
     Command("call", "seed_bringup.commands.call", "call a service of a running cell, or list them"),
     Command("play", "seed_bringup.commands.play", "play a task on a running cell"),
+    Command("cancel", "seed_bringup.commands.cancel", "end the task that a running cell plays"),
     Command("bag", "seed_bringup.commands.bag", "record, play or describe a bag"),
     Command("ur-sim", "seed_ur.ur_sim", "a simulated UR controller that speaks RTDE"),
     Command("shell", DEVELOPERS, "a shell with the environment set up", "shell"),

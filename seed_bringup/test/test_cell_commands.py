@@ -36,6 +36,7 @@ def playing(*words: str) -> subprocess.Popen[str]:
 
 @pytest.mark.slow  # two tasks by simulated time
 def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled(cell: Launch) -> None:
+    seed("call", "sim/release")  # of a run before: the cell keeps its tool
     assert seed("call", "sim/grasp").returncode == 0
     for _ in range(20):  # until the inputs are there
         enabled = seed("call", "controller/enable", "on")
@@ -56,13 +57,26 @@ def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled
         said = task.stderr.read()
         assert task.wait(timeout=60.0) == 130, said
         assert "the tool is lifted" in said
+        assert "Traceback" not in said
+    assert "no task is being played" in seed("cancel").stderr
+    with playing("squeegee", "--force", "5") as task:
+        assert task.stdout is not None
+        assert task.stderr is not None
+        next(line for line in task.stdout if line.split()[0] == "press")
+        cancelled = seed("cancel")
+        assert cancelled.returncode == 0, cancelled.stderr
+        assert task.wait(timeout=60.0) == 1
+        assert "cancelled" in task.stderr.read()
+    other = seed("play", "pen")
+    assert other.returncode == 1
+    assert "made for the tool 'pen'" in other.stderr
     done = seed("play", "squeegee", "--force", "5")
     assert done.returncode == 0, done.stderr
     assert "done in" in done.stdout
     assert seed("call", "controller/enable", "off").returncode == 0
     refused = seed("play", "squeegee")
     assert refused.returncode == 1
-    assert "call ~/enable first" in refused.stderr
+    assert "then call controller/enable on" in refused.stderr
     assert cell.poll() is None
 
 

@@ -10,6 +10,8 @@ the kinematics go stale or invalid it decelerates to a hold, latched with the re
 from dataclasses import replace
 from math import inf
 
+import numpy as np
+
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
@@ -39,6 +41,9 @@ from seed_core.wrench_settings import ReferenceSettings
 # The laws that `parameters.LAWS` names. The default `seed` is HybridLaw with the surface observer, `plain` the same
 # without it. (The stiffness map's model 'plain' is something else: see seed_core/bushing.py.)
 LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
+
+
+AWAY = 0.02  # [m] an arm so far from its command was moved, or held, by something else
 
 
 class ControlRefusedError(SeedError):
@@ -136,6 +141,8 @@ class Controller:
     def enable(self, t: float) -> None:
         """Allow motion, from where the arm is; also clears a hold.
 
+        While it moves this changes nothing, unless the arm is not where it was sent: then the set-point is dropped.
+
         Raises:
             ControlRefusedError: the kinematics or the estimate is missing or stale.
         """
@@ -147,15 +154,21 @@ class Controller:
             raise ControlRefusedError(f"cannot enable: {stale}")
         if self.pressure.reason:
             raise ControlRefusedError(f"cannot enable: {self.pressure.reason}")
-        if self._guard.following:
+        here = self._inputs.history.newest()
+        if self._guard.following and float(np.abs(here[:3, 3] - self._command.X_WE[:3, 3]).max()) < AWAY:
             return
-        self._command.start_from(self._inputs.history.newest())
+        self._command.start_from(here)
         self._setpoint = None
         self.law.release()
         self.watch.restart()
         self.grasp_check.restart()
         self._guard.enable(True)
         self._inputs.count_from(t)
+
+    def hold(self, t: float, reason: str) -> None:
+        """Stop, if it moves, for something that others found, until enabled again."""
+        self._guard.hold(reason)
+        self._state = self._describe(t)
 
     def disable(self, t: float, reason: str) -> None:
         """Decelerate to rest and ignore set-points until enabled again."""

@@ -281,7 +281,7 @@ def test_a_task_is_not_played_before_enable(cell: Cell) -> None:
     assert cell.bench.until(lambda: cell.states)
     answer = cell.bench.result(cell.play("squeegee"))
     assert answer.status == GoalStatus.STATUS_ABORTED
-    assert "call ~/enable first" in answer.result.message
+    assert "then call controller/enable on" in answer.result.message
 
 
 FREE = """
@@ -332,7 +332,7 @@ def test_disabling_ends_a_task_where_it_is(cell: Cell) -> None:
     assert answer.status == GoalStatus.STATUS_ABORTED
     assert "disabled by ~/enable" in answer.result.message
     again = cell.bench.result(cell.play(FREE))  # in the wrong state
-    assert "call ~/enable first" in again.result.message
+    assert "then call controller/enable on" in again.result.message
 
 
 def test_disabling_ends_a_weighing_where_it_is(cell: Cell) -> None:

@@ -26,6 +26,7 @@ class Bench:
         self._executor.add_node(self.client)
         self._loops: list[FixedRateLoop] = []
         self._nodes: list[Node] = [self.client]
+        self._action_clients: list[ActionClient] = []
         self.every: list[Callable[[], None]] = []  # called once per turn
 
     def add(self, kind: Callable[..., Any], **parameters: Any) -> Any:
@@ -70,6 +71,7 @@ class Bench:
     def send_goal(self, kind: Any, name: str, goal: Any) -> Any:
         """An accepted goal's handle."""
         client = ActionClient(self.client, kind, name)
+        self._action_clients.append(client)
         assert self.until(client.server_is_ready), f"no action {name}"
         future = client.send_goal_async(goal)
         assert self.until(future.done), f"no answer of {name}"
@@ -81,8 +83,14 @@ class Bench:
         assert self.until(future.done, patience), "the goal did not end"
         return future.result()
 
+    def destroy_action_clients(self) -> None:
+        """As when whoever sent the goals is gone."""
+        while self._action_clients:
+            self._action_clients.pop().destroy()
+
     def close(self) -> None:
         """Destroy the nodes and the context."""
+        self.destroy_action_clients()
         for node in self._nodes:
             node.destroy_node()
         rclpy.try_shutdown(context=self.context)

@@ -7,8 +7,9 @@ import argparse
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from seed_bringup.commands.cells import cell_arguments, in_root, join
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Help, command, leaving_at_once
+from seed_core.program.command_line import Help, command, interrupts, leaving_at_once
 
 if TYPE_CHECKING:
     from seed_bringup.ros.session import Session
@@ -24,15 +25,22 @@ def main(argv: list[str]) -> int:
     p = argparse.ArgumentParser(prog="seed call", description="Call a service of a running cell.", formatter_class=Help)
     p.add_argument("service", nargs="?", help="for instance estimator/capture_reference; without it all are listed")
     p.add_argument("value", nargs="?", choices=("on", "off"), help="for services that switch, as controller/enable")
+    cell_arguments(p)
     options = p.parse_args(argv)
+    join(options)
     with leaving_at_once("call"):
         from seed_bringup.ros.session import Session  # rclpy only from here on
-    with closing(Session(lambda: None, follow=False)) as session:
+    with interrupts() as check, closing(Session(check, follow=False, namespace=options.namespace)) as session:
         if options.service is None:
             session.spin(DISCOVERY)
-            print("\n".join(f"{n}{' on|off' if k == SET_BOOL else ''}" for n, k in sorted(_services(session).items())))
+            found = sorted(_services(session).items())
+            if not found:
+                raise FailedError("there are no services: no cell is running here, or it runs in another ROS_DOMAIN_ID")
+            print("\n".join(f"{n}{' on|off' if k == SET_BOOL else ''}" for n, k in found))
         else:
-            print(_call(session, "/" + options.service.lstrip("/"), options.value))
+            absolute = options.service.startswith("/") or not options.namespace
+            name = "/" + options.service.lstrip("/") if absolute else f"{in_root(options.namespace)}/{options.service}"
+            print(_call(session, name, options.value))
     return 0
 
 

@@ -21,13 +21,14 @@ from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import conclude
 from seed_bringup.demo.hidden import FOUND, find_out
 from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, play_live
-from seed_bringup.demo.plan import STANDIN, plan
+from seed_bringup.demo.plan import plan
 from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
+from seed_bringup.launching.domains import OWN, claimed
 from seed_control.parameters import LAWS
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, number, seed_number
+from seed_core.program.command_line import Help, command, interrupts, number, seed_number
 from seed_estimation.parameters import METHODS
 
 BASELINES = ("open_loop", "welded")
@@ -57,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs="*",
         default=["robot:=sim"],
         metavar="NAME:=VALUE",
-        help=f"robot:=ur [robot_ip:={STANDIN}]: the UR driver and ur_rtde in the loop, against the stand-in controller",
+        help="robot:=ur [robot_ip:=127.x.y.z]: the UR driver and ur_rtde in the loop, against the stand-in controller",
     )
     return p
 
@@ -67,13 +68,20 @@ def main(argv: list[str]) -> int:
     """Play the task, then write the report; 0 only if the force was held."""
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, signal.default_int_handler)
+    options = _parser().parse_args(argv)
+    with claimed(OWN, " ".join(["demo", *argv])) as domain:
+        return _demo(options, domain)
+
+
+def _demo(options: argparse.Namespace, domain: int) -> int:
     started = time.monotonic()
-    asked = plan(_parser().parse_args(argv))
+    asked = plan(options, domain)
     o = asked.options
     say(f"task {asked.task.name}, scenario {asked.scenario.name}, seed {o.seed}, estimator {o.estimator}")
-    say(f"results go to {asked.folder}")
+    say(f"results go to {asked.folder}; the cell runs in ROS domain {domain} of its own")
     findings = find_out(asked.scenario, o.seed, asked.folder / FOUND) if asked.hidden else None
-    live = play_live(asked, findings.believed if findings else asked.scenario)
+    with interrupts() as check:
+        live = play_live(asked, findings.believed if findings else asked.scenario, check)
     with running_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name) as running:
         series = read_series(asked.folder / "bag.mcap", TOPICS)
         say("baselines: open loop and welded, on the same table")

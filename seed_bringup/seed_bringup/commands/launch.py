@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from seed_bringup.launching.description import declared_arguments, describe
+from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
@@ -32,9 +33,19 @@ def main(argv: list[str]) -> int:
         print(describe_arguments(file))
         return 0
     arguments = dict(w.split(":=", 1) for w in options.words if ":=" in w)
-    if shutil.which("ros2") and not options.own:
-        return _by_ros2(file, arguments)
-    return run(Launch(file, arguments))
+    others = running()
+    with claimed(SHARED, " ".join(["launch", *options.words])) as domain:
+        if domain in others:
+            print(
+                f"[launch] warning: '{others[domain]}' runs in ROS domain {domain}, too, and both hear each other: "
+                f"leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
+                flush=True,
+            )
+        if domain:
+            print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
+        if shutil.which("ros2") and not options.own:
+            return _by_ros2(file, arguments)
+        return run(Launch(file, arguments))
 
 
 def describe_arguments(file: Path) -> str:

@@ -7,10 +7,11 @@ import sys
 from contextlib import closing
 from typing import Any
 
+from seed_bringup.commands.cells import cell_arguments, join
 from seed_bringup.demo.terminal import Bar
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command, leaving_at_once
+from seed_core.program.command_line import Help, command, interrupts, leaving_at_once
 
 
 @command("seed play")
@@ -18,16 +19,23 @@ def main(argv: list[str]) -> int:
     """Play a task to its end."""
     p = argparse.ArgumentParser(
         prog="seed play",
-        description="Play a task on a running cell whose controller is enabled. Ctrl-C cancels it: the tool is lifted.",
+        description="Play a task on a running cell whose controller is enabled. Ctrl-C cancels it: the tool is\n"
+        "lifted, as it is when this program ends in another way. A second Ctrl-C does not wait for that.",
         formatter_class=Help,
     )
     p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
     p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    cell_arguments(p)
     options = p.parse_args(argv)
     load_task(options.task, options.force)  # says here and now what is wrong with it
     with leaving_at_once("play"):
         from seed_bringup.ros.session import Session  # rclpy only from here on
-    with closing(Session(lambda: None)) as session, closing(Bar()) as bar:
+    join(options)
+    with (
+        interrupts() as check,
+        closing(Session(check, namespace=options.namespace)) as session,
+        closing(Bar()) as bar,
+    ):
 
         def tell(feedback: Any) -> None:
             bar.show(feedback.phase, feedback.progress, session.pressing_force)

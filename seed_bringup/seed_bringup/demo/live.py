@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,12 +65,13 @@ class LiveRun(NamedTuple):
     early: str = ""
 
 
-def play_live(asked: Plan, believed: Scenario) -> LiveRun:
+def play_live(asked: Plan, believed: Scenario, check: Callable[[], None]) -> LiveRun:
     """Run the cell and play the task; files in the plan's folder are complete on return.
 
     Args:
         asked: the plan.
         believed: the plan's scenario as controller and estimator are told of it.
+        check: called often; may raise to end everything.
 
     Raises:
         FailedError: a node died or did not answer, or the task ended before it touched anything.
@@ -84,6 +86,7 @@ def play_live(asked: Plan, believed: Scenario) -> LiveRun:
     launch = Launch(find_launch_file(["demo"]), _launch_arguments(asked, believed), output=log.add)
 
     def watch() -> None:
+        check()
         if launch.poll() is not None:
             raise FailedError(f"{log.death or 'the cell ended'}; all that it said is in {log.path}")
 

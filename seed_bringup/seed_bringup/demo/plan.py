@@ -10,11 +10,10 @@ from seed_bringup.demo.hidden import HIDDEN, hide, write_scenario
 from seed_control.tasks import Task, load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import results_folder
-from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
+from seed_sim.closed_loop.evaluate import check_task, scenario_of
 from seed_sim.scenario import Scenario, load_scenario
 
 SEEING = "rigid_fit"  # the estimator that tells what the membranes do
-STANDIN = "127.0.0.2"  # where the demo's stand-in UR controller listens
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,22 @@ class Plan:
         return " ".join(map(str, words))
 
 
-def plan(options: argparse.Namespace) -> Plan:
-    """Load what the options name and make the folder. Raises SeedError: something of it is not there or will not do."""
-    robot = robot_arguments(options.robot)
+def standin_address(domain: int) -> str:
+    """Where a demo's stand-in UR controller listens: one for each ROS domain, so that two may run side by side."""
+    return f"127.0.{domain}.2"
+
+
+def plan(options: argparse.Namespace, domain: int = 0) -> Plan:
+    """Load what the options name and make the folder; domain: the ROS domain that the cell runs in.
+
+    Raises:
+        SeedError: something of it is not there or will not do.
+    """
+    robot = robot_arguments(options.robot, domain)
     task = load_task(options.task, options.force)
-    scenario_name = str(options.scenario or SCENARIO_OF_TASK.get(task.name, task.name))
+    scenario_name = str(options.scenario or scenario_of(task))
     scenario, hidden = load_scenario(scenario_name), hidden_world(options)
+    check_task(task, scenario, options.law)
     stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     folder: Path = (options.out or results_folder() / f"{task.name}-{stamp}").resolve()
     if folder.is_dir() and any(folder.iterdir()):
@@ -80,13 +89,13 @@ def hidden_world(options: argparse.Namespace) -> bool:
     return str(options.world) == "hidden"
 
 
-def robot_arguments(words: list[str]) -> dict[str, str]:
+def robot_arguments(words: list[str], domain: int = 0) -> dict[str, str]:
     """robot and robot_ip as launch arguments. Raises SeedError for others, and for an address that is not loopback."""
     given = dict(w.partition(":=")[::2] for w in words)
     robot = given.get("robot", "ur")
     if given.keys() - {"robot", "robot_ip"} or robot not in ("sim", "ur"):
         raise SeedError(f"{' '.join(words)}: the demo takes robot:=sim or robot:=ur, and robot_ip:=127.x.y.z")
-    address = given.get("robot_ip", STANDIN if robot == "ur" else "")
+    address = given.get("robot_ip", standin_address(domain) if robot == "ur" else "")
     if robot == "ur" and not address.startswith("127."):
         raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
     return {"robot": robot, "robot_ip": address}

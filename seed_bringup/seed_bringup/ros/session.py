@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import rclpy
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
@@ -19,10 +20,13 @@ from seed_msgs.msg import ControllerState
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from unique_identifier_msgs.msg import UUID
 
 from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
-from seed_ros.qos import LATCHED
+from seed_ros.qos import COMMAND, LATCHED
+
+BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 
 
 class SessionError(FailedError):
@@ -43,11 +47,16 @@ class Played:
 class Session:
     """One client of the cell; `watch` is called often and may raise to end everything."""
 
-    def __init__(self, watch: Callable[[], None], follow: bool = True) -> None:
-        """follow: listen to the controller's state, which costs a fifth of a core."""
+    def __init__(self, watch: Callable[[], None], follow: bool = True, namespace: str = "") -> None:
+        """Join the graph.
+
+        Args:
+            follow: listen to the controller's state, which costs a fifth of a core.
+            namespace: of the cell.
+        """
         self._watch = watch
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("seed_demo", start_parameter_services=False)
+        self.node = rclpy.create_node("seed_client", namespace=namespace, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self.state: ControllerState | None = None
@@ -149,10 +158,26 @@ class Session:
         began, steady = self.now(), time.monotonic()
         self._goal = sent.result()
         result = self._goal.get_result_async()
+        beating = self._beat(self._goal.goal_id)
         self.until(result.done, patience, f"the task '{task}' did not end")
+        beating.cancel()
         self.played.result, self.played.ended = result.result().result, self.now()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
+
+    def _beat(self, goal: Any) -> Any:
+        """Tell the controller that somebody sees to the task: without that it ends. A timer to be cancelled."""
+        here = self.node.create_publisher(UUID, "controller/operator", COMMAND)
+        here.publish(goal)
+        return self.node.create_timer(BEAT, lambda: here.publish(goal))
+
+    def cancel_all(self, patience: float = 10.0) -> int:
+        """End whatever task is played, whoever began it; how many there were."""
+        client = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
+        self.until(client.service_is_ready, patience, "no action controller/follow_setpoints: is the cell running?")
+        future = client.call_async(CancelGoal.Request())  # no goal and no time: all of them
+        self.until(future.done, patience, "no answer of controller/follow_setpoints")
+        return len(future.result().goals_canceling)
 
     def cancel(self, patience: float = 60.0) -> None:
         """End the task, if one is played: the tool is lifted."""

@@ -11,8 +11,9 @@ from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 
 from seed_control.controller import Controller
+from seed_control.ros.task_operator import Operator
 from seed_control.state import ControllerState
-from seed_control.tasks import TaskPlayer, TaskStatus, read_task
+from seed_control.tasks import TaskPlayer, TaskStatus, check_fits, read_task
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
 from seed_ros import SeedNode
@@ -40,11 +41,24 @@ class _Run:
 class FollowServer:
     """Call before_step and after_step around each control step."""
 
-    def __init__(self, node: SeedNode, core: Controller, others: Callable[[], bool]) -> None:
-        """others: whether something else gives set-points."""
-        self._node, self._core, self._others = node, core, others
+    def __init__(
+        self, node: SeedNode, core: Controller, why_not: Callable[[], str], operator: Operator, lost: str
+    ) -> None:
+        """Offer the action.
+
+        Args:
+            why_not: why no task may begin now; '' for nothing.
+            operator: whoever has a task played.
+            lost: 'lift' or 'hold', when it is gone.
+        """
+        self._node, self._core, self._why_not = node, core, why_not
+        self._operator, self._lost = operator, lost
         self._run: _Run | None = None
         self._server = node.serve_action(FollowSetpoints, "~/follow_setpoints", self._execute)
+
+    @property
+    def _enable(self) -> str:
+        return f"{self._node.get_fully_qualified_name()[1:]}/enable"
 
     @property
     def busy(self) -> bool:
@@ -62,13 +76,17 @@ class FollowServer:
 
     def _start(self, goal: ServerGoalHandle) -> _Run:
         if self._run is not None:
-            raise SeedError(f"task '{self._run.player.task.name}' is being played: cancel it first")
-        if self._others():
-            raise SeedError("the tool is being weighed: wait for ~/weigh_tool to answer")
+            raise SeedError(
+                f"task '{self._run.player.task.name}' is being played: cancel it first, as ./seed cancel does"
+            )
         task = read_task(goal.request.task, goal.request.overrides)
+        if why_not := self._why_not():
+            raise SeedError(f"cannot play '{task.name}': {why_not}")
+        check_fits(task, self._core.tool, self._core.parameters)
         state = self._core.state
         if not state.enabled or state.mode == "holding":
-            raise SeedError(f"cannot play '{task.name}': {state.reason or 'not enabled'}; call ~/enable first")
+            raise SeedError(f"cannot play '{task.name}': {state.reason or 'not enabled'}; then call {self._enable} on")
+        self._operator.begin(bytes(goal.goal_id.uuid), self._node.now())
         player = TaskPlayer(task)
         self._node.get_logger().info(f"playing '{task.name}': {', '.join(player.phases)}")
         return _Run(goal, player, self._node.now(), Future())
@@ -80,6 +98,8 @@ class FollowServer:
             return
         if run.goal.is_cancel_requested and not run.refusal:
             run.player.cancel()
+        elif gone := self._operator.gone(now):
+            self._give_up(run, now, gone)
         status = run.player.step(now, self._core.state)
         if status.done:
             self._run = None
@@ -93,6 +113,13 @@ class FollowServer:
         if now - run.fed_back >= FEEDBACK_PERIOD or status.phase != run.phase:
             run.fed_back, run.phase = now, status.phase
             self._feed_back(run, status)
+
+    def _give_up(self, run: _Run, now: float, gone: str) -> None:
+        """Nobody sees to this task any more."""
+        if self._lost == "hold":
+            self._core.hold(now, gone)
+        else:
+            run.player.cancel(gone)
 
     def _refused(self, run: _Run, error: SeedError) -> None:
         """The controller does not take the task's set-point: end early, which lifts."""

@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,17 @@ from seed_msgs.msg import HybridSetpoint as HybridMsg
 from seed_msgs.msg import RelativePose, WrenchEstimate
 from seed_msgs.msg import RelativePoseSetpoint as RelativePoseMsg
 from seed_msgs.msg import WrenchSetpoint as WrenchMsg
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from seed_control.controller import Controller
+from seed_control.controller import AWAY, Controller, ControlRefusedError
 from seed_control.parameters import ControllerParameters
 from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.follow_setpoints import FollowServer
 from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
+from seed_control.ros.task_operator import Operator
 from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, ControlOutput
 from seed_control.wrench.model_settings import choose_model
@@ -31,7 +34,7 @@ from seed_core.config import field
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
-from seed_ros import COMMAND, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
+from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import (
     check_frame,
     estimate_from_message,
@@ -46,8 +49,6 @@ from seed_ros.conversions import (
     wrench_to_core,
 )
 
-AWAY = 0.02  # [m] an arm at rest this far from its command was moved by something else
-
 
 @dataclass(frozen=True)
 class NodeSettings:
@@ -56,6 +57,15 @@ class NodeSettings:
     state_rate: float = field(50.0, unit="Hz", low=1.0, high=1000.0, doc="of ~/state and wrench_estimate")
     publish_tf: bool = field(True, doc="publish tool to tip on /tf_static")
     clocks: str = field("", doc=f"{DOC}; while unknown, force and torque are refused (SP18)")
+    operator_timeout: float = field(
+        0.4,
+        unit="s",
+        low=0.0,
+        high=60.0,
+        doc="a task ends when its operator was not heard for so long (~/operator, or the listener to its feedback); "
+        "0: it goes on",
+    )
+    operator_lost: str = field("lift", choices=("lift", "hold"), doc="how a task ends whose operator is lost")
     realtime_priority: int = field(40, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
 
 
@@ -108,10 +118,13 @@ class ControllerNode(SeedNode):
             RelativePoseMsg, "~/relative_pose_setpoint", self._on_relative, COMMAND, refused="setpoints_unreadable"
         )
         self.listen(WrenchStamped, "arm_wrench", self._on_arm_wrench, QUEUE, refused="arm_wrench_refused")
+        self._arm_holds = ""  # why
+        self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
         StiffnessScheduleInput(self, schedule, self._on_stiffness)
 
         self.serve(SetBool, "~/enable", self._enable)
-        self.follow = FollowServer(self, self.core, lambda: self.payload.busy)
+        operator = Operator(self, "~/follow_setpoints", self.settings.operator_timeout)
+        self.follow = FollowServer(self, self.core, self._why_not, operator, self.settings.operator_lost)
         self.payload = PayloadIdentification(self, self.core, lambda: self.follow.busy)
         self.diagnose("controller", self._report)
 
@@ -152,9 +165,27 @@ class ControllerNode(SeedNode):
     def _on_stiffness(self, stiffness: Stiffness) -> None:
         self.core.set_stiffness(stiffness, self.now())
 
+    def _on_arm_hold(self, message: String) -> None:
+        """What moves the arm follows nothing any more; or, with an empty reason, what comes from now on."""
+        self._arm_holds = f"the arm holds: {message.data}{self._remedy}" if message.data else ""
+        if message.data:
+            self.core.hold(self.now(), self._arm_holds)
+
+    @cached_property
+    def _remedy(self) -> str:
+        """Where the arm is resumed, if that is told by the name of the topic."""
+        arm, _, topic = self.resolve_topic_name("arm_hold_reason").rpartition("/")
+        return f"; mend that, then call {arm[1:]}/resend_robot_program" if topic == "hold_reason" else ""
+
+    def _why_not(self) -> str:
+        """Why no task may begin, beyond what the controller says; '' for nothing."""
+        return "the tool is being weighed: wait for ~/weigh_tool to answer" if self.payload.busy else self._arm_holds
+
     def _enable(self, on: bool) -> str:
         if on:
             self.loop.take()  # what came before it must not be taken for news afterwards; nor must the clock be old
+            if self._arm_holds:
+                raise ControlRefusedError(f"cannot enable: {self._arm_holds}")
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"
         self.core.disable(self.now(), "disabled by ~/enable")

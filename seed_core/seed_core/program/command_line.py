@@ -110,6 +110,39 @@ def leaving_at_once(name: str) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+@contextmanager
+def interrupts() -> Iterator[Callable[[], None]]:
+    """Ctrl-C, a hang-up and a request to end wait until the function that this gives is called, which raises.
+
+    Raised anywhere they would end in the middle of a library, with its traceback. A second one ends the process.
+
+    Raises:
+        KeyboardInterrupt: by the function.
+    """
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        del frame
+        if came:
+            os._exit(128 + number)
+        came.append(number)
+
+    told: list[int] = []
+
+    def check() -> None:
+        if came and not told:
+            told.append(came[0])
+            raise KeyboardInterrupt
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def results_folder() -> Path:
     """Where a command leaves its results by itself: results/ of the checkout, else of the current folder."""
     return Path(os.environ.get("SEED_ROOT") or ".") / "results"

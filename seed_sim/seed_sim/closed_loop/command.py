@@ -10,7 +10,7 @@ from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
-from seed_sim.closed_loop.evaluate import LAWS, evaluate
+from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
@@ -167,9 +167,9 @@ def _perturb(args: argparse.Namespace) -> int:
 def _sweep(args: argparse.Namespace) -> int:
     images = args.estimator in FROM_IMAGES  # micro-slip of the membrane exists in images only
     columns = args.column or ([args.scenario] if args.scenario else [*COLUMNS, *(("slip20",) if images else ())])
-    load_task(args.task, args.force)  # a mistake here would break every run
+    task = load_task(args.task, args.force)  # a mistake here would break every run
     for column in columns:
-        load_scenario(column)
+        check_task(task, load_scenario(column), args.law)
     seeds = list(range(args.seed, args.seed + args.scenarios))
     path = _plot_file(args)
     if path is not None:

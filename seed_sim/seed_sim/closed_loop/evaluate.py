@@ -7,17 +7,32 @@ from pathlib import Path
 from typing import Any
 
 from seed_control.parameters import LAWS as CONTROL_LAWS
-from seed_control.tasks import Task, load_task
+from seed_control.tasks import Task, check_fits, check_tool, load_task
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
-from seed_sim.closed_loop.run import SeedSteering, Steering, play, start_pose
+from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
 from seed_sim.plant.plant import Plant
-from seed_sim.scenario import Scenario, load_scenario, on_membrane
+from seed_sim.scenario import Scenario, load_scenario, on_membrane, shipped_scenarios
 
 LAWS = (*CONTROL_LAWS, *BASELINES)
-SCENARIO_OF_TASK = {"squeegee": "nominal", "write": "pen"}  # others have a scenario of their own name
+SCENARIO_OF_TOOL = {"squeegee": "nominal"}  # others have a scenario of the tool's name
+NOMINAL = "nominal"
+
+
+def scenario_of(task: Task) -> str:
+    """Name of the scenario that a task is simulated in when none is named: the one whose tool it is made for."""
+    name = SCENARIO_OF_TOOL.get(task.tool, task.tool)
+    return name if name in shipped_scenarios() else NOMINAL
+
+
+def check_task(task: Task, scenario: Scenario, law: str) -> None:
+    """Raises SeedError: the task is made for another tool, or asks for more than the controller may be asked for."""
+    if law in BASELINES:
+        check_tool(task, scenario.tool)
+    else:
+        check_fits(task, scenario.tool, parameters_of(scenario, law))
 
 
 @dataclass(frozen=True)
@@ -63,13 +78,14 @@ def evaluate(
     if isinstance(task, str):
         task = load_task(task, force)
     if scenario is None:
-        scenario = SCENARIO_OF_TASK.get(task.name, task.name)
+        scenario = scenario_of(task)
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     if membrane is not None:
         scenario = on_membrane(scenario, membrane, firm=True)
     if law not in LAWS:
         raise SeedError(f"law '{law}' is unknown; known: {', '.join(LAWS)}")
+    check_task(task, scenario, law)
     began = time.perf_counter()
     X_WE = start_pose(scenario, task)
     plant = Plant(scenario, seed, task.frame.pose, X_WE, welded=law in WELDED, meshcat=meshcat)

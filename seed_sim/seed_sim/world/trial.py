@@ -13,7 +13,7 @@ from seed_control.tasks import Task, load_task
 from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
-from seed_sim.closed_loop.evaluate import SCENARIO_OF_TASK
+from seed_sim.closed_loop.evaluate import scenario_of
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import START_HEIGHT, play
@@ -68,7 +68,7 @@ def run_trial(
     """
     if isinstance(task, str):
         task = load_task(task, force)
-    scenario = SCENARIO_OF_TASK.get(task.name, task.name) if scenario is None else scenario
+    scenario = scenario_of(task) if scenario is None else scenario
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     if world.kind == "membrane":

@@ -30,6 +30,7 @@ from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import CameraInfo
 
 from seed_bringup.demo.live import live_rates
+from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_bringup.ros.session import Session, SessionError
@@ -133,7 +134,10 @@ def _cell(arguments: Mapping[str, str]) -> Iterator[Session]:
         if launch.poll() is not None:
             raise SessionError("the cell ended early")
 
-    with Launch(find_launch_file(["cell"]), arguments, lambda *_: None) as launch:
+    with (
+        claimed(OWN, "bench pose_age"),
+        Launch(find_launch_file(["cell"]), arguments, lambda *_: None) as launch,
+    ):
         session = Session(watch, follow=False)
         try:
             yield session

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each cell of a machine has a ROS domain of its own, and commands find the one that runs."""
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from seed_bringup.commands.cells import join
+from seed_bringup.launching import domains
+from seed_core.errors import SeedError
+
+
+@pytest.fixture(autouse=True)
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(domains, "folder", lambda: tmp_path)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+
+
+def here() -> str:
+    return os.environ.get("ROS_DOMAIN_ID", "")
+
+
+def joined(domain: int | None = None) -> str:
+    join(argparse.Namespace(domain=domain, namespace=""))
+    return here()
+
+
+def test_two_cells_take_two_domains_and_give_them_back() -> None:
+    with domains.claimed(domains.SHARED, "launch cell") as first:
+        assert (first, here()) == (0, "0")
+        os.environ["ROS_DOMAIN_ID"] = ""
+        with domains.claimed(domains.SHARED, "launch cell seed:=3") as second:
+            assert (second, here()) == (1, "1")
+            assert domains.running() == {0: "launch cell", 1: "launch cell seed:=3"}
+        assert domains.running() == {0: "launch cell"}
+    assert domains.running() == {}
+
+
+def test_a_domain_that_is_named_is_taken_though_another_cell_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    with domains.claimed(domains.OWN, "demo") as first, domains.claimed(domains.OWN, "demo") as second:
+        assert first == second == 7
+        assert domains.running() == {7: "demo"}
+    assert here() == "7"
+
+
+def test_a_cell_that_is_killed_leaves_its_domain(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from seed_bringup.launching import domains\n"
+        f"domains.folder = lambda: Path({str(tmp_path)!r})\n"
+        "with domains.claimed(domains.SHARED, 'launch cell'): print('up', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as cell:
+        assert cell.stdout is not None
+        assert cell.stdout.readline() == b"up\n"
+        assert domains.running() == {0: "launch cell"}
+        assert joined() == "0"
+        cell.kill()
+    assert domains.running() == {}
+
+
+def test_a_command_joins_the_cell_that_runs_or_asks_which() -> None:
+    assert joined() == ""  # none: ROS's own default
+    with domains.claimed(domains.OWN, "demo --seed 3"):
+        os.environ["ROS_DOMAIN_ID"] = ""
+        assert joined() == "1"
+        os.environ["ROS_DOMAIN_ID"] = ""
+        with domains.claimed(domains.SHARED, "launch cell"):
+            os.environ["ROS_DOMAIN_ID"] = ""
+            with pytest.raises(SeedError, match="say which: --domain 0: launch cell; --domain 1: demo --seed 3"):
+                joined()
+            assert joined(domain=1) == "1"

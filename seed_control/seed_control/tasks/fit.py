@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a task can be played with the tool in the hand and within what the controller may be asked for.
+
+What the controller would refuse in the middle of a task is refused before it begins.
+"""
+
+from collections.abc import Iterator
+from math import sqrt
+
+from seed_control.parameters import ControllerParameters
+from seed_control.tasks.task import Control, Task, TaskError
+from seed_core.hand import Tool
+
+
+def check_fits(task: Task, tool: Tool, parameters: ControllerParameters) -> None:
+    """Raises TaskError: made for another tool, or a force or torque that is beyond what may be asked for."""
+    check_tool(task, tool)
+    p = parameters
+    for name, control in _controls(task):
+        for what, vector, bound, unit in (
+            ("force", control.force, p.max_force, "N"),
+            ("torque", control.torque, p.max_torque, "N m"),
+        ):
+            size = sqrt(sum(v * v for v in vector))
+            if size > bound * (1 + 1e-9):
+                raise TaskError(
+                    f"task '{task.name}': {name} asks for a {what} of {size:.3g} {unit}, beyond the controller's "
+                    f"max_{what} = {bound:g} {unit}: ask for less"
+                )
+
+
+def check_tool(task: Task, tool: Tool) -> None:
+    """Raises TaskError: the task names another tool than this one, whose weight and tip are reckoned with."""
+    if task.tool and task.tool != tool.name:
+        raise TaskError(
+            f"task '{task.name}' is made for the tool '{task.tool}', and the hand holds '{tool.name}', with whose "
+            "weight and tip forces are computed: take that tool and describe it in the hand file (tool:), or give the "
+            "task this one's name"
+        )
+
+
+def _controls(task: Task) -> Iterator[tuple[str, Control]]:
+    for phase in task.phases:
+        if phase.control is not None:
+            yield f"phase '{phase.name}'", phase.control
+    if task.draw is not None:
+        yield "the drawing", task.draw.control
+        for number, force in enumerate(task.draw.forces, start=1):
+            yield f"stroke {number}", task.draw.control.scaled_to(force)

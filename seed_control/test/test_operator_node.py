@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stands around a task: an arm that holds, an operator that goes, another tool in the hand, too much asked."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from test_control_node import FREE, Cell
+from unique_identifier_msgs.msg import UUID
+
+from seed_ros.qos import COMMAND, LATCHED
+from seed_ros.testing import Bench
+
+pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+LIFTED = 0.04  # [m], of the task's lift of 0.05
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., Cell]]:
+    bench = Bench()
+    try:
+        yield lambda **parameters: Cell(bench, **parameters)
+    finally:
+        bench.close()
+
+
+def enable(cell: Cell) -> Any:
+    return cell.bench.call(SetBool, "controller/enable", SetBool.Request(data=True))
+
+
+def test_an_arm_that_holds_refuses_enable_and_play_at_once_and_stops_a_controller_that_moves(
+    make: Callable[..., Cell],
+) -> None:
+    cell = make()
+    arm = cell.bench.client.create_publisher(String, "arm_hold_reason", LATCHED)
+    cell.enabled()
+    handle = cell.play(FREE)
+    assert cell.bench.until(lambda: cell.state.mode == "position")
+    arm.publish(String(data="protective stop"))
+    assert cell.bench.until(lambda: cell.state.mode == "holding", 5.0)
+    assert "the arm holds: protective stop" in cell.state.reason
+    assert "the arm holds: protective stop" in cell.bench.result(handle).result.message
+    refused = enable(cell)
+    assert not refused.success
+    assert "cannot enable: the arm holds: protective stop" in refused.message
+    began = time.monotonic()
+    assert "the arm holds: protective stop" in cell.bench.result(cell.play(FREE)).result.message
+    assert time.monotonic() - began < 2.0
+    arm.publish(String(data=""))
+    cell.bench.spin(0.2)
+    assert cell.state.mode == "holding"  # nothing starts by itself
+    assert enable(cell).success
+
+
+def test_enabling_while_enabled_takes_the_arm_from_where_it_is(make: Callable[..., Cell]) -> None:
+    cell = make()
+    cell.enabled()
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: cell.state.mode == "position")
+    assert enable(cell).success
+    cell.bench.spin(0.1)
+    assert cell.state.mode == "position"  # an arm that follows: nothing changes
+    cell.targets = 0
+    there = cell.X_WE.copy()
+    there[0, 3] += 0.05
+    cell.node._target.publish = lambda _: None  # type: ignore[method-assign]  # the arm is moved by hand meanwhile
+    cell.X_WE = there
+    cell.bench.spin(0.2)
+    assert enable(cell).success
+    cell.bench.spin(0.1)
+    assert cell.state.mode == "idle"
+    np.testing.assert_allclose(cell.node.core.step(cell.node.now()).X_WE, there, atol=1e-3)
+
+
+@pytest.mark.parametrize("way", ["lift", "hold"])
+def test_a_task_ends_half_a_second_after_its_operator_fell_silent(make: Callable[..., Cell], way: str) -> None:
+    cell = make(operator_lost=way)
+    cell.enabled()
+    handle = cell.play(FREE)
+    here = cell.bench.client.create_publisher(UUID, "controller/operator", COMMAND)
+    beat = cell.bench.client.create_timer(0.1, lambda: here.publish(handle.goal_id))
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+    cell.bench.spin(1.0)
+    assert cell.node.follow.busy
+    height = cell.state.tip.position.z
+    beat.cancel()
+    began = time.monotonic()
+    ends: Callable[[], bool] = {
+        "hold": lambda: cell.state.mode == "holding",
+        "lift": lambda: cell.state.tip.position.z > height + 0.001,
+    }[way]
+    assert cell.bench.until(ends, 5.0)
+    assert time.monotonic() - began < 1.0  # 0.4 s, on a busy test machine
+    assert "the operator is gone: not heard for" in cell.bench.result(handle).result.message
+    assert (cell.state.tip.position.z - height > LIFTED) is (way == "lift")
+
+
+def test_a_task_ends_when_nobody_listens_to_it_any_more(make: Callable[..., Cell]) -> None:
+    """Of a client that knows nothing of ~/operator, such as ros2 action send_goal."""
+    cell = make()
+    cell.enabled()
+    cell.play(FREE)
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+    cell.bench.spin(1.0)
+    assert cell.node.follow.busy
+    cell.bench.destroy_action_clients()
+    assert cell.bench.until(lambda: not cell.node.follow.busy, 10.0)
+    assert cell.bench.until(lambda: cell.state.tip.position.z > 0.13)
+
+
+def test_an_operator_may_go_where_that_is_set(make: Callable[..., Cell]) -> None:
+    cell = make(operator_timeout=0.0)
+    cell.enabled()
+    handle = cell.play(FREE)
+    here = cell.bench.client.create_publisher(UUID, "controller/operator", COMMAND)
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+    here.publish(handle.goal_id)
+    cell.bench.spin(1.0)
+    assert cell.node.follow.busy
+
+
+@pytest.mark.parametrize(
+    ("task", "overrides", "words"),
+    [
+        ("pen", "", "made for the tool 'pen', and the hand holds 'squeegee'"),
+        ("squeegee", "force: 16", "phase 'press' asks for a force of 16 N, beyond the controller's max_force = 15 N"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_it_begins(
+    make: Callable[..., Cell], task: str, overrides: str, words: str
+) -> None:
+    cell = make()
+    cell.enabled()
+    assert words in cell.bench.result(cell.play(task, overrides)).result.message
+    assert cell.state.mode == "idle"
