@@ -53,11 +53,26 @@ class DriverConfig(TargetLimits):
     max_angular_tracking_error: float = field(
         0.15, unit="rad", low=1e-2, high=3.0, doc="an arm turned further from its command is held"
     )
-    payload_mass: float = field(0.0, unit="kg", low=0, high=20, doc="gripper and tool, for the controller")
+    payload_mass: float = field(
+        0.0,
+        unit="kg",
+        low=0,
+        high=50,
+        doc="gripper and tool, for the controller; 0: mass and centre as set on the robot",
+    )
     payload_cog: Vector3 = field(
         (0.0, 0.0, 0.0), unit="m", low=-1, high=1, doc="their centre of mass in the flange frame"
     )
-    tcp: Vector6 = field((0.0,) * 6, unit="m, rad", low=-4, high=4, doc="TCP in the flange frame as a pose vector")
+    payload_inertia: Vector6 = field(
+        (0.0,) * 6,
+        unit="kg m^2",
+        low=-10,
+        high=133,
+        doc="about that centre: xx, yy, zz, xy, xz, yz; zero: as the robot has it. PolyScope 5.11 and later",
+    )
+    tcp: Vector6 = field(
+        (0.0,) * 6, unit="m, rad", low=-4, high=4, doc="TCP in the flange frame as a pose vector; zero: as on the robot"
+    )
     speed_slider: float = field(0.0, low=0, high=1, doc="speed slider of the pendant; 0: as it is there")
 
     def check(self) -> DriverConfig:
@@ -73,7 +88,13 @@ class DriverConfig(TargetLimits):
 
 _NAMES = tuple(DriverConfig.__dataclass_fields__)
 FIXED = ("base_frame", *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")])  # while the driver is configured
-TOOL = ("payload_mass", "payload_cog", "tcp", "speed_slider")  # what the controller itself has to be told
+TOOL = (
+    "payload_mass",
+    "payload_cog",
+    "payload_inertia",
+    "tcp",
+    "speed_slider",
+)  # what the controller itself has to be told
 
 
 def from_json(data: dict[str, Any]) -> DriverConfig:

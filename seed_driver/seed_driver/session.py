@@ -60,6 +60,8 @@ class Session:
             self.linked = True
             self._judge(sample)
             self._compare(sample)
+            if self.running and (why := robot.tool_changed()) and why != self.reason:
+                self.motion.hold(why)
         elif self.watch.lost(now):
             if self.linked:
                 self.motion.hold("link lost: the controller's clock stands still")
@@ -135,12 +137,16 @@ class Session:
         robot = self.need_robot()
         sample = robot.sample()  # refused while the newest state cannot be
         if not self.running:
-            self._require_model(sample)
+            if robot.tells_tcp:  # before anything is sent; else it can only be known afterwards
+                self._require_model(sample)
             with threads_above(self.config):
                 robot.start_program()
             self._begin(robot)
         elif self.freedrive:
             raise LinkError("the arm is in freedrive; end it first")
+        elif robot.tool_changed():
+            robot.tool = None
+            robot.apply_tool(self.config)
         self.want_start = False
         self.motion.accept_targets()
         return "robot program running, waiting for target_frame"
@@ -175,6 +181,8 @@ class Session:
         self.clock = robot.timestamp
         self.watch.restart(self.clock, time.monotonic())
         self.sample = s = robot.sample()
+        if not robot.tells_tcp:
+            self._require_model(s)
         self.motion.restart(s)
         self.path.restart(self.clock, s.speed_scaling)
         self.running = True

@@ -24,27 +24,14 @@ def robot():
         yield made
 
 
-@contextlib.contextmanager
-def driver(robot: StandIn, **settings):
-    """A driver of a robot that is there already; what it says is looked at with FaultBench's means."""
-    bench = FaultBench.__new__(FaultBench)
-    bench.supervisor = Supervisor(DriverConfig(**{"robot_ip": robot.host, **settings}))
-    bench.robot, bench.path = robot, None
-    bench.supervisor.start(start_program=True)
-    try:
-        yield bench
-    finally:
-        bench.supervisor.close()
-
-
 def uploads(robot: StandIn) -> int:
     return robot.ask("state")["uploads"]
 
 
 def test_a_second_driver_does_not_take_over_when_the_first_ones_link_drops(robot) -> None:
-    with driver(robot) as first:
+    with FaultBench(robot=robot) as first:
         first.ready()
-        with driver(robot) as second:
+        with FaultBench(robot=robot) as second:
             second.wait(lambda s: "another RTDE client" in s.reason, 10.0, "refusal")
             assert second.state.reason.endswith("then call resend_robot_program")
             assert first.step().armed  # undisturbed
@@ -73,7 +60,7 @@ def test_a_switch_to_remote_control_starts_nothing() -> None:
 
 
 def test_local_control_is_named_on_a_later_request_too(robot) -> None:
-    with driver(robot) as bench:
+    with FaultBench(robot=robot) as bench:
         bench.ready()
         robot.ask("pendant_stop")
         bench.wait(lambda s: not s.armed, 2.0, "report")
@@ -97,14 +84,14 @@ def test_a_wrong_model_is_said_once_and_nothing_is_uploaded() -> None:
 def test_another_program_is_left_playing_and_named(robot, fed: bool) -> None:
     with contextlib.ExitStack() as stack:
         if fed:
-            bench = stack.enter_context(driver(robot))
+            bench = stack.enter_context(FaultBench(robot=robot))
             bench.ready()
             robot.ask("pendant_stop")
             bench.wait(lambda s: not s.armed, 2.0, "report")
         robot.ask("play", seconds=30.0)
         time.sleep(0.2)
         if not fed:
-            bench = stack.enter_context(driver(robot))
+            bench = stack.enter_context(FaultBench(robot=robot))
             bench.wait(lambda s: "another program plays" in s.reason, 10.0, "program named")
         deaths, start = bench.supervisor.deaths, time.monotonic()
         reply = bench.ask("start", timeout=4.0)
@@ -123,12 +110,12 @@ def test_a_control_script_that_a_dead_driver_left_is_ended() -> None:
     with StandIn() as robot:
         robot.ask("play", seconds=30.0, name="rtde_control")
         time.sleep(0.2)
-        with driver(robot) as bench:
+        with FaultBench(robot=robot) as bench:
             bench.ready()
 
 
 def test_a_clock_that_is_set_back_holds_and_goes_on_when_asked(robot) -> None:
-    with driver(robot) as bench:
+    with FaultBench(robot=robot) as bench:
         bench.ready()
         bench.sway()
         bench.run(0.5)

@@ -62,7 +62,7 @@ class Sample(NamedTuple):
     p: Vector3 = ZERO  # of the flange [m]
     orientation: Quaternion = IDENTITY
     twist: tuple[float, ...] = (0.0,) * 6  # of the flange's origin: linear [m/s], angular [rad/s]
-    wrench: tuple[float, ...] = (0.0,) * 6  # of the environment on the tool about the TCP: force [N], torque [N m]
+    wrench: tuple[float, ...] = (0.0,) * 6  # environment on tool about the flange's origin: force [N], torque [N m]
     modes: Modes = Modes()
     speed_scaling: float = 1.0
 

@@ -15,7 +15,7 @@ from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply,
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample
-from seed_driver.robot import link, rtde_client
+from seed_driver.robot import link, rtde_client, tool
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.state_checks import check_state
 from seed_ur import rtde
@@ -23,9 +23,11 @@ from seed_ur import rtde
 STATES = (
     "timestamp", "actual_q", "actual_qd", "actual_current", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
     "robot_mode", "safety_mode", "runtime_state", "safety_status_bits", "speed_scaling", "target_speed_fraction",
-    "tcp_offset",  # of the controllers that know it
+    *tool.OUTPUTS,  # of the controllers that know them
 )  # fmt: skip
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
+TAKING = 1.0  # [s] from sending TCP and payload to states that show them
+SHORTLY = 0.01  # [s] that servo commands may wait for them
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 SLIDER = rtde.Recipe.of(("speed_slider_mask", "speed_slider_fraction"), rtde.INPUTS)
@@ -52,6 +54,9 @@ class Robot:
         self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
         self.control: Any = None
         self.ours = False  # the program that plays, if one does
+        self.tool: tool.Tool | None = None  # what the robot is to have while our program runs
+        self._taken_until = 0.0  # [s] monotonic, until when it may not have taken it yet
+        self._untold_tcp = config.tcp  # of controllers that do not tell theirs
         self._slider: rtde_client.RtdeClient | None = None
 
     @property
@@ -70,6 +75,17 @@ class Robot:
         """Whether both connections stand (necessary, not sufficient)."""
         return self.states.open and (self.control is None or bool(self.control.isConnected()))
 
+    @property
+    def tcp(self) -> Sequence[float]:
+        """The TCP of the robot's poses, in the flange frame, as a pose vector."""
+        tcp: Sequence[float] = self.states.values.get("tcp_offset", self._untold_tcp)
+        return tcp
+
+    @property
+    def tells_tcp(self) -> bool:
+        """Whether poses are those of the flange before our program runs, too."""
+        return "tcp_offset" in self.states.values
+
     def sample(self) -> Sample:
         """The newest state, of the flange: what the controller tells is of its TCP. Raises StateError."""
         v = self.states.values
@@ -78,12 +94,15 @@ class Robot:
         (*p_tcp, rx, ry, rz), twist = v["actual_TCP_pose"], v["actual_TCP_speed"]
         x, y, z = p_tcp
         p, q = (x, y, z), from_rotation_vector((rx, ry, rz))
-        if any(tcp := v.get("tcp_offset", self.config.tcp)):
+        wrench = v["actual_TCP_force"]
+        if any(tcp := self.tcp):
             p_tcp, (qx, qy, qz, qw) = _split(tcp)
             q = multiply(q, (-qx, -qy, -qz, qw))
             ax, ay, az = rotate(q, p_tcp)  # from flange to TCP, in base
             p = x - ax, y - ay, z - az
             vx, vy, vz, wx, wy, wz = twist
+            fx, fy, fz, tx, ty, tz = wrench
+            wrench = fx, fy, fz, tx + ay * fz - az * fy, ty + az * fx - ax * fz, tz + ax * fy - ay * fx
             twist = vx - (wy * az - wz * ay), vy - (wz * ax - wx * az), vz - (wx * ay - wy * ax), wx, wy, wz
         return Sample(
             q=v["actual_q"],
@@ -92,7 +111,7 @@ class Robot:
             p=p,
             orientation=q,
             twist=twist,
-            wrench=v["actual_TCP_force"],
+            wrench=wrench,
             modes=Modes(v["robot_mode"], v["safety_mode"], v["runtime_state"], v["safety_status_bits"]),
             speed_scaling=v["speed_scaling"] * v["target_speed_fraction"],
         )
@@ -117,6 +136,7 @@ class Robot:
             self._send_again()
         self._wait_until_playing()
         self.ours = True
+        self.tool = None
         self.apply_tool(self.config)
         require(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
 
@@ -148,12 +168,49 @@ class Robot:
         time.sleep(3.0 / CONTROL_RATE)  # until ur_rtde knows it too: it refuses commands to a program that does not run
 
     def apply_tool(self, config: DriverConfig) -> None:
-        """Send TCP, payload and speed slider to the controller."""
-        self.config = config
-        require(self.control.setTcp(list(config.tcp)), "take the TCP")
-        require(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
+        """Send to the controller what is configured of TCP, payload and speed slider; the rest stays as it is there."""
+        self.config, want = config, tool.wanted(config)
+        if want.tcp is not None:
+            require(self.control.setTcp(list(want.tcp)), "take the TCP")
+            self._untold_tcp = config.tcp
+        elif not self.tells_tcp and self.tool is None:
+            x, y, z, rx, ry, rz = self.control.getTCPOffset()
+            self._untold_tcp = x, y, z, rx, ry, rz
+        if want.inertia is not None:
+            if not rtde.knows(self.version, "payload_inertia"):
+                raise LinkError("payload_inertia needs PolyScope 5.11 or later: set it to zero")
+            load = want.else_from(tool.told(self.states.values))
+            mass, cog = load.mass or (0.0,), load.cog or (0.0,) * 3
+            require(self.control.setTargetPayload(mass[0], list(cog), list(want.inertia)), "take the payload")
+        elif want.mass is not None:
+            require(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
+        self._await_tool(want)
         if config.speed_slider:
             self._set_slider(config.speed_slider)
+
+    def _await_tool(self, want: tool.Tool) -> None:
+        """The states show a moment later what was sent."""
+        self._taken_until = time.monotonic() + TAKING
+        while tool.difference(want, tool.told(self.states.values)) and time.monotonic() < self._taken_until:
+            if self.tool is not None and time.monotonic() > self._taken_until - TAKING + SHORTLY:
+                break  # while our program runs, servo commands must not wait: `tool_changed` sees to the rest
+            time.sleep(0.002)
+            self.states.poll()
+        found = tool.told(self.states.values)
+        if self.tool is None:
+            tool.require(want, found)
+        self.tool = want.else_from(found)
+
+    def tool_changed(self) -> str:
+        """How the robot's TCP or payload is not what it was when our program started, in words; else empty."""
+        if self.tool is None:
+            return ""
+        words = tool.difference(self.tool, tool.told(self.states.values))
+        if not words:
+            self._taken_until = 0.0
+        elif time.monotonic() < self._taken_until:
+            return ""
+        return words and f"the robot's {words} as before: set it back, or call resend_robot_program to go on with it"
 
     def _set_slider(self, fraction: float) -> None:
         """Move the speed slider, by a connection of its own that stays open."""
@@ -169,8 +226,8 @@ class Robot:
         """Stream one flange pose: position [m], quaternion; period [s] is that of the cycle."""
         c = self.config
         x, y, z = p
-        if any(c.tcp):
-            p_tcp, q_tcp = _split(c.tcp)
+        if any(tcp := self.tcp):  # the robot's own: what it is told are poses of that
+            p_tcp, q_tcp = _split(tcp)
             ax, ay, az = rotate(q, p_tcp)  # from flange to TCP, in base
             x, y, z, q = x + ax, y + ay, z + az, multiply(q, q_tcp)
         self.control.servoL([x, y, z, *rotation_vector(q)], 0.0, 0.0, period, c.servo_lookahead, c.servo_gain)

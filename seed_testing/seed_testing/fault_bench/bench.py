@@ -30,10 +30,12 @@ JUMP = 1e-3  # [m] that the arm may move on recovery, without a target
 class FaultBench:
     """A context manager that leaves no process behind. Stand-in options as on its command line."""
 
-    def __init__(self, *standin: str, **settings: Any) -> None:
-        host = private_host()
+    def __init__(self, *standin: str, robot: StandIn | None = None, **settings: Any) -> None:
+        """robot: a stand-in that is there already, and stays; else one of its own is started."""
+        host = robot.host if robot is not None else private_host()
         self.supervisor = Supervisor(DriverConfig(**{"robot_ip": host, **settings}))
-        self.robot = StandIn(host, *standin)
+        self._borrowed = robot is not None
+        self.robot = robot or StandIn(host, *standin)
         self.path: Targets | None = None
         self._path_start = 0.0
 
@@ -43,7 +45,8 @@ class FaultBench:
 
     def __exit__(self, *_: object) -> None:
         self.supervisor.close()
-        self.robot.close()
+        if not self._borrowed:
+            self.robot.close()
 
     @property
     def state(self) -> State:

@@ -114,6 +114,12 @@ class RigRobot:
         """The newest state."""
         return self.newest[1]
 
+    tells_tcp = True
+
+    def tool_changed(self) -> str:
+        """Nobody changes it."""
+        return ""
+
     def start_program(self) -> None:
         """There is one."""
 

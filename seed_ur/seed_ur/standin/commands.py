@@ -171,6 +171,11 @@ class Commands:
         """setPayload: d0 mass, d1-d3 centre of mass."""
         self.robot.payload, *self.robot.payload_cog = self.doubles(0, 4)
 
+    def set_target_payload(self) -> None:
+        """setTargetPayload: as setPayload, and d4-d9 inertia."""
+        self.set_payload()
+        self.robot.payload_inertia = self.doubles(4, 6)
+
     def set_tcp(self) -> None:
         """setTcp: d0-d5 pose vector in the flange frame."""
         self.robot.arm.set_tcp(matrix_from_pose(self.doubles(0, 6)))
@@ -219,7 +224,8 @@ COMMANDS: Mapping[int, Callable[[Commands], Answer]] = {
     11: lambda s: s.servo(cartesian=False),
     12: Commands.servo_circular,
     **dict.fromkeys((15, 16, 33, 34, 42), Commands.stop),
-    **dict.fromkeys((17, 65), Commands.set_payload),
+    17: Commands.set_payload,
+    65: Commands.set_target_payload,
     **dict.fromkeys((18, 52), lambda s: s.freedrive(True)),
     **dict.fromkeys((19, 53), lambda s: s.freedrive(False)),
     **dict.fromkeys((20, 21, 56, 57, 59, 62, 63), lambda _: None),

@@ -57,7 +57,7 @@ class Controller:
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
         self.program: Program | None = None
         self.pending: tuple[float, Program] | None = None  # starts at this time
-        self.payload, self.payload_cog = 0.0, [0.0, 0.0, 0.0]
+        self.payload, self.payload_cog, self.payload_inertia = 0.0, [0.0] * 3, [0.0] * 6
         self.freedrive = self.force_mode = False
         self.wrench_E: tuple[float, ...] = (0.0,) * 6  # environment on flange, (force, torque) in E
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
@@ -293,6 +293,7 @@ class Controller:
             target_speed_fraction=arm.slider,
             payload=self.payload,
             payload_cog=self.payload_cog,
+            payload_inertia=self.payload_inertia,
             robot_mode=self.robot_mode,
             safety_mode=self.safety_mode,
             runtime_state=self.runtime_state,

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from seed_core.errors import SeedError
-from seed_ur.pose import checked_pose
+from seed_ur.pose import checked_pose, matrix_from_pose
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
 from seed_ur.standin.options import PERIOD
@@ -136,11 +136,23 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "freedrive": robot.freedrive,
         "wrench": robot.wrench_W(),
         "payload": robot.payload,
+        "payload_cog": robot.payload_cog,
+        "payload_inertia": robot.payload_inertia,
+        "tcp_offset": robot.arm.tcp_offset,
         "speed_slider": robot.arm.slider,
         "speed_scaling": robot.arm.limiting,
         "clients": Counter(channel.name for channel in server.channels),
         "messages": list(robot.faults.messages),
     }
+
+
+def _tool(server: Server, request: Request) -> None:
+    """As somebody sets it on the pendant, or another program by set_tcp and set_payload."""
+    robot = server.robot
+    if "tcp" in request:
+        robot.arm.set_tcp(matrix_from_pose(checked_pose(request["tcp"], "tcp")))
+    robot.payload = float(request.get("payload", robot.payload))
+    robot.payload_cog = [float(x) for x in request.get("cog", robot.payload_cog)]
 
 
 def _stale_command(server: Server, request: Request) -> None:
@@ -181,6 +193,7 @@ ACTIONS: dict[str, Action] = {
     "release_emergency_stop": lambda server, _: server.robot.release_emergency_stop(),
     "pendant_stop": lambda server, _: server.robot.stop_program(),
     "play": _play,
+    "tool": _tool,
     "set_clock_back": lambda server, request: server.robot.set_clock_back(_seconds(request)),
     "stale_command": _stale_command,
     "switch": _switch,

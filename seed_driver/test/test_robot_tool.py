@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""TCP and payload of the robot: left alone where they are not configured, compared, and a change moves nothing."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_core.arm.quaternion import inverse, rotate
+from seed_core.config import ConfigError
+from seed_driver.config import DriverConfig
+from seed_driver.robot import tool
+from seed_driver.robot.link import LinkError
+from seed_testing.fault_bench.bench import FaultBench
+from seed_ur.kinematics import URKinematics
+from seed_ur.standin_client import StandIn
+
+TCP = (0.0, 0.0, 0.15, 0.0, 0.0, 0.0)
+LONGER = (0.0, 0.0, 0.20, 0.0, 0.0, 0.0)
+realtime = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def robot():
+    pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+    with StandIn() as made:
+        yield made
+
+
+@pytest.fixture
+def loaded(robot):
+    robot.ask("pendant_stop")
+    robot.ask("tool", tcp=TCP, payload=2.5, cog=[0.01, 0.0, 0.04])
+    return robot
+
+
+def flange(robot: StandIn) -> np.ndarray:
+    return URKinematics.for_model("ur5e").forward(robot.ask("state")["q"])[:3, 3]
+
+
+@realtime
+def test_what_is_not_configured_stays_as_it_is_on_the_robot_and_targets_are_the_flanges(loaded) -> None:
+    with FaultBench(robot=loaded) as bench:
+        bench.ready()
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y, z + min(0.01, 0.05 * t)), q))
+        bench.run(0.8)
+        state = loaded.ask("state")
+        assert (state["payload"], state["payload_cog"]) == (2.5, [0.01, 0.0, 0.04])
+        assert_allclose(state["tcp_offset"], TCP, atol=1e-12)
+        loaded.ask("wrench", wrench=[3.0, 0.0, 5.0, 0.0, 0.2, 0.0])  # at the flange's origin, in its axes
+        bench.run(0.1)
+        torque = rotate(inverse(bench.state.sample.orientation), bench.state.sample.wrench[3:])
+        loaded.ask("wrench", wrench=[0.0] * 6)
+        assert_allclose(torque, (0.0, 0.2, 0.0), atol=1e-3)
+        assert_allclose(flange(loaded), (x, y, z + 0.01), atol=2e-4)
+
+
+@realtime
+@pytest.mark.parametrize("moving", [False, True], ids=["standing", "moving"])
+def test_a_tcp_that_changes_moves_nothing_and_is_named(loaded, moving: bool) -> None:
+    with FaultBench(robot=loaded) as bench:
+        bench.ready()
+        if moving:
+            bench.sway()
+            bench.run(0.7)
+        loaded.ask("reset_stats")
+        before = flange(loaded)
+        loaded.ask("tool", tcp=LONGER)
+        bench.wait(lambda s: not s.armed, 0.5, "report")
+        bench.still()
+        bench.run(0.4)
+        assert "TCP is [0, 0, 0.2, 0, 0, 0] m, rad, not [0, 0, 0.15, 0, 0, 0] m, rad as before" in bench.state.reason
+        assert np.linalg.norm(flange(loaded) - before) < (5e-3 if moving else 1e-3)
+        assert loaded.ask("stats")["top_joint_speed"] < 0.15  # [rad/s]
+        bench.recover_in_place()
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y, z + min(0.01, 0.05 * t)), q))
+        bench.run(0.8)
+        assert bench.state.reason == ""
+        assert_allclose(flange(loaded), (x, y, z + 0.01), atol=2e-4)
+
+
+@realtime
+def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured(loaded) -> None:
+    inertia = (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)
+    with FaultBench(robot=loaded, payload_mass=1.25, payload_cog=(0.0, 0.0, 0.05), payload_inertia=inertia) as bench:
+        bench.ready()
+        assert_allclose(loaded.ask("state")["payload_inertia"], inertia)
+        loaded.ask("tool", payload=0.0)
+        bench.wait(lambda s: not s.armed, 0.5, "report")
+        assert "the robot's payload is 0 kg, not 1.25 kg as before" in bench.state.reason
+        assert bench.ask("start").ok
+        bench.run(0.3)
+        assert loaded.ask("state")["payload"] == 1.25
+        assert bench.state.armed
+
+
+def test_the_difference_names_the_first_quantity_that_differs_beyond_its_tolerance() -> None:
+    here = tool.Tool(TCP, (2.5,), (0.01, 0.0, 0.04))
+    assert tool.difference(here, here._replace(mass=(2.5004,), tcp=(0.0, 0.0, 0.1501, 0.0, 0.0, 0.0))) == ""
+    assert tool.difference(here, tool.Tool()) == ""  # of an old controller
+    assert tool.difference(here, here._replace(mass=(0.0,))) == "payload is 0 kg, not 2.5 kg"
+    half_a_turn, same = (0.0, 0.0, 0.1, 0.0, 0.0, np.pi), (0.0, 0.0, 0.1, 0.0, 0.0, -np.pi)
+    assert tool.difference(tool.Tool(half_a_turn), tool.Tool(same)) == ""
+    with pytest.raises(LinkError, match=r"payload is 0 kg, not 1\.2 kg as configured: it has not taken it"):
+        tool.require(tool.Tool(mass=(1.2,)), tool.Tool(mass=(0.0,)))
+
+
+def test_a_payload_that_is_not_configured_is_not_wanted() -> None:
+    assert tool.wanted(DriverConfig(robot_ip="127.0.0.1")) == tool.Tool()
+    with pytest.raises(ConfigError, match="payload_mass"):
+        DriverConfig(robot_ip="127.0.0.1", payload_mass=-1.0).check()
