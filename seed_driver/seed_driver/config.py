@@ -7,17 +7,16 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
-from seed_core.arm.limits import TargetLimits
 from seed_core.config import ConfigError, checked, field, from_mapping
 from seed_core.vector3 import Vector3
+from seed_driver.clearance_settings import ClearanceSettings, Vector6
 from seed_ur.models import MODELS
 
-Vector6 = tuple[float, float, float, float, float, float]
 SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than every 60 ms counts as lost
 
 
 @dataclass(frozen=True)
-class DriverConfig(TargetLimits):
+class DriverConfig(ClearanceSettings):
     """Settings, with the limits of motion and targets; `check` refuses what is out of bounds."""
 
     # fixed while the driver is configured
@@ -87,7 +86,12 @@ class DriverConfig(TargetLimits):
 
 
 _NAMES = tuple(DriverConfig.__dataclass_fields__)
-FIXED = ("base_frame", *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")])  # while the driver is configured
+FIXED = (  # while the driver is configured
+    "base_frame",
+    "hand_file",
+    "surroundings_file",
+    *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")],
+)
 TOOL = (
     "payload_mass",
     "payload_cog",

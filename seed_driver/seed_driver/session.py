@@ -59,6 +59,7 @@ class Session:
                 self.sample, self.sample_time, self.clock = sample, now, clock
             self.linked = True
             self._judge(sample)
+            self.motion.feel(sample.wrench, self.clock)
             self._compare(sample)
             if self.running and (why := robot.tool_changed()) and why != self.reason:
                 self.motion.hold(why)

@@ -21,6 +21,11 @@ class JointSpeeds:
         """Take a changed limit [rad/s]."""
         self._limits = [min(top, own) for own in self._arm.model.speed]
 
+    @property
+    def q(self) -> list[float]:
+        """Joint angles (6,) [rad] at the pose that was looked at last, at most a few steps ago."""
+        return self._q
+
     def restart(self, q: tuple[float, ...]) -> None:
         """The arm stands at joint angles q (6,) [rad]."""
         self._q = list(q)

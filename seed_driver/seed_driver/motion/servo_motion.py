@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of the servo process, from the newest target to the next command: reference, limiter, joint speeds.
+"""The motion of the servo process, from newest target to next command: reference, limiter, joint speeds, clearances.
 
 Knows neither robot nor node; `take_target` and `step` are called once per servo cycle.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from seed_core.arm.hold import HoldLatch
@@ -13,6 +14,8 @@ from seed_core.vector3 import ZERO, Vector3, minus, norm, plus_scaled, scaled
 from seed_driver.config import DriverConfig
 from seed_driver.motion.joint_speeds import JointSpeeds
 from seed_driver.motion.limiter import CommandLimiter
+from seed_driver.motion.overload import Overload
+from seed_driver.motion.stop_check import StopCheck
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 from seed_ur.kinematics import URKinematics
 
@@ -27,6 +30,8 @@ class Motion:
         self.latch = HoldLatch(config.command_timeout, "starting")
         self.limiter = CommandLimiter(ZERO, IDENTITY, 0.002, limits_of(config))
         self.joints = JointSpeeds(arm, COMMANDED * config.max_joint_speed)
+        self.stop_check = StopCheck(arm, config, COMMANDED * config.max_joint_speed)
+        self.overload = Overload(config)
         self.target: TargetSlot | None = None  # the newest that was used
         self._seen = 0  # number of the newest target that was looked at
         self._begin()
@@ -36,6 +41,8 @@ class Motion:
         self.latch.patience = config.command_timeout
         self.limiter.limits = limits_of(config)
         self.joints.set_limit(COMMANDED * config.max_joint_speed)
+        self.stop_check.configure(config, COMMANDED * config.max_joint_speed)
+        self.overload.settings = config
 
     def _begin(self) -> None:
         self._last = self.limiter.p, self.limiter.q  # the pose before the limiter's
@@ -48,6 +55,7 @@ class Motion:
         self.limiter.restart(sample.p, sample.orientation)
         self._begin()
         self.joints.restart(sample.q)
+        self.stop_check.restart()
 
     def accept_targets(self) -> None:
         """Follow the targets that come from now on."""
@@ -55,7 +63,14 @@ class Motion:
         slot = self.memory.read_target(0)
         self._seen = slot.number if slot is not None else self._seen
         if self.latch.reason:
+            self.overload.forgive()
             self.latch.resume()
+
+    def feel(self, wrench: Sequence[float], now: float) -> None:
+        """Hold when the arm reads too much: wrench (6,) force [N] and torque [N m] at its tool, at time now [s]."""
+        why = self.overload.update(wrench, now)
+        if why and not self.latch.reason:
+            self.hold(why)
 
     def hold(self, reason: str) -> None:
         """Decelerate to rest; targets are not followed any more."""
@@ -118,7 +133,7 @@ class Motion:
     def _advance(self, share: float) -> None:
         """One step of the limiter; a hold when the arm cannot go there."""
         self.limiter.propose(1.0 / (share * share))
-        trouble = self.joints.limit(self.limiter)
+        trouble = self.joints.limit(self.limiter) or self.stop_check.check(self.limiter, self.joints.q)
         self.limiter.advance()
         if trouble:
             self.hold(trouble)

@@ -13,6 +13,7 @@ from seed_core.arm.target_checks import Target, refusal
 from seed_core.config import ConfigError
 from seed_core.errors import SeedError
 from seed_driver.config import FIXED, DriverConfig
+from seed_driver.motion.clearances import Clearances
 from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import Outputs
@@ -63,6 +64,7 @@ class DriverNode(SeedNode, LifecycleNode):
         try:
             self.config = self._declared.read().check()
             self.arm = arm_kinematics(self.config)
+            Clearances(self.arm, self.config)  # the servo process reads its files
         except SeedError as error:
             self.config = None
             self.get_logger().error(str(error))
