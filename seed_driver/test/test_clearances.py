@@ -26,7 +26,7 @@ HAND_FILE = str(Path(__file__).parents[2] / "seed_bringup" / "config" / "hand.ya
 DT = 0.002  # [s]
 NUMBERS = itertools.count(1)  # of targets
 READY = (math.pi, -1.7, 1.9, -1.8, -0.5 * math.pi, 0.0)  # [rad] the tool points down
-FOLDED = (math.pi, -1.9, 2.5, -2.17, -0.5 * math.pi, 0.0)  # [rad] the forearm is near the shoulder
+FOLDED = (math.pi, -1.9, 2.5, -2.17, -0.5 * math.pi, 0.0)  # [rad] the hand is near the upper arm
 
 
 class Run:
@@ -122,7 +122,7 @@ def test_tool_and_fingers_work_on_the_floor(memory) -> None:
 @pytest.mark.parametrize(
     ("q", "way", "turn", "bodies"),
     [
-        (FOLDED, (-0.2, 0.0, 0.1), ZERO, ("shoulder", "forearm")),
+        (FOLDED, (-0.2, 0.0, 0.1), ZERO, ("upper arm", "fingers")),
         (READY, ZERO, (0.0, 1.9, 0.0), ("upper arm", "tool")),
     ],
 )
