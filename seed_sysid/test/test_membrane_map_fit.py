@@ -219,3 +219,24 @@ def test_mirrors_leave_each_force_its_own_motion() -> None:
 def test_one_model_is_as_good_with_one_grip(data: Dataset) -> None:
     fit = fit_membrane(membrane_data(_changed(data, slice(60, 120))), "smooth")
     assert (fit.share[3:] < 0.06).all()
+
+
+def test_samples_of_one_path_are_predicted_from_those_of_others() -> None:
+    """Against the conditional mean of a normal distribution with the covariance that was found."""
+    rng = np.random.default_rng(4)
+    F = [rng.normal(size=(40, 3)), rng.normal(size=(40, 5))]
+    y = F[0] @ rng.normal(size=3) + 0.2 * rng.normal(size=40)
+    found, group = regress(F, y), np.repeat(np.arange(8), 5)
+    K = np.linalg.inv(found.inverse)
+    for g in range(8):
+        mine, others = group == g, group != g
+        expected = K[np.ix_(mine, others)] @ np.linalg.solve(K[np.ix_(others, others)], y[others])
+        assert_allclose(found.left_out_together(group)[mine], y[mine] - expected, atol=1e-9)
+
+
+def test_paths_are_axes_at_all_grips_and_single_combinations(data: Dataset) -> None:
+    path, samples = membrane_data(data).path, data.samples
+    for kind in ("home", "pitch"):
+        assert len({p for p, s in zip(path, samples, strict=True) if s.kind == kind}) == 1
+    combinations = [p for p, s in zip(path, samples, strict=True) if s.kind == "combination"]
+    assert len(set(combinations)) == len(combinations) > 20

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from seed_core.spatial import Wrench, make_pose, so3_exp, so3_log
 from seed_sim.membrane import BubbleState, GraspState
 from seed_sysid.membrane.terms import MODELS
-from seed_testing.validation.maps.membrane_run import NOISE_SHIFT, NOISE_TURN, Watcher, combined_motion
+from seed_testing.validation.maps.membrane_run import NOISE_SHIFT, NOISE_TURN, Watcher, combined_motion, poses
 from seed_testing.validation.maps.score import OF_POSE, score_membranes, table
 
 MOVED = make_pose(so3_exp([0.05, -0.08, 0.1]), [0.001, -0.002, 0.003])
@@ -48,7 +48,7 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
 
 
 def test_the_motion_starts_at_the_grasp_and_has_its_size() -> None:
-    motion = combined_motion(np.random.default_rng(1), 400, 1.5)
+    motion = poses(combined_motion(np.random.default_rng(1), 400), 1.5)
     assert_allclose(motion[0], np.eye(4), atol=1e-12)
     assert_allclose(np.std([X[:3, 3] for X in motion], axis=0), 3e-3, rtol=1e-6)
     assert_allclose(np.rad2deg(np.std([so3_log(X[:3, :3]) for X in motion], axis=0)), 6.0, rtol=0.1)
@@ -57,12 +57,12 @@ def test_the_motion_starts_at_the_grasp_and_has_its_size() -> None:
 def test_kept_scores_are_not_made_again(tmp_path: Path) -> None:
     def one(share: float) -> list[dict[str, object]]:
         shares = {m: [share] * 6 for m in (OF_POSE, *MODELS)}
-        return [{"size": s, "sliding": 0.4, "rms": [1.0] * 6, "shares": shares, "nees": 5.0, "doubted": 0.0}
-                for s in (0.7, 1.6)]  # fmt: skip
+        return [{"asked": s, "size": 1.0, "sliding": s, "rms": [1.0] * 6, "shares": shares, "nees": 5.0, "doubted": 0.0}
+                for s in (0.4, 0.65)]  # fmt: skip
 
     for seed, share in ((5, 0.01), (6, 0.02), (7, 0.06)):
-        (tmp_path / f"membrane-{seed}-0-120.json").write_text(json.dumps({"seed": seed, "motions": one(share)}))
-    (tmp_path / "membrane-8-0-120.json").write_text(json.dumps({"seed": 8, "failed": "it burst"}))
+        (tmp_path / f"membrane-{seed}-0-100.json").write_text(json.dumps({"seed": seed, "motions": one(share)}))
+    (tmp_path / "membrane-8-0-100.json").write_text(json.dumps({"seed": 8, "failed": "it burst"}))
     result = score_membranes(range(5, 9), 0.0, 1, tmp_path)
     assert (result["membranes"], result["scored"]) == (4, 3)
     assert result["summary"][0]["shares"]["smooth"]["median"] == [0.02] * 6

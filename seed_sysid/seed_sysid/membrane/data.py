@@ -10,7 +10,7 @@ import numpy as np
 
 from seed_core.membrane.features import COUNT, features
 from seed_core.spatial import Array, inverse_pose
-from seed_sysid.data.dataset import Dataset, DatasetError
+from seed_sysid.data.dataset import Dataset, DatasetError, Sample
 from seed_sysid.data.membrane_sample import MembraneSample, since
 from seed_sysid.membrane.terms import MAIN
 from seed_sysid.stiffness_map import AXES, frame_derivatives, wrench_transform
@@ -31,6 +31,8 @@ class MembraneData(NamedTuple):
         pressures: (G,) [hPa] at the grasp, nan where unknown. widths: (G,) [m].
         nuisance: (n, 6, k) derivatives of `wrench` by bias of each grip, drift, and the offset of the sensor's frame;
             nuisance_std: (k,) of their prior.
+        path: (n,) number of the path that a sample lies on: those along one axis, at all grips, are one; each
+            combination is one of its own.
         with_pressure: whether all samples tell the pressures of both.
         lost: keys of samples without motion of the membranes, which are left out.
         kept: (n,) which of the dataset's samples these are.
@@ -44,6 +46,7 @@ class MembraneData(NamedTuple):
     widths: Array
     nuisance: Array
     nuisance_std: Array
+    path: np.ndarray
     with_pressure: bool
     lost: tuple[str, ...]
     kept: np.ndarray
@@ -53,7 +56,7 @@ class MembraneData(NamedTuple):
         good = ~bad
         return self._replace(
             Z=self.Z[good], wrench=self.wrench[good], grip=self.grip[good], nuisance=self.nuisance[good],
-            kept=self.kept[good],
+            path=self.path[good], kept=self.kept[good],
         )  # fmt: skip
 
 
@@ -109,10 +112,16 @@ def membrane_data(data: Dataset) -> MembraneData:
         widths=np.array([np.mean([s.width for s in samples if s.grip == g]) for g in grips]),
         nuisance=to_C @ np.concatenate(columns, axis=2),
         nuisance_std=np.concatenate([np.tile(_BIAS_STD, len(grips)), _DRIFT_STD, _OFFSET_STD]),
+        path=_paths(samples),
         with_pressure=told,
         lost=missing,
         kept=index,
     )
+
+
+def _paths(samples: list[Sample]) -> np.ndarray:
+    names = [s.kind if s.kind in (*AXES, "home") else s.key for s in samples]
+    return np.unique(names, return_inverse=True)[1]
 
 
 def _features(pair: list[MembraneSample], first: list[MembraneSample], middle: Array, told: bool) -> Array:

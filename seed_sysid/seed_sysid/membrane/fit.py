@@ -35,6 +35,7 @@ class Component:
     F: list[Array]
     regression: Regression
     left_out: Array  # (n,) error of each sample predicted from all others
+    unseen: Array  # (n,) the same from those of other paths
 
     def coefficients(self, g: float) -> dict[tuple[int, ...], float]:
         """Of each term at grip g in [-1, 1]."""
@@ -56,6 +57,8 @@ class MembraneFit:
         model: of MODELS. components: torque x, y, z, force x, y, z; gas: rise of pressure in common and apart, or ().
         nuisance: (k,) bias of each grip, drift and offset, as `MembraneData.nuisance` counts them.
         left_out: (n, 6) [N m, N] error of each sample predicted from all others.
+        unseen: (n, 6) [N m, N] error of each sample predicted from those of other paths: a sample's neighbours on its
+            own way, there and back and at other grips, flatter the map.
         wrench: (n, 6) [N m, N] without the sensor's part.
     """
 
@@ -65,6 +68,7 @@ class MembraneFit:
     gas: tuple[Component, ...]
     nuisance: Array
     left_out: Array
+    unseen: Array
     wrench: Array
 
     @property
@@ -104,6 +108,7 @@ class MembraneFit:
 
 def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> MembraneFit:
     """Fit a model of MODELS to the data of an identification; known: (k,) the sensor's part from another fit."""
+    path, grips = data.path, len(data.widths)
     weight, g = sample_weights(data.Z), grip_coordinate(data.widths)[data.grip]
     measured = data.wrench
     nuisance = np.zeros(data.nuisance.shape[2]) if known is None else known
@@ -113,9 +118,7 @@ def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> 
         wrench = measured - data.nuisance @ nuisance
         parts = []
         for i, parity in enumerate(WRENCH_PARITY):
-            parts.append(
-                _component(data.Z, wrench[:, i], weight, g, MODELS[model], parity, starts[i], len(data.widths))
-            )
+            parts.append(_component(data.Z, wrench[:, i], weight, g, MODELS[model], parity, starts[i], grips, path))
             starts[i] = _logarithms(parts[i].regression, wrench[:, i] * weight)
         nuisance = _nuisance(data, parts, weight) if known is None else known
     wrench = measured - data.nuisance @ nuisance
@@ -123,11 +126,11 @@ def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> 
     if data.with_pressure and known is None:
         motion = [kind for kind in MODELS[model] if "pressure" not in kind]
         gas = tuple(
-            _component(data.Z, data.Z[:, i], weight, g, motion, parity, None, len(data.widths))
+            _component(data.Z, data.Z[:, i], weight, g, motion, parity, None, grips, path)
             for i, parity in zip(PRESSURES, GAS_PARITY, strict=True)
         )
-    left_out = np.array([p.left_out for p in parts]).T
-    return MembraneFit(data, model, tuple(parts), gas, nuisance, left_out, wrench)
+    left_out, unseen = np.array([p.left_out for p in parts]).T, np.array([p.unseen for p in parts]).T
+    return MembraneFit(data, model, tuple(parts), gas, nuisance, left_out, unseen, wrench)
 
 
 def fit_without_outliers(data: MembraneData, model: str) -> tuple[MembraneFit, int]:
@@ -168,7 +171,15 @@ def _by_grip(parts: list[Group]) -> list[tuple[tuple[int, ...], ...]]:
 
 
 def _component(
-    Z: Array, y: Array, weight: Array, g: Array, kinds: Iterable[str], parity: Array, start: Array | None, grips: int
+    Z: Array,
+    y: Array,
+    weight: Array,
+    g: Array,
+    kinds: Iterable[str],
+    parity: Array,
+    start: Array | None,
+    grips: int,
+    path: np.ndarray,
 ) -> Component:
     parts = groups(kinds, parity)
     F = [values(Z, p.terms) for p in parts]
@@ -176,7 +187,7 @@ def _component(
         F += [g[:, None] * values(Z, terms) for terms in _by_grip(parts)]
     F = [f * weight[:, None] for f in F]
     found = regress(F, y * weight, start)
-    return Component(parts, F, found, found.left_out / weight)
+    return Component(parts, F, found, found.left_out / weight, found.left_out_together(path) / weight)
 
 
 def _logarithms(found: Regression, y: Array) -> Array:

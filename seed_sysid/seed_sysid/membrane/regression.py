@@ -27,6 +27,7 @@ class Regression(NamedTuple):
         coefficients: by group.
         inverse: (n, n) of the covariance of y.
         left_out: (n,) error of each y predicted from all the others.
+        weights: (n,) the inverse times y.
     """
 
     strengths: Array
@@ -34,6 +35,15 @@ class Regression(NamedTuple):
     coefficients: list[Array]
     inverse: Array
     left_out: Array
+    weights: Array
+
+    def left_out_together(self, group: np.ndarray) -> Array:
+        """(n,) error of each y predicted from those of other groups; group: (n,) number of each one's."""
+        out = np.empty(len(self.left_out))
+        for g in np.unique(group):
+            mine = np.flatnonzero(group == g)
+            out[mine] = np.linalg.solve(self.inverse[np.ix_(mine, mine)], self.weights[mine])
+        return out
 
     def covariance(self, F: list[Array]) -> Array:
         """(terms, terms) of all coefficients, group after group, F as they were fitted."""
@@ -79,4 +89,5 @@ def regress(F: list[Array], y: Array, start: Array | None = None) -> Regression:
         coefficients=[np.exp(a) * f.T @ w * size for a, f in zip(t[:-1], F, strict=True)],
         inverse=inverse / size**2,
         left_out=size * w / np.diag(inverse),
+        weights=w / size,
     )

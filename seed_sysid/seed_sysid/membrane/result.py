@@ -25,9 +25,9 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
     Raises:
         ConfigError: no map that can be used, such as one with a stiffness that is not positive.
     """
-    data, std = fit.data, np.maximum(rms(fit.left_out), _LEAST_STD)
+    data, std = fit.data, np.maximum(rms(fit.unseen), _LEAST_STD)
     spread = fit.spread()
-    gas_std = rms(np.array([c.left_out for c in fit.gas]).T) if fit.gas else np.zeros(2)
+    gas_std = rms(np.array([c.unseen for c in fit.gas]).T) if fit.gas else np.zeros(2)
     grips = []
     for i in np.argsort(-data.widths):
         coefficients, gas = fit.coefficients(float(grip_coordinate(data.widths)[i]))
@@ -131,6 +131,7 @@ def figures(
         "samples": len(fit.left_out),
         "terms": len(fit.terms),
         "left_out_rms": channels(rms(fit.left_out)),
+        "left_out_rms_by_path": channels(rms(fit.unseen)),
         "left_out_share": channels(fit.share),
         "left_out_share_by_model": {name: channels(share) for name, share in shares.items()},
         "stiffness_at_rest": dict(zip(AXES, stiffness_at_rest(file).tolist(), strict=True)),

@@ -20,7 +20,7 @@ from seed_sysid.parameters import Procedure
 from seed_sysid.run.excitation import designs
 from seed_sysid.stiffness_map import wrench_transform
 
-SPACING = 0.006  # [m] of nodes, 250 a bubble: coarse, and many membranes in little time
+SPACING = 0.007  # [m] of nodes, 183 a bubble: coarse, and many membranes in little time
 STEP = 0.002  # [m] of the tool between solves
 SQUEEZES = (-0.0015, 0.0, 0.0015)  # [m] of the grips, from that of the membrane
 RADII = (0.009, 0.016)  # [m] of the round handle that is held
@@ -30,6 +30,12 @@ FRAME_DEG, FRAME = 3.0, 0.005  # [deg], [m] size of the sensor's unknown offset,
 NOISE_TURN, NOISE_SHIFT, NOISE_DEFORMATION = np.deg2rad(0.3), 7e-5, 3e-5  # [rad, m, m] of one image
 IMAGES = 9.0  # independent ones that a sample averages
 NOISE_PRESSURE = 0.054  # [hPa]
+LEAST, MOST = 0.1, 2.0  # times 2 mm and 4 degrees rms: sizes of motions; at 2 the tool turns by 16 degrees at times
+TRIES, NEAR, COARSE = (
+    5,
+    0.02,
+    3,
+)  # of a size; share of sliding nodes that is near enough; of so many frames one is tried
 
 
 @dataclass
@@ -39,10 +45,11 @@ class Truth:
     estimates: list[RelativePoseEstimate]
     wrench: Array
     sliding: float  # mean share of the touching nodes
+    size: float  # times 2 mm and 4 degrees rms
 
 
 class Run(NamedTuple):
-    """A membrane's identification, and motions by their size."""
+    """A membrane's identification, and motions by the share of the touching nodes that was to slide."""
 
     data: Dataset
     motions: dict[float, Truth]
@@ -80,12 +87,12 @@ class Watcher:
         )
 
 
-def run_membrane(seed: int, sizes: tuple[float, ...], noise: float, frames: int) -> Run:
+def run_membrane(seed: int, shares: tuple[float, ...], noise: float, frames: int) -> Run:
     """Identify the random membrane of a seed, and move it.
 
     Args:
         seed: draws membrane, handle, sensor and motion.
-        sizes: motions of so many times 2 mm and 4 degrees rms.
+        shares: motions in which so many of the touching nodes slide, on average.
         noise: share of the usual errors of the features.
         frames: of each motion.
 
@@ -122,34 +129,54 @@ def run_membrane(seed: int, sizes: tuple[float, ...], noise: float, frames: int)
                 )
             )
     data = Dataset(Header(hand="membrane", tool="handle", created=""), samples)
-    return Run(data, {s: move(grasp, membrane.squeeze, s, noise, frames, rng) for s in sizes})
+    motion = combined_motion(rng, frames)
+    return Run(data, {s: move(grasp, membrane.squeeze, motion, s, noise, rng) for s in shares})
 
 
 def move(
-    grasp: MembraneGrasp, squeeze: float, size: float, noise: float, frames: int, rng: np.random.Generator
+    grasp: MembraneGrasp,
+    squeeze: float,
+    motion: Array,
+    share: float,
+    noise: float,
+    rng: np.random.Generator,
 ) -> Truth:
-    """A smooth six-axis motion of size times 2 mm and 4 degrees rms from a new grasp."""
+    """A motion (n, 6) from a new grasp, made so large that a share of the touching nodes slides on average."""
+    low, high, size = LEAST, MOST, share
+    for _ in range(TRIES):
+        grasp.close(squeeze)
+        coarse = [grasp.solve(X, i / RATE) for i, X in enumerate(poses(motion, size)) if i % COARSE == 0]
+        slides = float(np.mean([s.sliding_share for s in coarse if s.converged]))
+        if abs(slides - share) < NEAR:
+            break
+        low, high = (size, high) if slides < share else (low, size)
+        guess = size * (share / max(slides, 0.05)) ** 1.5
+        size = guess if low < guess < high else 0.5 * (low + high)
     ambient = grasp.parameters.ambient
     watcher = Watcher(grasp.close(squeeze), noise, rng)
     estimates, loads, sliding = [], [], []
-    for i, X_CT in enumerate(combined_motion(rng, frames, size)):
+    for i, X_CT in enumerate(poses(motion, size)):
         state = grasp.solve(X_CT, i / RATE)
         if not state.converged:
             continue
         estimates.append(RelativePoseEstimate(i / RATE, X_CT, membrane=watcher.motions(state, ambient)))
         loads.append(state.wrench.vector())
         sliding.append(state.sliding_share)
-    return Truth(estimates, np.array(loads), float(np.mean(sliding)))
+    return Truth(estimates, np.array(loads), float(np.mean(sliding)), size)
 
 
-def combined_motion(rng: np.random.Generator, frames: int, size: float) -> list[Array]:
-    """X_CT from the grasp on: three slow waves on each axis, 2 mm and 4 degrees rms times size."""
+def combined_motion(rng: np.random.Generator, frames: int) -> Array:
+    """(frames, 6) [rad, m] from the grasp on: three slow waves on each axis, 2 mm and 4 degrees rms."""
     t = np.arange(frames) / RATE
     frequency, phase = rng.uniform(0.05, 0.25, (6, 3, 1)), rng.uniform(0.0, 2.0 * np.pi, (6, 3, 1))
     waves = np.sin(2.0 * np.pi * frequency * t + phase).sum(axis=1)
     waves -= waves[:, :1] * np.exp(-t)
-    scaled = (waves / waves.std(axis=1, keepdims=True)).T * np.repeat([np.deg2rad(4.0), 2e-3], 3) * size
-    return [pose_from_rpy(v[:3], v[3:]) for v in scaled]
+    return np.asarray((waves / waves.std(axis=1, keepdims=True)).T * np.repeat([np.deg2rad(4.0), 2e-3], 3))
+
+
+def poses(motion: Array, size: float) -> list[Array]:
+    """X_CT (4, 4) of a motion (n, 6) times size."""
+    return [pose_from_rpy(v[:3], v[3:]) for v in size * motion]
 
 
 def direction(rng: np.random.Generator) -> Array:

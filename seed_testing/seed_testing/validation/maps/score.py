@@ -21,15 +21,16 @@ from seed_sysid.stiffness_map import CHANNELS
 from seed_testing.validation.maps.membrane_run import Truth, run_membrane
 
 OF_POSE = "pose of the tool"
-SIZES = (0.7, 1.6)  # about 40 and 65 % sliding
+SHARES = (0.40, 0.65)  # of the touching nodes that slide
+FRAMES = 100
 
 
 def score_membrane(
-    seed: int, sizes: tuple[float, ...] = SIZES, noise: float = 0.0, frames: int = 120
+    seed: int, shares: tuple[float, ...] = SHARES, noise: float = 0.0, frames: int = FRAMES
 ) -> dict[str, Any]:
-    """Shares by size of motion and model, with the default model's nees; `failed` says why there are none."""
+    """What is unexplained by motion and model, with the default model's nees; `failed` says why there are none."""
     try:
-        run = run_membrane(seed, sizes, noise, frames)
+        run = run_membrane(seed, shares, noise, frames)
         analysis = analyse(run.data, "kinematic")
         if analysis.membrane is None:
             return {"seed": seed, "failed": analysis.membrane_refused}
@@ -44,7 +45,7 @@ def _scored(analysis: Analysis, motions: dict[float, Truth]) -> dict[str, Any]:
     files = {m: map_file(_fitted(fit, m), "membrane", "handle", "") for m in MODELS}
     out: dict[str, Any] = {"left_out": {OF_POSE: analysis.left_out_share.tolist(), DEFAULT_MODEL: fit.share.tolist()}}
     out["motions"] = []
-    for size, truth in motions.items():
+    for asked, truth in motions.items():
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
         of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
@@ -61,7 +62,8 @@ def _scored(analysis: Analysis, motions: dict[float, Truth]) -> dict[str, Any]:
                 doubted = float(np.mean([bool(t.reason) for t in told]))
         out["motions"].append(
             {
-                "size": size,
+                "asked": asked,
+                "size": truth.size,
                 "sliding": truth.sliding,
                 "rms": rms(truth.wrench).tolist(),
                 "shares": shares,
@@ -81,21 +83,23 @@ def _share(wrench: Array, true: Array) -> list[float]:
 
 
 def score_membranes(
-    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = 120
+    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = FRAMES
 ) -> dict[str, Any]:
     """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any."""
     one = delayed(_kept)
     runs = list(Parallel(n_jobs=jobs)(one(s, noise, frames, folder) for s in seeds))
     good = [r for r in runs if "failed" not in r]
     summary = []
-    for i, size in enumerate(SIZES if good else ()):
+    for i, asked in enumerate(SHARES if good else ()):
         mine = [r["motions"][i] for r in good]
         models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in (OF_POSE, *MODELS)}
         nees = np.array([r["nees"] for r in mine])
         summary.append(
             {
-                "size": size,
+                "asked": asked,
+                "size": _spread(np.array([[r["size"]] for r in mine])),
                 "sliding": _spread(np.array([[r["sliding"]] for r in mine])),
+                "doubted": float(np.mean([r["doubted"] for r in mine])),
                 "shares": models,
                 "nees": _spread(nees[:, None]),
             }
@@ -107,7 +111,7 @@ def _kept(seed: int, noise: float, frames: int, folder: Path | None) -> dict[str
     file = folder / f"membrane-{seed}-{noise:g}-{frames}.json" if folder is not None else None
     if file is not None and file.exists():
         return dict(json.loads(file.read_text(encoding="utf-8")))
-    result = score_membrane(seed, SIZES, noise, frames)
+    result = score_membrane(seed, SHARES, noise, frames)
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(result), encoding="utf-8")
@@ -130,10 +134,13 @@ def table(result: dict[str, Any]) -> str:
     ]
     for part in result["summary"]:
         sliding, nees = part["sliding"], part["nees"]
-        size, told = part["size"], f"{nees['median'][0]:.1f} (90 % {nees['90 %'][0]:.1f}, worst {nees['worst'][0]:.1f})"
+        size, told = (
+            part["size"]["median"][0],
+            f"{nees['median'][0]:.1f} (90 % {nees['90 %'][0]:.1f}, worst {nees['worst'][0]:.1f})",
+        )
         lines.append(
-            f"motion of {2 * size:.1f} mm and {4 * size:.1f} deg rms: "
-            f"{sliding['median'][0]:.0%} of the nodes slide; nees {told}"
+            f"{sliding['median'][0]:.0%} of the nodes slide ({part['asked']:.0%} asked; motions of {2 * size:.1f} mm "
+            f"and {4 * size:.1f} deg rms); nees {told}; beyond what was identified: {part['doubted']:.0%} of the frames"
         )
         lines.append(f"  {'unexplained [%], median / 90 % / worst':<40}" + "".join(f"{c:>17}" for c in CHANNELS))
         for name, shares in part["shares"].items():
