@@ -21,7 +21,7 @@ from seed_control.monitor.contact.contact_watch import ContactWatch
 from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
-from seed_control.parameters import ControllerParameters
+from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
 from seed_control.state import ControllerState, ControlOutput, Counting, Mode
@@ -176,6 +176,21 @@ class Controller:
         self.law.release()
         self._guard.enable(False, reason or "disabled")
         self._state = self._describe(t)  # whoever plays something sees it at once
+
+    def set_limits(self, parameters: ControllerParameters, t: float) -> None:
+        """Use the limits of these parameters (`parameters.LIVE`) from now on.
+
+        A set-point that asks for more force or torque than is allowed now ends in a hold.
+        """
+        changes = {name: getattr(parameters, name) for name in LIVE}
+        self.parameters = p = checked(replace(self.parameters, **changes), "controller")
+        self.checks.parameters = self._guard.parameters = self.law.parameters = p
+        self._command.set_speeds(p.max_speed, p.max_angular_speed)
+        if self.law.setpoint is not None:
+            try:
+                self.checks.size(self.law.setpoint.wrench)
+            except SetpointError as error:
+                self.hold(t, f"the limits were lowered: {error}")
 
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""

@@ -11,6 +11,18 @@ from seed_core.vector3 import Vector3
 LAWS = ("seed", "plain", "published")
 
 
+# Limits that may be changed while the controller runs.
+LIVE = (
+    "max_force",
+    "max_torque",
+    "max_measured_force",
+    "max_speed",
+    "max_angular_speed",
+    "approach_speed",
+    "press_speed",
+)
+
+
 @dataclass(frozen=True)
 class ControllerParameters(MotionLimits):
     """Parameters of `Controller`. The defaults are one set for every scenario."""

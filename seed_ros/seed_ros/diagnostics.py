@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from seed_core.errors import SeedError
+from seed_ros.conversions import stamp_from_seconds
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 Report = tuple[bytes, str, Mapping[str, object]]  # level, message, values
@@ -77,7 +78,8 @@ class Diagnostics:
             name: of the status; empty: the node's own.
             timed: once a second by a timer; otherwise at each call of `publish` alone.
         """
-        self._node, self._hardware_id, self._report = node, hardware_id, report
+        self._hardware_id, self._report = hardware_id, report
+        self._now: Callable[[], float] = getattr(node, "now", lambda: node.get_clock().now().nanoseconds * 1e-9)
         self._name = name or node.get_fully_qualified_name()
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         if timed:
@@ -89,5 +91,5 @@ class Diagnostics:
         status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id=self._hardware_id)
         status.values = [KeyValue(key=str(k), value=str(v)) for k, v in values.items()]
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = stamp_from_seconds(self._now())
         self.publisher.publish(array)

@@ -15,6 +15,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import TransformStamped
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
@@ -45,11 +46,17 @@ class SeedNode(Node):
 
     def __init__(self, name: str, **arguments: Any) -> None:
         """Arguments are those of rclpy's Node."""
+        self.ranges: dict[str, Any] = {}  # fields of the parameters, by name
         super().__init__(name, **arguments)
         self.counters = Counters(self)
 
     declare = parameters.declare
     refuse_unknown = parameters.refuse_unknown
+
+    def describe_parameters(self, names: list[str]) -> list[ParameterDescriptor]:
+        """As rclpy does, with the range that each parameter is checked against."""
+        told = zip(names, super().describe_parameters(names), strict=True)
+        return [parameters.with_range(d, self.ranges[n]) if n in self.ranges else d for n, d in told]
 
     def now(self) -> float:
         """ROS time [s]."""

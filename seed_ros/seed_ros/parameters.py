@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters from one typed dataclass: declared, described, bounded and checked by the core's own rules."""
 
+import copy
 import dataclasses
 import difflib
 import math
+import sys
 import typing
 from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any, Generic, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -45,6 +47,25 @@ def _descriptor(spec: dataclasses.Field[Any], read_only: bool) -> ParameterDescr
     )
 
 
+def with_range(descriptor: ParameterDescriptor, spec: dataclasses.Field[Any]) -> ParameterDescriptor:
+    """The descriptor with the field's bounds as a range, for tools that show one; a side without bound is the largest.
+
+    Only those who ask get it: rclpy would refuse a value out of range before our own check can say which and why.
+    """
+    low, high = spec.metadata.get("low", -math.inf), spec.metadata.get("high", math.inf)
+    if math.isinf(low) and math.isinf(high):
+        return descriptor
+    out = copy.deepcopy(descriptor)
+    if isinstance(spec.default, int) and not isinstance(spec.default, bool):
+        bounds = (max(low, -(2**63)), min(high, 2**63 - 1))
+        out.integer_range = [IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]))]
+    else:
+        most = sys.float_info.max
+        bounds = (max(low, -most), min(high, most))
+        out.floating_point_range = [FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))]
+    return out
+
+
 def _ros_value(item: Any) -> Any:
     return [_ros_value(v) for v in item] if isinstance(item, tuple | list) else item
 
@@ -66,12 +87,14 @@ class Declared(Generic[T]):
     def __init__(self, node: Node, defaults: T, prefix: str = "", live: Collection[str] = ()) -> None:
         """Declare all; those of fields in `live` may be changed while the node runs, all others are read-only."""
         self._node, self._kind = node, type(defaults)
+        ranges: dict[str, Any] = getattr(node, "ranges", {})
         self._fields: dict[str, str] = {}  # by name of the parameter
         for name, item, spec in _leaves(defaults):
             if item is None:
                 continue
             parameter = f"{prefix}.{name}" if prefix else name
             self._fields[parameter] = name
+            ranges[parameter] = spec
             descriptor = _descriptor(spec, name.split(".")[0] not in live)
             if node.declare_parameter(parameter, _ros_value(item), descriptor).value is None:
                 raise ConfigError(f"parameter '{parameter}' of {node.get_name()} has no value; default: {item!r}")

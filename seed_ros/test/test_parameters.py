@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 from seed_core.config import ConfigError, field  # noqa: E402
 from seed_core.hand import Hand  # noqa: E402
+from seed_ros import SeedNode  # noqa: E402
 from seed_ros.parameters import declare, refuse_unknown  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -108,3 +109,19 @@ def test_nested_frames_of_a_hand_are_parameters_too(context: Context) -> None:
     hand = declare(node, Hand(), "hand")
     assert hand.X_EC[2, 3] == 0.2
     assert hand.C_L == Hand().C_L
+
+
+def test_the_bounds_are_told_as_ranges_and_a_value_beyond_is_refused_by_our_own_words(context: Context) -> None:
+    node = SeedNode("n", context=context)
+    try:
+        declare(node, Settings(), live=("speed",))
+        speed, count, on = node.describe_parameters(["speed", "count", "on"])
+        assert (speed.floating_point_range[0].from_value, speed.floating_point_range[0].to_value) == (0.0, 0.5)
+        assert (count.integer_range[0].from_value, count.integer_range[0].to_value) == (1, 9)
+        assert not on.integer_range
+        assert not on.floating_point_range
+        (result,) = node.set_parameters([Parameter("speed", value=0.6)])
+        assert not result.successful
+        assert "speed = 0.6 m/s" in result.reason
+    finally:
+        node.destroy_node()

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated cell as a real node: it follows good targets, holds on bad ones, and tells the truth."""
 
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,15 +12,20 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from seed_msgs.msg import RelativePose
 from seed_msgs.srv import SetGripperWidth
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from seed_ros.conversions import pose_stamped, pose_to_matrix
-from seed_ros.qos import COMMAND, QUEUE
+from seed_core.errors import SeedError
+from seed_ros.conversions import pose_stamped, pose_to_matrix, seconds
+from seed_ros.qos import COMMAND, LATCHED, QUEUE
 from seed_ros.testing import Bench
 from seed_sim.ros.node import SimNode
+from seed_ur.kinematics import URKinematics
 
 pytestmark = pytest.mark.ros
 
@@ -172,3 +179,59 @@ def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(worl
     assert world.bench.until(lambda: not world.truth[-1].valid)
     stamps = [p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in world.poses]
     assert stamps == sorted(stamps)  # time does not go back with the plant
+
+
+def test_its_hold_reason_is_told_before_it_holds_and_its_joints_go_with_the_flange(world: World) -> None:
+    reasons: list[String] = []
+    joints: list[JointState] = []
+    world.bench.client.create_subscription(String, "sim/hold_reason", reasons.append, LATCHED)
+    world.bench.client.create_subscription(JointState, "joint_states", joints.append, QUEUE)
+    assert world.bench.until(lambda: reasons and joints, 5.0)
+    assert reasons[0].data == ""
+    X_WE = URKinematics.for_model("ur5e").forward(np.array(joints[-1].position))
+    np.testing.assert_allclose(X_WE, world.flange(), atol=1e-4)
+
+
+def test_in_simulated_time_diagnostics_carry_it() -> None:
+    bench = Bench()
+    try:
+        node = bench.add(SimNode, clock=True)
+        stamps: list[tuple[float, float]] = []
+        node.time.restart(time.monotonic(), 1000.0)
+        bench.client.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda m: stamps.append((seconds(m.header.stamp), node.time.stamp)),
+            QUEUE,
+        )
+        assert bench.until(lambda: stamps, 10.0)
+        assert abs(stamps[0][0] - stamps[0][1]) < 1.0
+    finally:
+        bench.close()
+
+
+def test_a_replay_is_written_again_with_all_since_the_start_and_on_exit(tmp_path: Path) -> None:
+    file = tmp_path / "replay.html"
+    bench = Bench()
+    try:
+        bench.add(SimNode, replay=str(file))
+        bench.spin(1.5)
+        assert bench.call(Trigger, "sim/save_replay", Trigger.Request()).success
+        first = file.stat().st_size
+        bench.spin(1.5)
+        assert bench.call(Trigger, "sim/save_replay", Trigger.Request()).success
+        second = file.stat().st_size
+        assert second > first
+        bench.spin(1.5)
+    finally:
+        bench.close()
+    assert file.stat().st_size > second
+
+
+def test_a_replay_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) -> None:
+    bench = Bench()
+    try:
+        with pytest.raises(SeedError, match="cannot be written"):
+            bench.add(SimNode, replay=str(tmp_path / "none" / "replay.html"))
+    finally:
+        bench.close()

@@ -58,6 +58,10 @@ class FlangeCommand:
             self._limiter.reset(X_WE)
         self.started = True
 
+    def set_speeds(self, linear: float, angular: float) -> None:
+        """Other bounds [m/s], [rad/s] from now on; a faster command brakes within its acceleration."""
+        self._limiter.linear.speed, self._limiter.angular.speed = linear, angular
+
     def turn_to(self, R_WC: Array) -> None:
         """Wanted rotation (3, 3) of the gripper from now on."""
         self._q_WE = as_quaternion(R_WC @ self._R_CE)

@@ -23,7 +23,7 @@ class Guard:
     """
 
     def __init__(self, parameters: ControllerParameters, counting: Counting) -> None:
-        self._parameters, self._counting = parameters, counting
+        self.parameters, self._counting = parameters, counting
         self._latch = HoldLatch(inf)
         self.enabled = False
         self._too_far = 0  # images in a row
@@ -54,7 +54,7 @@ class Guard:
 
     def check_overload(self, m: Measurement) -> None:
         """Per image: hold when the grasp is deflected or loaded beyond what it endures, in three images in a row."""
-        p = self._parameters
+        p = self.parameters
         force = float(np.sqrt(m.on_environment.force @ m.on_environment.force))
         deflection = float(np.sqrt(m.X_TC[:3, 3] @ m.X_TC[:3, 3]))
         angle = degrees(max(map(abs, rpy_from_rotation(m.X_TC[:3, :3]).tolist())))
@@ -85,7 +85,7 @@ class Guard:
         if self._free_from is None:
             self._free_from = p_WC
         travel = normals @ minus(p_WC, self._free_from)
-        bound = self._parameters.max_free_travel
+        bound = self.parameters.max_free_travel
         if not float(np.sqrt(travel @ travel)) <= bound:  # nor when it is no number
             self.hold(
                 f"no contact within max_free_travel = {1e3 * bound:.0f} mm: start nearer to the surface, or check the "

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from seed_control.controller import AWAY, Controller, ControlRefusedError
-from seed_control.parameters import ControllerParameters
+from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.follow_setpoints import FollowServer
@@ -75,7 +75,7 @@ class ControllerNode(SeedNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("controller", **arguments)
         self.settings = self.declare(NodeSettings())
-        self.parameters = self.declare(ControllerParameters())
+        self.parameters = self.declare(ControllerParameters(), live=LIVE, on_change=self._on_limits)
         self.frames = self.declare(FrameNames(), "frames")
         self.tool = self.declare(Tool(), "tool")
         live = ("rotation", "translation")
@@ -161,6 +161,10 @@ class ControllerNode(SeedNode):
             return
         with self.counters.refusing("setpoints_refused"):
             self.core.set_setpoint(setpoint, self.now())
+
+    def _on_limits(self, parameters: ControllerParameters) -> None:
+        self.parameters = parameters
+        self.core.set_limits(parameters, self.now())
 
     def _on_stiffness(self, stiffness: Stiffness) -> None:
         self.core.set_stiffness(stiffness, self.now())

@@ -30,13 +30,13 @@ class SetpointChecks:
     clock_problem = ""
 
     def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator, hand: Hand) -> None:
-        self._parameters, self._wrench_estimator = parameters, wrench_estimator
+        self.parameters, self._wrench_estimator = parameters, wrench_estimator
         self._X_Ttip = wrench_estimator.tool.X_Ttip
         self._X_tipE = inverse_pose(self._X_Ttip) @ inverse_pose(hand.X_EC)  # of an undeflected grasp
 
     def stamp(self, stamp: float | None, now: float) -> None:
         """SP10: a stamp [s] that is too old, or more than 50 ms in the future."""
-        oldest = self._parameters.setpoint_max_age
+        oldest = self.parameters.setpoint_max_age
         if stamp is not None and not -0.05 <= now - stamp <= oldest:
             raise SetpointError(
                 "SP10",
@@ -82,7 +82,7 @@ class SetpointChecks:
         """
         if self.clock_problem and (s.force_projector.any() or any(s.torque_axes)):
             raise SetpointError("SP18", f"force and torque wait for the clocks: {self.clock_problem}")
-        self._check_size(s.wrench)
+        self.size(s.wrench)
         R_W_tip = s.X_W_tip[:3, :3]
         R_WT, R_W_task = R_W_tip @ self._X_Ttip[:3, :3].T, R_W_tip if s.task_frame == "tool" else s.R_W_task
         load_W, wrench_estimator = s.wrench.rotated(R_W_task), self._wrench_estimator
@@ -102,15 +102,15 @@ class SetpointChecks:
     def place(self, X_W_tip: Array) -> None:
         """SP16: a flange position outside of the workspace box, for the wanted tip at X_W_tip (4, 4)."""
         position = (X_W_tip @ self._X_tipE)[:3, 3]
-        low, high = self._parameters.workspace_low, self._parameters.workspace_high
+        low, high = self.parameters.workspace_low, self.parameters.workspace_high
         if not all(a <= x <= b for a, x, b in zip(low, position.tolist(), high, strict=True)):
             raise SetpointError(
                 "SP16", f"puts the flange at {np.round(position, 3)} m, outside of the workspace {low} to {high} m"
             )
 
-    def _check_size(self, wrench: Wrench) -> None:
+    def size(self, wrench: Wrench) -> None:
         """SP11: a force or torque beyond what may be asked for."""
-        p = self._parameters
+        p = self.parameters
         for name, vector, bound, unit in (
             ("force", wrench.force, p.max_force, "N"),
             ("torque", wrench.torque, p.max_torque, "N m"),
@@ -121,7 +121,7 @@ class SetpointChecks:
 
     def _check_deflection(self, X_TC: Array) -> None:
         """SP13: more deflection of the grasp than it endures without slip."""
-        p, d = self._parameters, float(np.linalg.norm(X_TC[:3, 3]))
+        p, d = self.parameters, float(np.linalg.norm(X_TC[:3, 3]))
         if d > p.max_deflection:
             raise SetpointError(
                 "SP13",
@@ -141,7 +141,7 @@ class SetpointChecks:
         size, moment = float(np.linalg.norm(force_T)), float(force_T @ self._wrench_estimator.p_Ttip)  # F H
         if moment <= 0.0:
             return
-        needed = self._parameters.tipping_margin * moment
+        needed = self.parameters.tipping_margin * moment
         for i, k in enumerate(self._wrench_estimator.bushing.stiffness.rotation):
             if torque_axes[i] or abs(force_T[i]) > 0.9 * size:  # about the force's own axis nothing tips
                 continue

@@ -10,6 +10,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.publisher import Publisher
 from seed_msgs.msg import RelativePose
 from seed_msgs.srv import SetGripperWidth
 from std_msgs.msg import Float64, String
@@ -33,9 +34,11 @@ from seed_sim.plant.plant_time import PlantTime
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.ros.outputs import Outputs
 from seed_sim.scenario import load_scenario
+from seed_ur.models import MODELS
 from seed_ur.plant_link import PlantLink
 
 REMEDY = "; call ~/resend_robot_program"
+UNSAVED = 1.0  # [s] of a replay that an end without ~/save_replay may lose
 SLOW = 0.98  # real-time factor from which it warns
 
 
@@ -54,7 +57,10 @@ class SimSettings:
     robot_ip: str = field(
         "", doc="stand-in UR controller whose arm carries the gripper; empty: an arm of the cell's own"
     )
-    replay: str = field("", doc="file for ~/save_replay; empty: nothing is recorded for a replay")
+    model: str = field("ur5e", choices=tuple(MODELS), doc="arm whose joint_states are shown, if it is the cell's own")
+    replay: str = field(
+        "", doc="file that ~/save_replay, and the end of the node, writes; empty: nothing is recorded for a replay"
+    )
 
 
 class SimNode(SeedNode):
@@ -69,15 +75,18 @@ class SimNode(SeedNode):
         self.scenario = load_scenario(settings.scenario)
         task = load_task(settings.task)
         self._X_WE_start = start_pose(self.scenario, task)
-        self._meshcat = _meshcat() if settings.replay else None
+        self._meshcat, self._saved = _meshcat(settings.replay) if settings.replay else None, 0.0
         self.plant = Plant(self.scenario, settings.seed, task.frame.pose, self._X_WE_start, meshcat=self._meshcat)
         self.holder = ToolHolder(self.plant)
-        self._latch, self._reason_told = HoldLatch(settings.target_timeout), ""
+        self._latch = HoldLatch(settings.target_timeout)
+        self._reason_told: str | None = None
         self._robot = self._join_robot()
 
         own_arm = self._robot is None
-        self._outputs = Outputs(self, self.plant, self.frames, settings.relative_pose, own_arm, settings.clock)
+        model = settings.model if own_arm else ""
+        self._outputs = Outputs(self, self.plant, self.frames, settings.relative_pose, model, settings.clock)
         self.loop = FixedRateLoop(self, settings.rate, self._tick)
+        self._hold_reason: Publisher | None = None
         if own_arm:
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
             self._hold_reason = self.publisher(String, "~/hold_reason", LATCHED)
@@ -100,6 +109,11 @@ class SimNode(SeedNode):
             self._meshcat.StartRecording(frames_per_second=10.0, set_visualizations_while_recording=False)
         self.time = PlantTime(self.plant, self.holder, self._robot, settings.clock, time.monotonic(), self.now())
 
+    def now(self) -> float:
+        """ROS time [s], which is the plant's where everybody's is."""
+        time_of_plant: PlantTime | None = getattr(self, "time", None)
+        return time_of_plant.stamp if time_of_plant is not None and self.settings.clock else super().now()
+
     def _join_robot(self) -> PlantLink | None:
         """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own."""
         if not self.settings.robot_ip:
@@ -120,7 +134,7 @@ class SimNode(SeedNode):
             self._lose_tool(str(error))
         self._outputs.publish(self.time.stamp, self.holder.grasped)
         self._latch.check(self.time.stamp)
-        if self._latch.reason != self._reason_told:
+        if self._hold_reason is not None and self._latch.reason != self._reason_told:
             self._reason_told = self._latch.reason
             self._hold_reason.publish(String(data=self._reason_told))
 
@@ -214,11 +228,18 @@ class SimNode(SeedNode):
     def _save_replay(self) -> str:
         if self._meshcat is None:
             raise PlantError("nothing was recorded: start with the parameter replay:=FILE")
-        self._meshcat.StopRecording()
-        self._meshcat.PublishRecording()
+        self._meshcat.PublishRecording()  # all since the start; it is recorded on
         file = Path(self.settings.replay)
         file.write_text(self._meshcat.StaticHtml(), encoding="utf-8")
+        self._saved = self.plant.time
         return str(file)
+
+    def destroy_node(self) -> None:
+        """Write what was recorded since it was saved last."""
+        if self._meshcat is not None and abs(self.plant.time - self._saved) > UNSAVED:
+            with self.counters.refusing("replay_not_saved"):
+                self._save_replay()
+        super().destroy_node()
 
     def _report(self) -> diagnostics.Report:
         values = {
@@ -237,9 +258,14 @@ class SimNode(SeedNode):
         return diagnostics.OK, "following target_frame", values
 
 
-def _meshcat() -> Any:
+def _meshcat(replay: str) -> Any:
+    """Raises SeedError: the replay could not be written."""
     from pydrake.geometry import Meshcat, MeshcatParams
 
+    try:
+        Path(replay).touch()
+    except OSError as error:
+        raise PlantError(f"replay = {replay}: cannot be written: {error.strerror}") from error
     return Meshcat(MeshcatParams(host="localhost"))
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulated cell publishes, each stream at its rate."""
 
+import contextlib
+
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rosgraph_msgs.msg import Clock
@@ -20,9 +22,11 @@ from seed_ros.conversions import (
     transform_stamped,
     wrench_stamped,
 )
+from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.plant import Plant
 from seed_sim.pressure import PressureSensors
 from seed_sim.ros.membrane_message import TOPIC, Membranes, membranes_to_message
+from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.models import JOINT_NAMES
 
 
@@ -30,14 +34,16 @@ class Outputs:
     """Publishers of the node; `publish` is called once per tick."""
 
     def __init__(
-        self, node: SeedNode, plant: Plant, frames: FrameNames, stand_in: bool, own_arm: bool, clock: bool
+        self, node: SeedNode, plant: Plant, frames: FrameNames, stand_in: bool, model: str, clock: bool
     ) -> None:
         """stand_in: publish relative_pose from the truth, in place of cameras and estimator.
 
-        own_arm: publish what an arm publishes; with a UR behind its driver, that is the driver's business.
+        model: of the arm; '' with a UR behind its driver, whose business it is to publish what an arm publishes.
         clock: publish the time of each tick.
         """
-        self._own_arm = own_arm
+        self._own_arm = bool(model)
+        self._kinematics = URKinematics.for_model(model) if model else None
+        self._q = list(ELBOW_UP)
         self._plant, self._frames = plant, frames
         create = node.publisher
         self._relative_pose = create(RelativePose, "relative_pose", COMMAND) if stand_in else None
@@ -142,10 +148,18 @@ class Outputs:
         fill(twist.twist.linear, (X_WE[:3, 3] - before[1][:3, 3]) / (t - before[0]))
         fill(twist.twist.angular, so3_log(X_WE[:3, :3] @ before[1][:3, :3].T) / (t - before[0]))
         self._twist.publish(twist)
+        joints = stamped(JointState, t, self._frames.base)
+        joints.name, joints.position = list(JOINT_NAMES), self._joint_angles(X_WE)
+        self._joints.publish(joints)
+
+    def _joint_angles(self, X_WE: Array) -> list[float]:
+        """Of the plant's arm; of the model at this pose, to look at, where the plant's arm has no joints [rad]."""
         if len(self._plant.arm.q):
-            joints = stamped(JointState, t, self._frames.base)
-            joints.name, joints.position = list(JOINT_NAMES), [float(q) for q in self._plant.arm.q]
-            self._joints.publish(joints)
+            return [float(q) for q in self._plant.arm.q]
+        assert self._kinematics is not None
+        with contextlib.suppress(KinematicsError):  # out of the model's reach: it is shown where it was
+            self._q = self._kinematics.follow(X_WE, self._q)
+        return self._q
 
     def _publish_gripper(self) -> None:
         self._width.publish(Float64(data=float(self._plant.grip.width)))
