@@ -40,12 +40,15 @@ def main(argv: list[str]) -> int:
         def tell(feedback: Any) -> None:
             bar.show(feedback.phase, feedback.progress, session.pressing_force)
 
-        try:
-            result = session.play(options.task, options.force, tell, patience=math.inf).result
-        except KeyboardInterrupt:
-            print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
-            session.cancel()
-            raise
+        def interrupted() -> None:
+            try:
+                check()
+            except KeyboardInterrupt:
+                print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
+                raise
+
+        session.watch = interrupted
+        result = session.play(options.task, options.force, tell, patience=math.inf).result
     if not result.success:
         raise FailedError(result.message)
     print(f"done in {result.duration:.1f} s; estimated force within {result.force_rmse:.2f} N rms of what was wanted")

@@ -44,6 +44,7 @@ IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a
 CORES = 4  # that the live graph wants at full rates
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
 LOOP_RATE, SMALL_LOOP_RATE = 250.0, 125.0  # [Hz] of arm and controller, with enough cores and with fewer
+OPERATOR_TIMEOUT = 3.0  # [s]; everything here shares one computer, and the cell ends with this program anyway
 MOST_PICTURES, PICTURE_DELAY = 6, 0.8  # pictures of a run; [s] after the phase began
 
 
@@ -121,7 +122,11 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
     """Of demo_launch.xml; writes the parameter files that they name."""
     camera_rate, loop_rate = live_rates()
     o, hand, controller = asked.options, asked.folder / "beliefs.yaml", asked.folder / "controller.yaml"
-    settings = {"rate": loop_rate, **{k: v for k, v in asked.scenario.controller.items() if k != "law"}}
+    settings = {
+        "rate": loop_rate,
+        "operator_timeout": OPERATOR_TIMEOUT,
+        **{k: v for k, v in asked.scenario.controller.items() if k != "law"},
+    }
     if believed.wrench.file:
         settings["wrench"] = {"model": believed.wrench.model, "file": believed.wrench.file}
     hand.write_text(yaml.safe_dump(beliefs(believed)), encoding="utf-8")

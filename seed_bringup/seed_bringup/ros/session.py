@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a running cell: prepare it, play a task, look at the fingers."""
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ from seed_ros.conversions import seconds
 from seed_ros.qos import COMMAND, LATCHED
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
+STUCK = 3.0  # [s] without a turn of the loop, after which there is none
 
 
 class SessionError(FailedError):
@@ -54,7 +57,8 @@ class Session:
             follow: listen to the controller's state, which costs a fifth of a core.
             namespace: of the cell.
         """
-        self._watch = watch
+        self.watch = watch
+        self._turned = time.monotonic()  # when the loop went round last [s]
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("seed_client", namespace=namespace, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
@@ -90,7 +94,8 @@ class Session:
         """Spin until a condition holds; SessionError after `patience` [s] unless `what` is empty."""
         deadline = time.monotonic() + patience
         while not condition():
-            self._watch()
+            self._turned = time.monotonic()
+            self.watch()
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() > deadline:
                 if what:
@@ -158,18 +163,37 @@ class Session:
         began, steady = self.now(), time.monotonic()
         self._goal = sent.result()
         result = self._goal.get_result_async()
-        beating = self._beat(self._goal.goal_id)
-        self.until(result.done, patience, f"the task '{task}' did not end")
-        beating.cancel()
+        with self._beating(self._goal.goal_id):
+            try:
+                self.until(result.done, patience, f"the task '{task}' did not end")
+            except KeyboardInterrupt:
+                self.cancel()  # while it is still seen to
+                raise
         self.played.result, self.played.ended = result.result().result, self.now()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 
-    def _beat(self, goal: Any) -> Any:
-        """Tell the controller that somebody sees to the task: without that it ends. A timer to be cancelled."""
-        here = self.node.create_publisher(UUID, "controller/operator", COMMAND)
+    @contextmanager
+    def _beating(self, goal: Any) -> Iterator[None]:
+        """Tell the controller that somebody sees to the task: without that it ends.
+
+        By a thread of its own, for on a busy machine messages keep the loop for long; while the loop turns at all.
+        """
+        here, over = self.node.create_publisher(UUID, "controller/operator", COMMAND), threading.Event()
+
+        def beat() -> None:
+            while not over.wait(BEAT):
+                if time.monotonic() - self._turned < STUCK:
+                    here.publish(goal)
+
         here.publish(goal)
-        return self.node.create_timer(BEAT, lambda: here.publish(goal))
+        thread = threading.Thread(target=beat, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def cancel_all(self, patience: float = 10.0) -> int:
         """End whatever task is played, whoever began it; how many there were."""
