@@ -164,6 +164,7 @@ class Controller:
         self.grasp_check.restart()
         self._guard.enable(True)
         self._inputs.count_from(t)
+        self._state = self._describe(t)  # a task may be asked for before the next step
 
     def hold(self, t: float, reason: str) -> None:
         """Stop, if it moves, for something that others found, until enabled again."""

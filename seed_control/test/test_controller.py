@@ -609,3 +609,12 @@ def test_no_growth_of_memory_over_steps() -> None:
 def test_memory_does_not_grow_with_steps() -> None:
     """An hour is 900 000 steps: a list or reference kept per step would show as tens of bytes each or more."""
     assert growth(1200) < 1500.0  # bytes per 1000 steps; an array kept per step would make 100 000
+
+
+def test_the_state_says_enabled_before_the_next_step() -> None:
+    """Where simulated time stands still, a task is asked for before there is one; the old state told an old reason."""
+    bench = Bench().enabled()
+    bench.controller.disable(bench.t, "an old reason")
+    assert bench.controller.state.mode == "disabled"
+    bench.controller.enable(bench.t)
+    assert (bench.controller.state.mode, bench.controller.state.reason) == ("idle", "")
