@@ -40,6 +40,17 @@ class DriverConfig(ClearanceSettings):
     simulated: bool = field(
         False, doc="the controller is a simulation whose clock shows ROS time and may run slower than the wall's"
     )
+    registers: str = field(
+        "auto",
+        choices=("auto", "upper", "lower"),
+        doc="RTDE input registers to use: 24 to 47, which UR keeps for external clients, or 0 to 23, which it gives to "
+        "fieldbus and PLC; auto: the upper ones where ur_rtde can",
+    )
+    robot_program: str = field(
+        "checked",
+        choices=("checked", "ur_rtde"),
+        doc="what runs on the robot: the driver's program, which checks every step, or ur_rtde's own, which does not",
+    )
     watchdog_frequency: float = field(10.0, unit="Hz", low=1, high=100, doc="below it the robot stops by itself")
 
     # changed at any time

@@ -91,6 +91,8 @@ class Session:
         if why:
             self.motion.hold(why)
             self.running = self.freedrive = False
+            if self.robot is not None:
+                self.robot.clear_command()
 
     def _compare(self, s: Sample) -> None:
         """Go on with the path as the robot does, and hold when the arm is not where it was sent."""

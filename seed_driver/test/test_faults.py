@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every fault: reported, the arm comes to rest, the driver lives, one service call brings it back without a jump."""
 
+import math
 import os
 import signal
 import time
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from seed_driver.process.shared_memory import Stage
+from seed_driver.robot.dashboard import dashboard
 from seed_testing.fault_bench.bench import JUMP, FaultBench, leftover_processes
 from seed_testing.fault_bench.faults import FAULTS, Fault, run_fault
 
@@ -55,9 +57,70 @@ def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> N
         assert np.linalg.norm(moved) < JUMP
 
 
+@pytest.mark.parametrize("program", ["checked", "ur_rtde"])
+def test_unlock_and_play_after_the_driver_died_in_a_stop(program: str) -> None:
+    """Nobody is there to empty the register, and the robot's watchdog sleeps while the program is paused."""
+    soft = {"servo_lookahead": 0.1, "servo_gain": 300.0}  # the arm is 2 cm behind
+    with FaultBench("--unlock-after", "0.2", robot_program=program, **soft) as bench:
+        bench.ready()
+        bench.robot.ask("option", name="watchdog_sleeps", value=True)
+        bench.sway(amplitude=0.05, rate=4.0)
+        bench.run(0.8 + 0.4 * math.pi / 4.0)
+        os.kill(bench.supervisor.pid, signal.SIGSTOP)
+        bench.robot.ask("protective_stop")
+        time.sleep(0.4)
+        state = bench.robot.ask("state")
+        assert state["command"] == 24
+        assert "releasing" in dashboard(bench.robot.host, "close safety popup", "unlock protective stop")
+        start = time.monotonic()
+        assert dashboard(bench.robot.host, "play") == "Starting program"
+        time.sleep(0.5)
+        motion = bench.motion(start)
+        moved = np.linalg.norm(motion[:, 1:4] - state["tcp_pose"][:3], axis=1).max()
+        if program == "checked":
+            assert moved < 1e-4
+            assert motion[:, 4].max() < 1e-3
+        else:
+            assert moved > 1e-3  # what ur_rtde's own program does
+
+
+@pytest.mark.parametrize("on_stop", ["paused", "playing"])
+def test_the_register_is_empty_after_a_stop_and_unlock_and_play_move_nothing(on_stop: str) -> None:
+    with FaultBench("--unlock-after", "0.2", "--on-stop", on_stop) as bench:
+        bench.ready()
+        bench.robot.ask("option", name="watchdog_sleeps", value=True)
+        bench.sway(amplitude=0.05, rate=4.0)
+        bench.run(0.8)
+        bench.robot.ask("protective_stop")
+        bench.run(0.4)
+        state = bench.robot.ask("state")
+        assert state["command"] == 0
+        dashboard(bench.robot.host, "close safety popup", "unlock protective stop", "play")
+        bench.run(0.5)
+        assert math.dist(bench.position(), state["tcp_pose"][:3]) < 1e-4
+        assert not bench.state.armed
+        bench.still()
+        bench.recover()
+
+
 @pytest.mark.parametrize(
-    ("name", "value"), [("actual_q", float("nan")), ("actual_TCP_pose", float("inf")), ("safety_mode", -1)]
+    ("version", "setting", "register"),
+    [
+        ("5.12.4", "auto", 24),
+        ("5.12.4", "lower", 0),
+        ("5.23.0", "auto", 0),
+    ],
 )
+def test_registers_are_the_upper_ones_where_ur_rtde_can(version: str, setting: str, register: int) -> None:
+    with FaultBench("--version", version, registers=setting) as bench:
+        bench.ready()
+        bench.sway()
+        bench.run(0.4)
+        assert bench.robot.ask("state")["registers"] == register
+        assert bench.robot.ask("stats")["top_speed"] > 0.005
+
+
+@pytest.mark.parametrize(("name", "value"), [("actual_q", float("nan")), ("safety_mode", -1)])
 def test_a_state_that_cannot_be_is_never_told_on(bench: FaultBench, name: str, value: float) -> None:
     bench.recover()
     bench.sway()

@@ -86,7 +86,7 @@ INPUTS: Mapping[str, str] = {
 _SINCE: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]] = {  # first release in the 3.x and in the 5.x line
     "payload": ((3, 11), (5, 5)),
     "payload_cog": ((3, 11), (5, 5)),
-    "tcp_offset": ((3, 12), (5, 5, 1)),
+    "tcp_offset": ((3, 12, 3), (5, 5, 1)),
     "payload_inertia": ((3, 15), (5, 11)),
     "ft_raw_wrench": ((3, 999), (5, 9)),
     "actual_current_as_torque": ((3, 999), (5, 23)),

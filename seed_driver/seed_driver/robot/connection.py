@@ -8,15 +8,16 @@ import contextlib
 import os
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample
-from seed_driver.robot import link, rtde_client, tool
+from seed_driver.robot import link, registers, rtde_client, tool
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.program import ProgramFile, program
 from seed_driver.robot.state_checks import check_state
 from seed_ur import rtde
 
@@ -29,6 +30,7 @@ CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the 
 TAKING = 1.0  # [s] from sending TCP and payload to states that show them
 SHORTLY = 0.01  # [s] that servo commands may wait for them
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
+UPLOAD, UPPER_REGISTERS, NO_WAIT = 1, 8, 16  # ur_rtde's flags
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 SLIDER = rtde.Recipe.of(("speed_slider_mask", "speed_slider_fraction"), rtde.INPUTS)
 
@@ -52,11 +54,14 @@ class Robot:
         self.version = rtde_client.supported_version(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.version[0] == 3 else 500.0)
         self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
+        self.offset = registers.offset(config.registers, self.version)
         self.control: Any = None
         self.ours = False  # the program that plays, if one does
         self.tool: tool.Tool | None = None  # what the robot is to have while our program runs
         self._taken_until = 0.0  # [s] monotonic, until when it may not have taken it yet
         self._untold_tcp = config.tcp  # of controllers that do not tell theirs
+        self._good: Mapping[str, Any] = {}  # the newest state that can be
+        self._program: ProgramFile | None = None
         self._slider: rtde_client.RtdeClient | None = None
 
     @property
@@ -78,7 +83,7 @@ class Robot:
     @property
     def tcp(self) -> Sequence[float]:
         """The TCP of the robot's poses, in the flange frame, as a pose vector."""
-        tcp: Sequence[float] = self.states.values.get("tcp_offset", self._untold_tcp)
+        tcp: Sequence[float] = self._good.get("tcp_offset", self._untold_tcp)
         return tcp
 
     @property
@@ -90,6 +95,7 @@ class Robot:
         """The newest state, of the flange: what the controller tells is of its TCP. Raises StateError."""
         v = self.states.values
         check_state(v)
+        self._good = v
         self.ours &= v["runtime_state"] not in link.ENDED
         (*p_tcp, rx, ry, rz), twist = v["actual_TCP_pose"], v["actual_TCP_speed"]
         x, y, z = p_tcp
@@ -119,16 +125,16 @@ class Robot:
     def start_program(self) -> None:
         """Get our control script running with nothing in the command register; raises LinkError."""
         self._wait_until_able()
-        host = self.config.robot_ip
+        host, command = self.config.robot_ip, registers.command(self.offset)
         if self.control is None:
-            rtde_client.require_control(host, self.version)
+            rtde_client.require_control(host, self.version, command)
         else:
             rtde_client.require_remote(host, self.version)
         if self.states.values["runtime_state"] == link.PLAYING and not self.ours:
-            rtde_client.end_orphan(host)
+            rtde_client.end_orphan(host, command)
         if self.control is None:
             try:
-                self.control = self._control_class(host, min(self.rate, CONTROL_RATE))
+                self._send_first()
             except RuntimeError as error:
                 raise LinkError(f"the robot does not start our program: {error}") from error
             send_at_once(rtde_client.PORT)
@@ -149,11 +155,25 @@ class Robot:
             time.sleep(0.004)
             self.states.poll()
 
+    def _send_first(self) -> None:
+        """ur_rtde's control interface, which clears the command register, and the program."""
+        checked = self.config.robot_program == "checked"
+        flags = (NO_WAIT if checked else UPLOAD) | (UPPER_REGISTERS if self.offset else 0)
+        self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE), flags)
+        if checked:
+            self._program = ProgramFile(program(self.version, self.offset))
+            self.control.setCustomScriptFile(self._program.path)  # sends it, too
+
+    def clear_command(self) -> None:
+        """Nothing is left in the command register of a program that is stopped: it may go on later."""
+        if self.control is not None:
+            self.control.kickWatchdog()  # to a program that does not play: writes 0 and returns
+
     def _send_again(self) -> None:
         """Clear the command register first: a script that finds an old servo command there moves at once."""
         self.control.servoStop()  # the program is dead: this fails, but writes 0
         time.sleep(0.01)
-        left = rtde_client.command_register(self.config.robot_ip)
+        left = rtde_client.command_register(self.config.robot_ip, registers.command(self.offset))
         if left not in (0, None):
             raise LinkError(f"command register still holds {left}; the program is not sent again, restart the driver")
         self.control.reuploadScript()

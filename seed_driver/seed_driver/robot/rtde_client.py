@@ -23,7 +23,6 @@ from seed_ur import rtde
 PORT = 30004
 TIMEOUT = 0.5  # [s]
 OLDEST = {3: (3, 10), 5: (5, 4), 10: (10, 10)}  # first supported release of each line
-COMMAND_REGISTER = "input_int_register_0"  # ur_rtde tells its script through it what to do
 ONCE = 125.0  # [Hz] of outputs of which one sample is read
 LONGEST_ROUND_TRIP = 0.05  # [s] of a question and its answer; a robot that is heard later counts as lost
 STOP_SCRIPT = 255  # in the command register: ur_rtde's script ends
@@ -174,10 +173,10 @@ def supported_version(host: str) -> rtde.Version:
         return version
 
 
-def require_control(host: str, version: rtde.Version) -> None:
+def require_control(host: str, version: rtde.Version, register: str) -> None:
     """Raise LinkError unless programs may be sent: registers free, robot in remote control."""
     with RtdeClient(host) as client:
-        if not client.take_inputs(COMMAND_REGISTER):
+        if not client.take_inputs(register):
             raise LinkError(f"another RTDE client holds the input registers of {host}: stop that program")
     require_remote(host, version)
 
@@ -189,19 +188,19 @@ def require_remote(host: str, version: rtde.Version) -> None:
         raise LinkError(f"the robot at {host} is in local control: switch it to remote control on the pendant")
 
 
-def end_orphan(host: str) -> None:
+def end_orphan(host: str, command: str) -> None:
     """End a control script that nobody feeds any more; raises LinkError when what plays is another program."""
     with RtdeClient(host) as client:
-        client.take_inputs(COMMAND_REGISTER)
-        register = rtde.Recipe.of((COMMAND_REGISTER,), rtde.INPUTS)
+        client.take_inputs(command)
+        register = rtde.Recipe.of((command,), rtde.INPUTS)
         client.start(("runtime_state",), ONCE)
-        client.send(register.encode(1, {COMMAND_REGISTER: STOP_SCRIPT}))
+        client.send(register.encode(1, {command: STOP_SCRIPT}))
         client.never_wait()
         until = time.monotonic() + ENDING
         while (playing := client.values["runtime_state"] == PLAYING) and time.monotonic() < until:
             time.sleep(0.01)
             client.poll()
-        client.send(register.encode(1, {COMMAND_REGISTER: 0}))
+        client.send(register.encode(1, {command: 0}))
     if playing:
         raise LinkError(
             f"another program plays on the robot at {host} ({_program(host)}): stop it on the pendant, or let it end"
@@ -216,11 +215,11 @@ def _program(host: str) -> str:
         return "its name is not told"
 
 
-def command_register(host: str) -> int | None:
-    """The content of the command register; None when the controller does not show it."""
+def command_register(host: str, register: str) -> int | None:
+    """The content of this integer register; None when the controller does not show it."""
     with RtdeClient(host) as client:
         try:
-            client.start((COMMAND_REGISTER,), ONCE)
+            client.start((register,), ONCE)
         except LinkError:
             return None
-        return int(client.values[COMMAND_REGISTER])
+        return int(client.values[register])

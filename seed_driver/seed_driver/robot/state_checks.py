@@ -20,6 +20,8 @@ _RANGES: Mapping[str, tuple[str, float]] = {  # unit and largest of any of its n
     "actual_TCP_pose": ("m, rad", REACH),
     "actual_TCP_speed": ("m/s, rad/s", 2.0 * RATE),
     "tcp_offset": ("m, rad", REACH),
+    "payload_cog": ("m", REACH),
+    "payload_inertia": ("kg m^2", 1e3),
     "actual_current": ("A", 1e3),
     "actual_TCP_force": ("N, N m", 1e5),
 }
@@ -45,6 +47,8 @@ def check_state(values: Mapping[str, Any]) -> None:
             _complain(name, numbers, unit, largest)
     if not 0.0 <= values["timestamp"] < 1e12:
         raise StateError(f"the robot's timestamp is {values['timestamp']} s: restart the controller")
+    if not 0.0 <= values.get("payload", 0.0) <= 1e3:
+        raise StateError(f"the robot's payload is {values['payload']} kg: look at the pendant")
     for name in _SCALES:
         if not 0.0 <= values[name] <= LARGEST_SCALE:
             raise StateError(f"the robot's {name} is {values[name]}, not 0 to 1: restart the controller")

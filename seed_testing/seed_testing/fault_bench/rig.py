@@ -123,6 +123,9 @@ class RigRobot:
     def start_program(self) -> None:
         """There is one."""
 
+    def clear_command(self) -> None:
+        """Nothing is left over."""
+
     def servo(self, p: Vector3, q: Quaternion, period: float) -> None:  # noqa: ARG002
         """A command goes on its way."""
         self.sent.append(self.now)

@@ -30,11 +30,22 @@ class PathMove(NamedTuple):
     speed: float
 
 
+class StepCheck(NamedTuple):
+    """How far, in any joint, a servo target may be from where the arm is on its way [rad]."""
+
+    moving: float
+    at_rest: float
+
+
 class Commands:
     """The commands of one running script."""
 
-    def __init__(self, robot: Controller, offset: int, path: Sequence[PathMove]) -> None:
-        self.robot, self.offset, self.path = robot, offset, path
+    def __init__(
+        self, robot: Controller, offset: int, path: Sequence[PathMove], check: StepCheck | None = None
+    ) -> None:
+        """check: of servo targets, which ur_rtde's own script does not make."""
+        self.robot, self.offset, self.path, self.check = robot, offset, path, check
+        self.thread: Servo | None = None  # goes on towards its target whenever the program does, until servoStop
         self.watchdog: float | None = None  # [s] longest time between updates of the command register
         self._background: Job | None = None  # an asynchronous move
         self._operation = 0  # counts asynchronous moves
@@ -57,6 +68,8 @@ class Commands:
     def advance(self) -> None:
         """One cycle of what goes on in the background."""
         self._cycles += 1
+        if self.thread is not None:
+            self._servo_on(self.thread)
         if self._background is not None and self._background():
             self._background = None
             self._report_operation(running=False)
@@ -125,13 +138,31 @@ class Commands:
         goal = robot.servo_goal(target) if cartesian else target
         if not all(map(isfinite, goal)):
             raise ProgramError(f"servoj: target {goal} is not finite")
-        motion = robot.arm.motion
-        if isinstance(motion, Servo):
-            robot.check_step(motion.goal, goal)
-            motion.take(goal, *self.doubles(9, 2))
+        if not self._near(goal):
+            return
+        if self.thread is not None:
+            robot.check_step(self.thread.goal, goal)
+            self.thread.take(goal, *self.doubles(9, 2))
         else:
             robot.check_step(robot.arm.target_q, goal)
-            robot.arm.motion = Servo(goal, *self.doubles(9, 2))
+            self.thread = robot.arm.motion = Servo(goal, *self.doubles(9, 2))
+
+    def _servo_on(self, servo: Servo) -> None:
+        """The servo thread's next servoj: also after a stop, when the program goes on."""
+        arm = self.robot.arm
+        if arm.motion is not servo:
+            self.thread = arm.motion = Servo(servo.goal, 0.03, 300.0)
+            self.thread.rate = servo.rate
+        if not self._near(servo.goal):
+            arm.motion = Servo(arm.target_q, 0.03, 2000.0)
+
+    def _near(self, goal: Sequence[float]) -> bool:
+        """Whether a servo target passes the program's check."""
+        if self.check is None:
+            return True
+        arm = self.robot.arm
+        most = self.check.moving if any(arm.target_qd) else self.check.at_rest
+        return all(abs(a - b) <= most for a, b in zip(goal, arm.target_q, strict=True))
 
     def servo_circular(self) -> None:
         """servoC: d0-d5 target."""
@@ -153,6 +184,7 @@ class Commands:
         robot = self.robot
         self._background = None
         robot.freedrive = robot.force_mode = False
+        self.thread = None
         robot.arm.motion = Hold(self.doubles(0, 1)[0] or 10.0)
         return lambda: robot.arm.motion.done
 

@@ -66,6 +66,7 @@ class Controller:
         self.uploads = 0  # programs that were taken
         self.held_back = 0.0  # [s] that a plant has kept the robot's clock behind the wall's
         self.owners: dict[str, object] = {}  # the connection that may write an input
+        self._offset = 0
         self.send_text: Callable[[str], None] = lambda _: None
         self._goal: tuple[tuple[object, ...], list[float]] = ((), [])  # the pose that was asked for last, in joints
 
@@ -81,8 +82,10 @@ class Controller:
 
     @property
     def offset(self) -> int:
-        """Of the registers that the program uses."""
-        return self.program.offset if self.program else 0
+        """Of the registers that the program uses, or the last one did."""
+        if self.program is not None:
+            self._offset = self.program.offset
+        return self._offset
 
     def set_output_int(self, index: int, value: int) -> None:
         """Write output_int_register_<index>; the ready and done marks are lost while they are stuck."""
@@ -143,6 +146,8 @@ class Controller:
         """Play a paused program."""
         if self.runtime_state == PAUSED and self.safety_mode == NORMAL and self.robot_mode == RUNNING:
             self.runtime_state = PLAYING
+            if self.options.watchdog_sleeps:
+                self.register_written_at = self.now
             return True
         return False
 

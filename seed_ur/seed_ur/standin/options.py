@@ -32,6 +32,7 @@ class Options:
     unlock_after: float = 5.0  # [s] a protective stop cannot be unlocked before
     max_tcp_speed: float = 1.5  # [m/s] faster is a protective stop
     max_joint_step: float = 1.0  # [rad] a servo target further away than this is a protective stop
+    watchdog_sleeps: bool = False  # of the RTDE inputs: its time stands still while the program is paused
 
 
 @dataclass

@@ -10,7 +10,7 @@ import re
 import time
 
 from seed_ur.standin.channel import Channel
-from seed_ur.standin.commands import Commands, Job, PathMove
+from seed_ur.standin.commands import Commands, Job, PathMove, StepCheck
 from seed_ur.standin.controller import Controller
 
 READY, DONE = 1, 2
@@ -20,6 +20,7 @@ CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
 CUSTOM_CYCLES = 25  # of a script of the user's own: 50 ms
 LONGEST_SCRIPT = 2_000_000  # [byte]
 _HEAD = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
+_CHECK = re.compile(r"global step_moving = (\S+)\s+global step_at_rest = (\S+)")  # of seed_driver's program
 _OFFSET = re.compile(r"# float register offset\s+(\d+)")
 _PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M)
 
@@ -33,7 +34,9 @@ class Script:
         self.name = head.group(1) if head else "unnamed"
         self.offset = int(offset.group(1)) if offset else 0
         path = [_path_move(m) for m in _PATH_MOVE.finditer(text.partition("# inject move path")[2])]
-        self._commands = Commands(robot, self.offset, path)
+        check = _CHECK.search(text)
+        limits = StepCheck(float(check.group(1)), float(check.group(2))) if check else None
+        self._commands = Commands(robot, self.offset, path, limits)
         self._is_control_script = self.name == CONTROL_SCRIPT or offset is not None
         self._executing = False
         self._job: Job | None = None

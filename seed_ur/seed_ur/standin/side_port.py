@@ -93,8 +93,8 @@ def _option(server: Server, request: Request) -> None:
     options, name, value = server.robot.options, str(request.get("name")), request.get("value")
     if name == "program_on_stop" and value in ("paused", "stopped", "playing"):
         options.program_on_stop = str(value)
-    elif name == "remote_control":
-        options.remote_control = bool(value)
+    elif name in ("remote_control", "watchdog_sleeps"):
+        setattr(options, name, bool(value))
     elif name == "speed_slider":
         server.robot.arm.slider = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "speed_scaling":
@@ -102,7 +102,7 @@ def _option(server: Server, request: Request) -> None:
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
-        names = "program_on_stop, remote_control, unlock_after, speed_slider, speed_scaling"
+        names = "program_on_stop, remote_control, watchdog_sleeps, unlock_after, speed_slider, speed_scaling"
         raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
 
 
@@ -133,6 +133,7 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "program": robot.program.name if robot.program else None,
         "uploads": robot.uploads,
         "command": robot.in_int[robot.offset],
+        "registers": robot.offset,
         "freedrive": robot.freedrive,
         "wrench": robot.wrench_W(),
         "payload": robot.payload,
@@ -166,8 +167,9 @@ def _stale_command(server: Server, request: Request) -> None:
 def _play(server: Server, request: Request) -> None:
     """A program from the pendant; one called rtde_control is that of a driver that is gone."""
     robot, name = server.robot, str(request.get("name", "pick_and_place"))
-    own = name == CONTROL_SCRIPT
-    robot.play(Script(robot, f"def {name}():\nend\n") if own else OtherProgram(name, int(_seconds(request) / PERIOD)))
+    own = f"def {name}():\n# float register offset {int(request.get('offset', 24))}\nend\n"
+    other = OtherProgram(name, int(_seconds(request) / PERIOD))
+    robot.play(Script(robot, own) if name == CONTROL_SCRIPT else other)
 
 
 ACTIONS: dict[str, Action] = {
