@@ -170,6 +170,7 @@ class Session:
                 self.cancel()  # while it is still seen to
                 raise
         self.played.result, self.played.ended = result.result().result, self.now()
+        client.destroy()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""./seed bench: figures of speed on this machine."""
+"""./seed bench: figures of speed on this machine, and long campaigns on a live cell."""
 
 import argparse
 import importlib
@@ -18,6 +18,7 @@ BENCHES = {
     "slider": "seed_testing.fault_bench.slider",
     "node": "seed_testing.bench.ros.pose_age",
 }
+LONG = {"kills": "seed_testing.live.kills", "soak": "seed_testing.live.soak"}  # commands with arguments of their own
 
 
 def run(names: list[str]) -> dict[str, Any]:
@@ -35,8 +36,15 @@ def run(names: list[str]) -> dict[str, Any]:
 @command("seed bench")
 def main(argv: list[str]) -> int:
     """Command line."""
+    if argv[:1] and argv[0] in LONG:
+        return int(importlib.import_module(LONG[argv[0]]).main(argv[1:]))
     parser = argparse.ArgumentParser(prog="seed bench", description=__doc__, formatter_class=Help)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHES)}; all if none is given")
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"of {', '.join(BENCHES)}; all if none is given; or alone {', '.join(LONG)}",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     options = parser.parse_args(argv)
     results = run(options.names)
