@@ -101,3 +101,27 @@ def test_a_tolerance_beyond_the_period_pairs_the_nearest_after_a_loss() -> None:
     assert [p["left"] for p in pairs] == [i for i in range(60) if i not in (10, 31)]
     assert all(p["left"] == p["right"] for p in pairs)
     assert abs(pairing.skew - 0.004) < 1e-9
+
+
+def test_sets_that_never_came_are_counted_by_the_gaps_between_those_that_did() -> None:
+    pairing = Pairing[int](("left", "right"), tolerance=0.01)
+    lost = {40, 41, 60, 90}
+    for i in range(120):
+        stamp = i / 45.0 + (0.003 if i % 3 else 0.0)  # a camera that is uneven
+        if i not in lost:
+            pairing.add("left", stamp, i)
+        if i not in lost - {90} and i != 75:  # of one the left image, of one the right one
+            pairing.add("right", stamp, i)
+    assert pairing.missing == len(lost) + 1
+
+
+def test_a_stream_that_pauses_or_becomes_slower_has_lost_nothing_for_long() -> None:
+    pairing = Pairing[int](("one",), tolerance=0.01)
+    for i in range(100):
+        pairing.add("one", i / 45.0, i)
+    for i in range(100):
+        pairing.add("one", 60.0 + i / 45.0, i)  # a pause of a minute
+    assert pairing.missing == 0
+    for i in range(200):
+        pairing.add("one", 70.0 + i / 22.5, i)
+    assert 0 < pairing.missing < 40

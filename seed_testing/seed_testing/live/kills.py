@@ -21,7 +21,6 @@ NODES = {
     "ur": ("controller", "estimator", "bubbles", "sim", "driver", "driver/servo", "ur_controller"),
 }
 DISTURBED = 3  # times that a case is tried when a busy machine ends the cell's health before the fault
-STANDIN = "127.0.0.56"
 HEAD = (
     f"{'robot':<5} {'node':<13} {'fault':<10} {'phase':<9} {'held s':>6} {'mm':>5} {'mm/s':>5} {'N':>5}  what it said"
 )

@@ -12,7 +12,7 @@ from seed_testing.live.processes import Usage
 from seed_testing.live.slopes import slope
 
 MEMORY_RISE = 6.0  # [MB/h] that a process may surely rise by
-LATE_FRAMES = 12  # images on their way, or sent before the estimator listened, at the end of a run
+LATE_FRAMES = 50  # both count at moments of their own, up to a second apart
 IMAGES_A_SET = 2.0  # pictures of both fingers make one estimate
 
 
@@ -99,8 +99,7 @@ def frames(s: Samples) -> tuple[float, float, float]:
     def rise(name: str) -> float:
         return last.get(name, 0.0) - first.get(name, 0.0)
 
-    lost = sum(rise(f"estimator.{n}") for n in ("images_unpaired", "images_out_of_order", "images_refused"))
-    return rise("bubbles.pairs") / IMAGES_A_SET, rise("estimator.pairs"), lost / IMAGES_A_SET
+    return rise("bubbles.pairs") / IMAGES_A_SET, rise("estimator.pairs"), rise("estimator.sets_missing")
 
 
 def _levels(v: np.ndarray) -> tuple[float, float]:

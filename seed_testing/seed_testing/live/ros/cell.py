@@ -19,7 +19,7 @@ from seed_bringup.ros.session import Played, Session, SessionError
 from seed_testing.live.processes import Usage, named, usage
 
 STARTS_WITHIN = 60.0  # [s] on a busy machine
-FIGURES = ("pairs", "images_unpaired", "images_out_of_order", "images_refused", "overruns", "holds")
+FIGURES = ("pairs", "sets_missing", "images_refused", "overruns", "holds")
 
 
 class Cell:

@@ -25,10 +25,10 @@ from seed_bringup.demo.live import live_rates
 from seed_bringup.ros.session import SessionError
 from seed_ros.conversions import seconds
 from seed_ros.qos import LATCHED
-from seed_testing.live.kills import STANDIN
 from seed_testing.live.ros.cell import STARTS_WITHIN, Cell
 from seed_testing.live.verdict import MOVES, motion
 
+STANDIN = "127.0.0.56"  # address of the stand-in for a UR
 TASK, WANTED = "squeegee", 10.0  # [N] that it presses with
 INTO_PHASE = 0.6  # [s] after a phase began, at which the fault comes
 AGAIN_AFTER = 1.0  # [s] from a node's end to its next start
