@@ -146,14 +146,10 @@ class Controller:
         Raises:
             ControlRefusedError: the kinematics or the estimate is missing or stale.
         """
-        if t - self._inputs.history.newest_stamp > self.parameters.kinematics_timeout:
-            raise ControlRefusedError("cannot enable: no flange pose (current_pose) within the last 0.1 s")
-        self._take_image(t)
-        stale = self._inputs.staleness(t)
-        if stale:
-            raise ControlRefusedError(f"cannot enable: {stale}")
-        if self.pressure.reason:
-            raise ControlRefusedError(f"cannot enable: {self.pressure.reason}")
+        if not self.missing(t)["pose"]:
+            self._take_image(t)
+        if why := next(filter(None, self.missing(t).values()), ""):
+            raise ControlRefusedError(f"cannot enable: {why}")
         here = self._inputs.history.newest()
         if self._guard.following and float(np.abs(here[:3, 3] - self._command.X_WE[:3, 3]).max()) < AWAY:
             return
@@ -165,6 +161,15 @@ class Controller:
         self._guard.enable(True)
         self._inputs.count_from(t)
         self._state = self._describe(t)  # a task may be asked for before the next step
+
+    def missing(self, t: float) -> dict[str, str]:
+        """What `enable` would be refused for, by the input that lacks; '' for what is there."""
+        lacks = t - self._inputs.history.newest_stamp > self.parameters.kinematics_timeout
+        return {
+            "pose": "no flange pose (current_pose) within the last 0.1 s" if lacks else "",
+            "estimate": "" if lacks else self._inputs.staleness(t),
+            "pressure": self.pressure.reason,
+        }
 
     def hold(self, t: float, reason: str) -> None:
         """Stop, if it moves, for something that others found, until enabled again."""

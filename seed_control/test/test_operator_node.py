@@ -12,6 +12,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from seed_msgs.msg import RelativePose
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_control_node import FREE, Cell
@@ -142,3 +144,36 @@ def test_what_does_not_fit_is_refused_before_it_begins(
     cell.enabled()
     assert words in cell.bench.result(cell.play(task, overrides)).result.message
     assert cell.state.mode == "idle"
+
+
+def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell]) -> None:
+    cell = make()
+    told: list[DiagnosticStatus] = []
+    client = cell.bench.client
+    client.create_subscription(DiagnosticStatus, "controller/ready", told.append, LATCHED)
+    arm = client.create_publisher(String, "arm_hold_reason", LATCHED)
+    cell.silent = {"current_pose", "relative_pose"}
+    assert cell.bench.until(lambda: told and "no flange pose" in told[-1].message)
+    cell.silent = set()
+
+    def no_reference(message: RelativePose) -> None:
+        message.valid, message.reason = False, "no reference: capture_reference has not been called"
+
+    cell.change = no_reference
+    assert cell.bench.until(lambda: "capture_reference has not been called" in told[-1].message)
+    cell.change = lambda _: None
+    arm.publish(String(data="protective stop"))
+    assert cell.bench.until(lambda: "protective stop" in told[-1].message)
+    arm.publish(String(data=""))
+    assert cell.bench.until(lambda: told[-1].message == "not ready: not enabled: call ~/enable")
+    cell.enabled()
+    assert cell.bench.until(lambda: told[-1].message.startswith("ready"))
+    assert told[-1].level == DiagnosticStatus.OK
+    cell.silent = {"relative_pose"}
+    assert cell.bench.until(lambda: "relative_pose is stale" in told[-1].message)
+    values = {v.key: v.value for v in told[-1].values}
+    assert values["pose"] == ""
+    assert "holds: relative_pose is stale" in values["controller"]
+    count = len(told)
+    cell.bench.spin(1.5)
+    assert len(told) - count <= 2  # a cause that lasts is told once, though its age grows

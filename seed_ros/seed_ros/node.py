@@ -27,7 +27,7 @@ from tf2_msgs.msg import TFMessage
 
 from seed_core.errors import SeedError
 from seed_ros import parameters
-from seed_ros.diagnostics import Counters, Diagnostics, Report
+from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
 from seed_ros.qos import LATCHED, TF
 
@@ -40,6 +40,7 @@ class SeedNode(Node):
     Attributes:
         loop: runs the node; made by each node, with its rate and what is done at each tick.
         counters: what was refused, by cause.
+        beats: of the node's main output, for the diagnostics.
     """
 
     loop: FixedRateLoop
@@ -49,6 +50,7 @@ class SeedNode(Node):
         self.ranges: dict[str, Any] = {}  # fields of the parameters, by name
         super().__init__(name, **arguments)
         self.counters = Counters(self)
+        self.beats = Beats()
 
     declare = parameters.declare
     refuse_unknown = parameters.refuse_unknown
@@ -125,7 +127,7 @@ class SeedNode(Node):
     # health
     def diagnose(self, hardware_id: str, report: Callable[[], Report]) -> None:
         """Publish level, message and values that `report()` returns on /diagnostics, once a second."""
-        self._diagnostics = Diagnostics(self, hardware_id, report)
+        self._diagnostics = Diagnostics(self, hardware_id, report, self.beats, self.counters)
 
     @classmethod
     def main(cls) -> int:

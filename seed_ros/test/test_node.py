@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
-from seed_ros import QUEUE, FixedRateLoop, SeedNode, diagnostics
+from seed_ros import QUEUE, Diagnostics, FixedRateLoop, SeedNode, diagnostics
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -98,7 +98,41 @@ def test_refused_messages_are_counted_with_their_words_and_told_in_the_diagnosti
     assert bench.until(lambda: told)
     (status,) = told[-1].status
     assert (status.name, status.hardware_id, status.message) == ("/answering", "words", "fine")
-    assert [(v.key, v.value) for v in status.values] == [("words_refused", "2")]
+    values = {v.key: v.value for v in status.values}
+    assert list(values)[:4] == ["rate_hz", "latency_ms", "lost", "reason"]
+    assert (values["lost"], values["reason"], values["words_refused"]) == ("2", "", "2")
+
+
+def test_the_diagnostics_tell_rate_age_and_reason_of_every_node_alike(bench: Bench) -> None:
+    node = bench.add(Answering)
+    told: list[DiagnosticArray] = []
+    bench.client.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    report = (diagnostics.WARN, "no words come", {"lost": 3, "own": 1})
+    Diagnostics(node, "words", lambda: report, node.beats, node.counters, name="other")
+    assert bench.until(lambda: any(a.status[0].name == "other" for a in told))
+    told.clear()
+    for _ in range(40):
+        node.beats.add(0.02)
+        node.beats.add(0.04)
+    began = time.monotonic()
+    assert bench.until(lambda: told)
+    first = {v.key: v.value for v in told[0].status[0].values}
+    assert float(first["rate_hz"]) == pytest.approx(80.0 / 1.0, rel=0.5)
+    assert time.monotonic() - began < 5.0
+    assert float(first["latency_ms"]) == pytest.approx(30.0)
+    assert bench.until(lambda: any(a.status[0].name == "other" for a in told))
+    other = next(a.status[0] for a in told if a.status[0].name == "other")
+    values = {v.key: v.value for v in other.values}
+    assert (values["lost"], values["reason"], values["own"]) == ("3", "no words come", "1")
+
+
+def test_causes_with_numbers_in_them_do_not_fill_the_memory(bench: Bench) -> None:
+    node = bench.add(Answering)
+    for i in range(500):
+        node.counters.add(f"{i} mm too far", "words")
+    assert node.counters.total() == 500
+    assert len(node.counters.values()) <= 61
+    assert node.counters["others"] == 440
 
 
 def test_the_total_counts_every_cause_once_per_event(bench: Bench) -> None:

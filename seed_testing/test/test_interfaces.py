@@ -31,6 +31,18 @@ def test_topics_services_and_actions_are_those_of_the_document(name: str) -> Non
 
 
 @pytest.mark.parametrize("name", NODES)
+def test_every_node_reports_on_its_health_by_one_convention(name: str) -> None:
+    with alive(name, **NODES[name][1]) as node:
+        health = node.outputs.diagnostics if name == "driver" else node._diagnostics
+        status = health.status()
+    values = {v.key: v.value for v in status.values}
+    assert list(values)[:4] == ["rate_hz", "latency_ms", "lost", "reason"]
+    assert status.message
+    assert values["reason"] == ("" if status.level == status.OK else status.message)
+    assert int(values["lost"]) >= 0
+
+
+@pytest.mark.parametrize("name", NODES)
 def test_parameters_are_those_of_the_document(name: str) -> None:
     with alive(name) as node:
         rows = parameters_of(node)

@@ -5,6 +5,7 @@ What robot_state_publisher does, for machines that do not have it, without the f
 publish themselves: `tool0` stays a child of `base`, and what hangs on it stays where they put it.
 """
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,10 +19,11 @@ from std_msgs.msg import String
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp
-from seed_ros import COMMAND, LATCHED, FixedRateLoop, SeedNode, TransformBroadcaster
+from seed_ros import COMMAND, LATCHED, FixedRateLoop, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import seconds, transform_stamped
 from seed_ur.models import MODELS
 
+LONGEST = 1.0  # [s] without joint_states
 OTHERS = ("tool0", "compliance", "tool", "tip")  # frames that arm, estimator and controller publish
 
 
@@ -96,12 +98,21 @@ class LinkFramesNode(SeedNode):
         self._transforms.send_static(*(transform_stamped(j.X, now, j.parent, j.child) for j in fixed))
         self.loop = FixedRateLoop(self, settings.rate, lambda: None)
         self.loop.poll(JointState, "joint_states", self._on_joints, COMMAND)
+        self._heard = -LONGEST  # [s] by the machine's clock
+        self.diagnose(settings.model, self._report)
 
     def _on_joints(self, message: JointState) -> None:
         t = seconds(message.header.stamp)
         angles = dict(zip(message.name, message.position, strict=False))
+        self._heard = time.monotonic()
+        self.beats.add(self.now() - t)
         here = [j for j in self.joints if j.moves and np.isfinite(angles.get(j.name, np.nan))]
         self._transforms.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
+
+    def _report(self) -> diagnostics.Report:
+        if time.monotonic() - self._heard > LONGEST:
+            return diagnostics.STALE, "no joint_states: the links are not drawn where they are", {}
+        return diagnostics.OK, "drawing the links", {}
 
 
 main = LinkFramesNode.main

@@ -22,6 +22,7 @@ from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.follow_setpoints import FollowServer
 from seed_control.ros.identify_payload import PayloadIdentification
+from seed_control.ros.readiness import Readiness
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.ros.task_operator import Operator
 from seed_control.setpoint.setpoints import Setpoint
@@ -126,6 +127,7 @@ class ControllerNode(SeedNode):
         operator = Operator(self, "~/follow_setpoints", self.settings.operator_timeout)
         self.follow = FollowServer(self, self.core, self._why_not, operator, self.settings.operator_lost)
         self.payload = PayloadIdentification(self, self.core, lambda: self.follow.busy)
+        self._readiness = Readiness(self, self.core, lambda: self._arm_holds)
         self.diagnose("controller", self._report)
 
     # in
@@ -204,6 +206,7 @@ class ControllerNode(SeedNode):
         self.steps += 1
         if output.X_WE is not None and self._may_send(output):
             self._target.publish(pose_stamped(output.X_WE, now, self.frames.base))
+        self.beats.add(output.state.image_age)
         self.follow.after_step(output.state)
         if self.steps % self._state_every == 0:
             self._publish_state(now, output)
@@ -229,6 +232,7 @@ class ControllerNode(SeedNode):
         message.refused_setpoints += self.counters["setpoints_unreadable"] + self.counters["setpoints_during_task"]
         message.estimator_reason = self.counters.last
         self._state.publish(message)
+        self._readiness.look(now)
         if self.core.law.setpoint is not None:
             self._reference.publish(pose_stamped(self.core.law.setpoint.X_W_tip, now, self.frames.base))
         if output.state.estimated is not None:

@@ -89,7 +89,7 @@ class Inputs:
         if t - newest > p.kinematics_timeout:
             return f"current_pose is stale: {t - newest:.3f} s old, at most {p.kinematics_timeout:g} s"
         if self.arrived == -inf:
-            return "no estimate of the relative pose has come yet"
+            return f"no estimate of the relative pose has come yet{last}"
         if t - self.arrived > p.estimate_timeout:
             return f"relative_pose is stale: none for {t - self.arrived:.3f} s, at most {p.estimate_timeout:g} s{last}"
         if t - self.image_stamp > p.max_estimate_age:

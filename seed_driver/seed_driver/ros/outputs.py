@@ -41,7 +41,9 @@ class Outputs:
         self.safety_mode = self._publisher(UInt8, "~/safety_mode", LATCHED)
         self.program = self._publisher(Bool, "~/robot_program_running", LATCHED)
         name = f"{node.get_name()}: robot link"
-        self.diagnostics = Diagnostics(node, config.robot_ip, self._report, name, timed=False)
+        self.diagnostics = Diagnostics(
+            node, config.robot_ip, self._report, node.beats, node.counters, name, timed=False
+        )
         self._publishers.append(self.diagnostics.publisher)
         self._count = 0
         self._sample_time = 0.0
@@ -72,6 +74,7 @@ class Outputs:
         self._count += 1
         stamp = self._stamp(state)
         self._publish_pose(state.sample, stamp)
+        self.node.beats.add(state.latency)
         if self._count % 2 == 0:
             self._publish_motion(state.sample, stamp)
         if self._count % 4 == 0:
@@ -148,7 +151,6 @@ class Outputs:
             "targets_accepted": accepted,
             "targets_refused": refused,
             "servo_commands": s.sent,
-            "latency_ms": round(1e3 * s.latency, 3),
             "period_p50_ms": round(1e3 * s.period_p50, 3),
             "period_p99_ms": round(1e3 * s.period_p99, 3),
             "period_max_ms": round(1e3 * s.period_max, 3),

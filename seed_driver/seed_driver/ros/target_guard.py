@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
 from seed_driver.target_guard import GuardConfig, Pose, TargetGuard
-from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, SeedNode
+from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, SeedNode, diagnostics
 from seed_ros.conversions import fill, seconds, stamped
 
 
@@ -31,12 +31,15 @@ class GuardNode(SeedNode):
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
         self.serve(Trigger, "~/resend_robot_program", self._resume)
         self.serve(Trigger, "~/stop", self._stop)
+        self._age: float | None = None  # [s] of the newest target
+        self.diagnose("target_guard", self._report)
 
     def _on_target(self, message: PoseStamped) -> None:
         age = self.now() - seconds(message.header.stamp)
+        self._age = age
         why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), time.monotonic())
         if why:
-            self.get_logger().warning(f"target_frame is not followed: {why}", throttle_duration_sec=1.0)
+            self.counters.add("targets_refused", f"target_frame is not followed: {why}")
 
     def _on_pose(self, message: PoseStamped) -> None:
         self.guard.measured(_pose(message), time.monotonic())
@@ -61,6 +64,12 @@ class GuardNode(SeedNode):
             fill(message.pose.position, pose[0])
             fill(message.pose.orientation, pose[1])
             self._out.publish(message)
+            self.beats.add(self._age)
+
+    def _report(self) -> diagnostics.Report:
+        if self.guard.reason:
+            return diagnostics.WARN, f"holds: {self.guard.reason}", self.counters.values()
+        return diagnostics.OK, "following target_frame", self.counters.values()
 
 
 def _pose(message: PoseStamped) -> Pose:

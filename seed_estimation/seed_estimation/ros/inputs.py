@@ -100,6 +100,8 @@ class ImageInputs:
         pairings: list[Pairing[Any]] = [self._both, *self._images.values()]
         return {
             "pairs": self._both.complete,
+            "sets_missing": self._both.missing,
+            "lost": self._both.missing,
             "images_unpaired": sum(p.unpaired for p in pairings),
             "images_out_of_order": sum(p.backwards for p in pairings),
             "finger_skew_ms": 1e3 * self._both.skew,

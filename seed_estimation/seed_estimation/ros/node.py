@@ -127,6 +127,7 @@ class EstimatorNode(SeedNode):
         self._poses.publish(estimate_to_message(estimate, self.frames.compliance, self.frames.tool))
         self._arrivals.append(self.inputs.arrived - estimate.stamp)
         self._latencies.append(self.now() - estimate.stamp)
+        self.beats.add(self._latencies[-1])
         if estimate.valid and self.settings.publish_tf:
             self._tf.send(transform_stamped(estimate.X_CT, estimate.stamp, self.frames.compliance, self.frames.tool))
 

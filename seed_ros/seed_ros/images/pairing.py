@@ -7,6 +7,8 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+_LONGER, _PAUSE = 1.6, 20.0  # of the usual time between two sets: one is missing; a pause of the whole stream
+_SMOOTH, _GROWS = 0.1, 1.02  # of the usual time, by each set; by each longer gap, as a stream may become slower
 _SLOWER = 1.05  # per item, by which a period may seem to grow: a lost item doubles one
 BACKWARDS = 0.5  # [s] a stamp this much older than its predecessor is a clock that was set back, not a late packet
 
@@ -29,6 +31,8 @@ class Pairing(Generic[T]):
         self.skew = 0.0  # [s] between the oldest and the newest stamp of the last set
         self.unpaired = 0
         self.backwards = 0
+        self.missing = 0  # sets that the gaps between complete ones tell of, whatever became of them
+        self._usual, self._done = 0.0, math.inf  # [s] between two sets; stamp of the newest
 
     def add(self, stream: str, stamp: float, item: T) -> tuple[float, dict[str, T]] | None:
         """(oldest stamp [s], items by stream) when this item completes a set, else None."""
@@ -39,7 +43,23 @@ class Pairing(Generic[T]):
         if len(queue) > self._depth:
             queue.popleft()
             self.unpaired += 1
-        return self._match()
+        done = self._match()
+        if done is not None:
+            self._look_for_gap(done[0])
+        return done
+
+    def _look_for_gap(self, stamp: float) -> None:
+        """Count what is missing between the last complete set and this one."""
+        gap, self._done = stamp - self._done, stamp
+        if gap <= 0.0:
+            return
+        if not self._usual:
+            self._usual = gap
+        elif gap < _LONGER * self._usual:
+            self._usual += _SMOOTH * (gap - self._usual)
+        elif gap < _PAUSE * self._usual:
+            self.missing += round(gap / self._usual) - 1
+            self._usual *= _GROWS
 
     def clear(self) -> None:
         """Forget what waits."""

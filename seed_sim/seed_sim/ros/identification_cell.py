@@ -15,7 +15,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Frame
 from seed_core.spatial import Wrench, inverse_pose
-from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, MessageError, SeedNode
+from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
 from seed_ros.conversions import check_frame, estimate_to_message, pose_stamped, pose_to_matrix, wrench_stamped
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
@@ -60,6 +60,9 @@ class CellNode(SeedNode):
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)
         self.serve(Trigger, "ft_sensor/zero", self._set_zero)
+        self.diagnose(
+            f"scenario {self.scenario.name}", lambda: (diagnostics.OK, "following target_frame", self.counters.values())
+        )
 
     def _on_target(self, message: PoseStamped) -> None:
         try:
@@ -82,6 +85,7 @@ class CellNode(SeedNode):
 
     def _tick(self) -> None:
         t = self.now()
+        self.beats.add()
         grip = int(np.argmin(np.abs(self.widths - self.width)))
         reading = self.cell.step(
             Command(inverse_pose(self.X_WT) @ self.X_WE @ self.X_EC, self.width, grip, "following")

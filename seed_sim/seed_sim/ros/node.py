@@ -130,6 +130,7 @@ class SimNode(SeedNode):
     def _tick(self) -> None:
         try:
             self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
+            self.beats.add()
         except MembraneError as error:
             self._lose_tool(str(error))
         self._outputs.publish(self.time.stamp, self.holder.grasped)

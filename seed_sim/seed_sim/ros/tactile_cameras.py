@@ -118,6 +118,7 @@ class TactileCamerasNode(SeedNode):
             self._pairs_sent += 1
             self._late += now - images.stamp > self.settings.latency + 0.01
             self._cameras[finger].publish(images.depth, images.ir, images.stamp)
+            self.beats.add(now - images.stamp)
 
     def _report(self) -> diagnostics.Report:
         values = {"pairs": self._pairs_sent, "late": self._late}

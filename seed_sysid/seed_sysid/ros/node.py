@@ -21,7 +21,7 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import inverse_pose
-from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode
+from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
 from seed_ros.conversions import (
     check_frame,
     estimate_from_message,
@@ -84,6 +84,14 @@ class SysidNode(SeedNode):
             receive = partial(self._on_pressure, finger)
             self.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
         self._server = self.serve_action(IdentifyStiffness, "~/identify_stiffness", self._execute)
+        self.diagnose("sysid", self._report)
+
+    def _report(self) -> diagnostics.Report:
+        return (
+            diagnostics.OK,
+            "identifying" if self._active is not None else "waiting for a goal",
+            self.counters.values(),
+        )
 
     @property
     def _moving(self) -> ActiveGoal | None:

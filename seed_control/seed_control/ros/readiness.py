@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`~/ready`: whether a set-point or a task would be followed, and what is missing, to the person at the arm."""
+
+from collections.abc import Callable, Mapping
+from math import inf
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from seed_control.controller import Controller
+from seed_ros import LATCHED, SeedNode, diagnostics
+
+EVERY = 0.5  # [s] between two looks
+
+
+class Readiness:
+    """Publishes when what is missing changes; latched, so that whoever asks later is told as well."""
+
+    def __init__(self, node: SeedNode, core: Controller, arm_holds: Callable[[], str]) -> None:
+        """arm_holds: why what moves the arm follows nothing; '' while it follows."""
+        self._core, self._arm_holds, self._name = core, arm_holds, node.get_fully_qualified_name()
+        self._publisher = node.publisher(DiagnosticStatus, "~/ready", LATCHED)
+        self._looked = -inf  # [s]
+        self._told: tuple[str, ...] | None = None
+
+    def look(self, now: float) -> None:
+        """Tell what has changed, if it is time; now [s]."""
+        if 0.0 <= now - self._looked < EVERY:
+            return
+        self._looked = now
+        parts = self.missing(now)
+        told = tuple(_without_numbers(words) for words in parts.values())
+        if told != self._told:
+            self._told = told
+            self._publisher.publish(self._status(parts))
+
+    def missing(self, now: float) -> dict[str, str]:
+        """What is missing, by the part that is to deliver it; '' for what is there."""
+        state, parts = self._core.state, {"arm": self._arm_holds(), **self._core.missing(now)}
+        if not state.enabled:
+            parts["controller"] = "not enabled: call ~/enable"
+        else:
+            parts["controller"] = f"holds: {state.reason}; call ~/enable" if state.mode == "holding" else ""
+        return parts
+
+    def _status(self, parts: Mapping[str, str]) -> DiagnosticStatus:
+        lacks = "; ".join(filter(None, parts.values()))
+        clocks = self._core.checks.clock_problem
+        status = DiagnosticStatus(name=self._name, hardware_id="cell")
+        status.level = diagnostics.WARN if lacks else diagnostics.OK
+        ready = f"ready for positions; no force: {clocks}" if clocks else "ready: send a set-point or a task"
+        status.message = f"not ready: {lacks}" if lacks else ready
+        status.values = [KeyValue(key=part, value=words) for part, words in (*parts.items(), ("force", clocks))]
+        return status
+
+
+def _without_numbers(words: str) -> str:
+    """A cause that lasts is told once, though its age in it grows."""
+    return "".join(c for c in words if not c.isdigit())
