@@ -18,7 +18,7 @@ from seed_driver.config import FIXED, DriverConfig, from_json
         ({"tcp": [0.0, 0.0, 0.1]}, "tcp has 3 values; it needs 6"),
         ({"workspace_low": [0.0, 0.0, 2.0]}, "workspace_low"),
         ({"robot_ip": ""}, "robot_ip is empty"),
-        ({"payload_mass": -1.0}, "payload_mass = -1 kg must be within 0 and 20 kg"),
+        ({"payload_mass": -1.0}, "payload_mass = -1 kg must be within 0 and 50 kg"),
         ({"speed": 1.0}, "unknown key 'speed'"),
         ({"frequency": 3.0}, "frequency = 3 Hz must be 0 or within 50 and 500 Hz"),
         ({"cpu": 1000}, "cpu = 1000 must be -1 or within 0 and"),

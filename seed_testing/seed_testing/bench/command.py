@@ -15,6 +15,7 @@ BENCHES = {
     "control": "seed_testing.bench.control",
     "membrane": "seed_testing.bench.membrane",
     "driver": "seed_testing.bench.driver",
+    "clearances": "seed_testing.bench.clearances",
     "slider": "seed_testing.fault_bench.slider",
     "node": "seed_testing.bench.ros.pose_age",
 }
