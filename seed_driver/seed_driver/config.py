@@ -67,7 +67,7 @@ class DriverConfig(ClearanceSettings):
         0.0,
         unit="kg",
         low=0,
-        high=50,
+        high=20,
         doc="gripper and tool, for the controller; 0: mass and centre as set on the robot",
     )
     payload_cog: Vector3 = field(
@@ -83,6 +83,7 @@ class DriverConfig(ClearanceSettings):
     tcp: Vector6 = field(
         (0.0,) * 6, unit="m, rad", low=-4, high=4, doc="TCP in the flange frame as a pose vector; zero: as on the robot"
     )
+    tool_voltage: int = field(24, unit="V", low=12, high=24, doc="of set_tool_power at the tool's connector: 12 or 24")
     speed_slider: float = field(0.0, low=0, high=1, doc="speed slider of the pendant; 0: as it is there")
 
     def check(self) -> DriverConfig:

@@ -24,7 +24,7 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Int8, String, UInt8
+from std_msgs.msg import Bool, Float64, Int8, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.arm.quaternion import rotate, turned
@@ -78,6 +78,7 @@ class DriverPeer(Peer):
         "driver/safety_mode": (UInt8, LATCHED),
         "driver/robot_program_running": (Bool, LATCHED),
         "driver/hold_reason": (String, LATCHED),
+        "driver/speed_scaling": (Float64, LATCHED),
     }
 
     def __init__(self) -> None:
@@ -296,6 +297,53 @@ def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> No
 def transit(peer: DriverPeer, *labels: str) -> None:
     for label in labels:
         assert peer.call("change_state", ChangeState, transition=Transition(label=label)).success
+
+
+def test_recover_goes_from_a_safety_fault_to_an_arm_that_can_move_and_moves_nothing(peer, robot) -> None:
+    before = place(robot)
+    robot.ask("safety_fault")
+    peer.wait(lambda: peer.latest["safety_mode"].data == 9, 2.0, "fault told")
+    assert not peer.call("resend_robot_program").success
+    answer = peer.call("recover")
+    assert answer.success
+    assert answer.message == "fault ended, power on, brake release; call resend_robot_program"
+    peer.spin(0.3)
+    assert not running(peer)
+    assert_allclose(place(robot), before, atol=1e-3)
+    robot.ask("safety_fault")
+    assert peer.call("restart_safety").success
+    assert robot.ask("state")["robot_mode"] == 3  # power is another request
+    assert peer.call("recover").message == "power on, brake release; call resend_robot_program"
+
+
+def test_recover_waits_for_a_protective_stop_to_be_unlocked_and_leaves_an_emergency_stop_to_people(peer, robot) -> None:
+    robot.ask("protective_stop")
+    assert peer.call("recover").message == "protective stop ended; call resend_robot_program"
+    robot.ask("emergency_stop")
+    answer = peer.call("recover")
+    assert not answer.success
+    assert answer.message == "the robot is in robot emergency stop: only a person at the arm can end that"
+
+
+def test_the_tools_outputs_and_voltage_are_switched_and_seen_to_be(peer, robot) -> None:
+    for on in True, False:
+        assert peer.call("set_tool_output_1", SetBool, data=on).message == f"tool output 1 is {'on' if on else 'off'}"
+        assert robot.ask("state")["tool_outputs"] == (2 if on else 0)
+    assert peer.call("set_tool_power", SetBool, data=True).message == "the tool is supplied with 24 V"
+    assert robot.ask("state")["tool_voltage"] == 24
+    assert running(peer)  # it goes on beside
+    robot.ask("option", name="remote_control", value=False)
+    refused = peer.call("set_tool_power", SetBool, data=False)
+    robot.ask("option", name="remote_control", value=True)
+    assert not refused.success
+    assert "does not supply 0 V at the tool: is it in local control?" in refused.message
+
+
+def test_speed_scaling_is_published(peer, robot) -> None:
+    robot.ask("option", name="speed_slider", value=0.5)
+    peer.wait(lambda: peer.latest["speed_scaling"].data == 0.5, 2.0, "scaling told")
+    robot.ask("option", name="speed_slider", value=1.0)
+    peer.wait(lambda: peer.latest["speed_scaling"].data == 1.0, 2.0, "scaling told")
 
 
 def test_what_is_fixed_can_be_changed_by_configuring_anew(peer) -> None:

@@ -84,17 +84,22 @@ class OthersExecutor(SingleThreadedExecutor):
 
 @contextlib.contextmanager
 def _realtime(priority: int) -> Iterator[None]:
-    """This thread ahead of all ordinary ones, where the system allows it; processes that it starts are ordinary."""
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        if priority > 0:
-            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-    except OSError:
-        pass  # ordinary users may not; the periods are measured and shown in the diagnostics
+    """This process's threads ahead of all ordinary ones, where the system allows it.
+
+    The middleware's threads are among them: a loop that is on time gets no messages from a thread that does not run.
+    Threads and processes that are started meanwhile are ordinary.
+    """
+    before: dict[int, tuple[int, os.sched_param]] = {}
+    for thread in map(int, os.listdir("/proc/self/task")) if priority > 0 else ():
+        with contextlib.suppress(OSError):  # it has ended, or ordinary users may not: the diagnostics show periods
+            before[thread] = os.sched_getscheduler(thread), os.sched_getparam(thread)
+            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     try:
         yield
     finally:
-        os.sched_setscheduler(0, *before)
+        for thread, (policy, parameters) in before.items():
+            with contextlib.suppress(OSError):
+                os.sched_setscheduler(thread, policy, parameters)
 
 
 class FixedRateLoop:
@@ -117,7 +122,7 @@ class FixedRateLoop:
         Args:
             steady: periods of the machine's own clock even with use_sim_time, for nodes that only wait for messages.
             eager: (and steady) polled messages reach their callbacks when they come, not at the next period.
-            priority: SCHED_FIFO priority while it runs, where the system allows it; 0: none.
+            priority: SCHED_FIFO priority of the process's threads while it runs, where the system allows it; 0: none.
             service_period: [s] between two looks at services, actions and slow timers while nobody uses them.
             catch_up: make up for a few late periods; not when each tick is a step of an arm, which would take several
                 that come at once for one long step.

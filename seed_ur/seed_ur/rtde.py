@@ -28,6 +28,7 @@ FORMATS: Mapping[str, str] = {
     "UINT32": "I",
     "UINT64": "Q",
     "UINT8": "B",
+    "BOOL": "?",
 }
 
 
@@ -51,16 +52,24 @@ OUTPUTS: Mapping[str, str] = {
         {
             "DOUBLE": "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum "
             "actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0 "
-            "standard_analog_input1 standard_analog_output0 standard_analog_output1 payload",
+            "standard_analog_input1 standard_analog_output0 standard_analog_output1 payload target_execution_time "
+            "io_current euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 "
+            "tool_output_current tool_temperature tcp_force_scalar joint_position_deviation_ratio "
+            "collision_detection_ratio actual_robot_energy_consumed actual_robot_braking_energy_dissipated",
             "VECTOR6D": "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_qdd "
             "actual_current actual_moment actual_current_as_torque joint_control_output actual_TCP_pose "
             "actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed joint_temperatures "
-            "actual_joint_voltage payload_inertia ft_raw_wrench tcp_offset",
+            "actual_joint_voltage payload_inertia ft_raw_wrench tcp_offset actual_current_window "
+            "wrench_calc_from_currents",
             "VECTOR3D": "actual_tool_accelerometer payload_cog elbow_position elbow_velocity",
-            "UINT64": "actual_digital_input_bits actual_digital_output_bits",
+            "UINT64": "actual_digital_input_bits actual_digital_output_bits actual_configurable_digital_input_bits "
+            "actual_configurable_digital_output_bits",
             "UINT32": "runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31 "
-            "output_bit_registers32_to_63",
-            "INT32": "robot_mode safety_mode",
+            "output_bit_registers32_to_63 input_bit_registers0_to_31 input_bit_registers32_to_63 analog_io_types "
+            "euromap67_input_bits euromap67_output_bits tool_mode tool_analog_input_types script_control_line",
+            "INT32": "robot_mode safety_mode safety_status encoder0_raw encoder1_raw tool_output_voltage "
+            "time_scale_source",
+            "UINT8": "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode",
             "VECTOR6INT32": "joint_mode",
         }
     ),
@@ -68,12 +77,13 @@ OUTPUTS: Mapping[str, str] = {
     **{f"output_double_register_{i}": "DOUBLE" for i in range(48)},
     **{f"input_int_register_{i}": "INT32" for i in range(48)},
     **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
+    **{f"{way}_bit_register_{i}": "BOOL" for way in ("input", "output") for i in range(64, 128)},
 }
 INPUTS: Mapping[str, str] = {
     **_table(
         {
             "VECTOR6D": "external_force_torque",
-            "UINT32": "speed_slider_mask",
+            "UINT32": "speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
             "DOUBLE": "speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
             "UINT8": "standard_digital_output_mask standard_digital_output configurable_digital_output_mask "
             "configurable_digital_output tool_digital_output_mask tool_digital_output "
@@ -82,6 +92,7 @@ INPUTS: Mapping[str, str] = {
     ),
     **{f"input_int_register_{i}": "INT32" for i in range(48)},
     **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
+    **{f"input_bit_register_{i}": "BOOL" for i in range(64, 128)},
 }
 _SINCE: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]] = {  # first release in the 3.x and in the 5.x line
     "payload": ((3, 11), (5, 5)),

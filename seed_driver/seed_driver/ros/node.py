@@ -56,7 +56,7 @@ class DriverNode(SeedNode, LifecycleNode):
             service_period=SERVICE_PERIOD,
         )
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
-        self.requests = Requests(self)
+        self.requests = Requests(self, lambda: self.config.tool_voltage if self.config is not None else 0)
 
     # lifecycle
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002

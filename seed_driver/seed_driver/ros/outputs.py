@@ -10,7 +10,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Int8, String, UInt8
+from std_msgs.msg import Bool, Float64, Int8, String, UInt8
 from tf2_msgs.msg import TFMessage
 
 from seed_core.arm.quaternion import inverse, rotate
@@ -40,6 +40,7 @@ class Outputs:
         self.robot_mode = self._publisher(Int8, "~/robot_mode", LATCHED)
         self.safety_mode = self._publisher(UInt8, "~/safety_mode", LATCHED)
         self.program = self._publisher(Bool, "~/robot_program_running", LATCHED)
+        self.speed_scaling = self._publisher(Float64, "~/speed_scaling", LATCHED)
         name = f"{node.get_name()}: robot link"
         self.diagnostics = Diagnostics(
             node, config.robot_ip, self._report, node.beats, node.counters, name, timed=False
@@ -48,7 +49,7 @@ class Outputs:
         self._count = 0
         self._sample_time = 0.0
         self._shortest = 0.75 / config.publish_rate  # [s] between samples that are published
-        self._words: tuple[Any, ...] = (None,) * 4
+        self._words: tuple[Any, ...] = (None,) * 5
         self._diagnosed = 0.0
         self._told = State(), 0, 0, 0  # state, targets accepted and refused, restarts of the servo process
 
@@ -96,11 +97,12 @@ class Outputs:
     def _publish_words(self, s: State) -> bool:
         running = s.linked and s.stage == Stage.SERVOING
         mode = s.sample.modes.robot_mode if s.linked else 0  # 0: disconnected
-        words = (_say(s), mode, s.sample.modes.safety_mode if s.linked else 0, running)
+        safety = s.sample.modes.safety_mode if s.linked else 0
+        words = (_say(s), mode, safety, running, round(s.sample.speed_scaling, 2) if s.linked else 0.0)
         if words == self._words:
             return False
         before, self._words = self._words, words
-        publishers = (self.reason, self.robot_mode, self.safety_mode, self.program)
+        publishers = (self.reason, self.robot_mode, self.safety_mode, self.program, self.speed_scaling)
         for publisher, old, new in zip(publishers, before, words, strict=True):
             if old != new:
                 publisher.publish(publisher.msg_type(data=new))

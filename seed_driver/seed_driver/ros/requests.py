@@ -2,6 +2,7 @@
 """The driver's services: each waits for the servo process, or for the controller's dashboard, and blocks nothing."""
 
 import time
+from collections.abc import Callable
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -14,8 +15,11 @@ from std_srvs.srv import SetBool, Trigger
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.dashboard import dashboard
+from seed_driver.robot.recovery import recover, restart_safety
+from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
 
+TOOL_OUTPUTS = (0, 1)
 ANSWER_TIMEOUT = 8.0  # [s] of a service call
 
 
@@ -26,7 +30,9 @@ class RequestError(SeedError):
 class Requests:
     """Served between `begin` and `end`; `answer` is called now and then."""
 
-    def __init__(self, node: SeedNode) -> None:
+    def __init__(self, node: SeedNode, tool_voltage: Callable[[], int]) -> None:
+        """tool_voltage: what is configured [V]."""
+        self._tool_voltage = tool_voltage
         self._active: tuple[Supervisor, str] | None = None  # and the controller's address
         self._waiting: dict[int, tuple[Future, float]] = {}  # answers by number of the request, and deadlines [s]
         self._thread = ThreadPoolExecutor(1, "dashboard")
@@ -38,8 +44,13 @@ class Requests:
             "resend_robot_program": partial(self._ask, "start"),
             "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
             "power_on": partial(self._release, "power on", "brake release"),
+            "restart_safety": partial(self._apart, restart_safety),
+            "recover": partial(self._apart, recover),
         }.items():
             node.serve(Trigger, f"~/{name}", method, group=group)
+        for pin in TOOL_OUTPUTS:
+            node.serve(SetBool, f"~/set_tool_output_{pin}", partial(self._apart, set_tool_output, pin), group=group)
+        node.serve(SetBool, "~/set_tool_power", self._power_tool, group=group)
         node.serve(SetBool, "~/set_freedrive", lambda on: self._ask("freedrive", on=on), group=group)
 
     def begin(self, supervisor: Supervisor, robot_ip: str) -> None:
@@ -66,12 +77,21 @@ class Requests:
         self._waiting[number] = (future, time.monotonic() + ANSWER_TIMEOUT)
         return str(await future)
 
-    async def _release(self, *commands: str) -> str:
-        """The dashboard server's answer to commands of which the last releases something."""
+    async def _apart(self, call: Callable[..., str], *arguments: Any) -> str:
+        """What `call(address of the robot, ...)` returns, made in the thread."""
         _, robot_ip = self._where()
         future = Future()
-        self._thread_calls.append((self._thread.submit(dashboard, robot_ip, *commands), future))
-        answer = str(await future)
+        self._thread_calls.append((self._thread.submit(call, robot_ip, *arguments), future))
+        return str(await future)
+
+    async def _power_tool(self, on: bool) -> str:
+        """The voltage that is configured at the tool's connector, or none."""
+        self._where()
+        return await self._apart(set_tool_voltage, self._tool_voltage() if on else 0)
+
+    async def _release(self, *commands: str) -> str:
+        """The dashboard server's answer to commands of which the last releases something."""
+        answer = await self._apart(dashboard, *commands)
         if "releasing" not in answer.lower():
             raise RequestError(answer)
         return answer
@@ -96,5 +116,8 @@ class Requests:
             del self._waiting[number]
         for call, future in [c for c in self._thread_calls if c[0].done()]:
             error = call.exception()
-            future.set_result(str(error) if error is not None else call.result())
+            if error is not None:
+                future.set_exception(RequestError(str(error)))
+            else:
+                future.set_result(call.result())
             self._thread_calls.remove((call, future))

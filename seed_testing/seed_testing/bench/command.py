@@ -17,6 +17,7 @@ BENCHES = {
     "driver": "seed_testing.bench.driver",
     "clearances": "seed_testing.bench.clearances",
     "slider": "seed_testing.fault_bench.slider",
+    "driver_node": "seed_testing.bench.ros.driver_rate",
     "node": "seed_testing.bench.ros.pose_age",
 }
 LONG = {"kills": "seed_testing.live.kills", "soak": "seed_testing.live.soak"}  # commands with arguments of their own

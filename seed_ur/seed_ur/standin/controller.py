@@ -2,6 +2,7 @@
 """State of the stand-in controller: power, safety, program, registers, wrench. One `tick` is one 2 ms cycle."""
 
 import math
+import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -22,6 +23,7 @@ from seed_ur.standin.options import (
     PROTECTIVE,
     ROBOT_EMERGENCY,
     RUNNING,
+    SAFETY_FAULT,
     STOPPED,
     Faults,
     Options,
@@ -29,7 +31,9 @@ from seed_ur.standin.options import (
 )
 from seed_ur.standin.recorder import Recorder
 
-_SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0}
+_SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0, SAFETY_FAULT: 0x200}
+_SET_VOLTAGE = re.compile(r"set_tool_voltage\((\d+)\)")
+TOOL_BIT = 16  # of the tool's digital outputs in actual_digital_output_bits
 
 
 class Program(Protocol):
@@ -108,6 +112,9 @@ class Controller:
                 self.in_double[int(number)] = float(value)  # type: ignore[arg-type]
         if "speed_slider_fraction" in values and values.get("speed_slider_mask"):
             self.arm.slider = max(0.0, min(1.0, float(values["speed_slider_fraction"])))  # type: ignore[arg-type]
+        if mask := int(values.get("tool_digital_output_mask", 0)):  # type: ignore[arg-type]
+            bits, on = int(self.values["actual_digital_output_bits"]), int(values["tool_digital_output"])  # type: ignore[arg-type]
+            self.values["actual_digital_output_bits"] = bits & ~(mask << TOOL_BIT) | (on & mask) << TOOL_BIT
         first = self.offset
         if f"input_int_register_{first}" in values:
             self.register_written_at = now
@@ -124,6 +131,11 @@ class Controller:
         self.pending = (now + 0.05, program)
         self.uploads += 1
         return ""
+
+    def run_beside(self, text: str) -> None:
+        """A secondary program (sec): of these, what sets the tool's voltage."""
+        if self.options.remote_control and (match := _SET_VOLTAGE.search(text)):
+            self.values["tool_output_voltage"] = int(match.group(1))
 
     def play(self, program: Program) -> None:
         """Start a program on the pendant, in place of what plays."""
@@ -163,6 +175,17 @@ class Controller:
             self.runtime_state = PAUSED
             if self.options.program_on_stop == "stopped":
                 self.stop_program()
+
+    def safety_fault(self) -> None:
+        """The safety system has found something wrong with itself; power goes too."""
+        self.protective_stop(SAFETY_FAULT)
+        self.robot_mode = POWER_OFF
+
+    def restart_safety(self) -> None:
+        """As after such a fault; the arm is without power then."""
+        if self.safety_mode == SAFETY_FAULT:
+            self.safety_mode = NORMAL
+        self.power(False)
 
     def emergency_stop(self) -> None:
         """The red button; power goes too."""
@@ -301,6 +324,7 @@ class Controller:
             payload_inertia=self.payload_inertia,
             robot_mode=self.robot_mode,
             safety_mode=self.safety_mode,
+            safety_status=self.safety_mode,
             runtime_state=self.runtime_state,
             robot_status_bits=(self.robot_mode >= IDLE) | (2 if playing else 0),
             safety_status_bits=_SAFETY_BITS[self.safety_mode],

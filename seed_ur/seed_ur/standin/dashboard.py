@@ -9,11 +9,16 @@ from collections.abc import Callable
 
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import Controller
-from seed_ur.standin.options import NORMAL, PAUSED, PLAYING, PROTECTIVE, ROBOT_EMERGENCY, STOPPED
+from seed_ur.standin.options import NORMAL, PAUSED, PLAYING, PROTECTIVE, ROBOT_EMERGENCY, SAFETY_FAULT, STOPPED
 
 GREETING = "Connected: Universal Robots Dashboard Server\n"
 _MODES = {3: "POWER_OFF", 4: "POWER_ON", 5: "IDLE", 7: "RUNNING"}
-_SAFETY = {NORMAL: "NORMAL", PROTECTIVE: "PROTECTIVE_STOP", ROBOT_EMERGENCY: "ROBOT_EMERGENCY_STOP"}
+_SAFETY = {
+    NORMAL: "NORMAL",
+    PROTECTIVE: "PROTECTIVE_STOP",
+    ROBOT_EMERGENCY: "ROBOT_EMERGENCY_STOP",
+    SAFETY_FAULT: "FAULT",
+}
 _STATES = {STOPPED: "STOPPED", PLAYING: "PLAYING", PAUSED: "PAUSED"}
 UNKNOWN = "could not understand: '{}'"
 
@@ -65,6 +70,11 @@ def _power(on: bool) -> Callable[[Controller], str]:
     return action
 
 
+def _restart_safety(robot: Controller) -> str:
+    robot.restart_safety()
+    return "Restarting safety"
+
+
 def _state(robot: Controller) -> str:
     return f"{_STATES[robot.runtime_state]} {robot.program.name if robot.program else '<unnamed>'}"
 
@@ -91,7 +101,7 @@ _COMMANDS: dict[str, Callable[[Controller], str]] = {
     "brake release": lambda robot: "Brake releasing" if robot.release_brakes() else "Failed to execute: brake release",
     "close safety popup": lambda _: "closing safety popup",
     "close popup": lambda _: "closing popup",
-    "restart safety": lambda _: "Restarting safety",
+    "restart safety": _restart_safety,
     "quit": lambda _: "Disconnected",
     "shutdown": lambda _: "Shutting down",
 }

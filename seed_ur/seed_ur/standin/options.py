@@ -12,7 +12,7 @@ RTDE_PORT, DASHBOARD_PORT, SIDE_PORT, PLANT_PORT = 30004, 29999, 30099, 30098
 SCRIPT_PORTS = (30001, 30002, 30003)
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot_mode
-NORMAL, PROTECTIVE, ROBOT_EMERGENCY = 1, 3, 7  # safety_mode
+NORMAL, PROTECTIVE, ROBOT_EMERGENCY, SAFETY_FAULT = 1, 3, 7, 9  # safety_mode
 HOME = (0.0, -1.7, 2.1, -1.97, -math.pi / 2, 0.0)  # [rad] flange pointing down in front of the arm
 
 

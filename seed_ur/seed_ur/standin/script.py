@@ -129,5 +129,7 @@ class ScriptChannel(Channel):
     def _upload(self) -> None:
         text = self.buffer.decode("utf-8", "replace")
         self.buffer.clear()
-        if text.strip() and (refused := self.robot.upload(Script(self.robot, text), self.robot.robot_time)):
+        if text.lstrip().startswith("sec "):
+            self.robot.run_beside(text)
+        elif text.strip() and (refused := self.robot.upload(Script(self.robot, text), self.robot.robot_time)):
             self.robot.send_text(refused)

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from seed_core.errors import SeedError
 from seed_ur.pose import checked_pose, matrix_from_pose
 from seed_ur.standin.channel import Channel, Network
-from seed_ur.standin.controller import Controller
+from seed_ur.standin.controller import TOOL_BIT, Controller
 from seed_ur.standin.options import PERIOD
 from seed_ur.standin.script import CONTROL_SCRIPT, OtherProgram, Script
 from seed_ur.standin.server import Server
@@ -136,6 +136,8 @@ def _state(server: Server, _: Request) -> dict[str, Any]:
         "registers": robot.offset,
         "freedrive": robot.freedrive,
         "wrench": robot.wrench_W(),
+        "tool_outputs": int(robot.values["actual_digital_output_bits"]) >> TOOL_BIT & 3,  # type: ignore[arg-type]
+        "tool_voltage": robot.values["tool_output_voltage"],
         "payload": robot.payload,
         "payload_cog": robot.payload_cog,
         "payload_inertia": robot.payload_inertia,
@@ -192,6 +194,7 @@ ACTIONS: dict[str, Action] = {
     "drop": _drop,
     "protective_stop": lambda server, _: server.robot.protective_stop(),
     "emergency_stop": lambda server, _: server.robot.emergency_stop(),
+    "safety_fault": lambda server, _: server.robot.safety_fault(),
     "release_emergency_stop": lambda server, _: server.robot.release_emergency_stop(),
     "pendant_stop": lambda server, _: server.robot.stop_program(),
     "play": _play,

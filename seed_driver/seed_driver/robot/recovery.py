@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a stop to an arm that can move: each step waits for the mode that it is to reach. Nothing moves by it.
+
+Source: Universal Robots, "Dashboard Server e-Series"; the order is that of UR's robot_state_helper.
+"""
+
+import time
+from collections.abc import Callable
+
+from seed_driver.robot.dashboard import dashboard
+from seed_driver.robot.link import LinkError
+
+Ask = Callable[..., str]  # dashboard commands in turn; the last answer
+LOOK = 0.1  # [s] between two looks
+FREE = ("NORMAL", "REDUCED")
+LOCKED = 10.0  # [s] UR refuses to unlock a protective stop within 5 s
+RESTARTING = 40.0  # [s] of the safety system
+MODES = {"POWER_OFF": "power on", "POWER_ON": "", "BOOTING": "", "IDLE": "brake release"}  # what leads out of each
+SWITCHING = 20.0  # [s] of each of these modes
+REMEDIES = {
+    "PROTECTIVE_STOP": ("unlock protective stop", LOCKED),
+    "VIOLATION": ("restart safety", RESTARTING),
+    "FAULT": ("restart safety", RESTARTING),
+}
+
+
+def recover(host: str) -> str:
+    """Unlock, restart the safety system, power on, release the brakes: what is needed of these.
+
+    Returns:
+        What to do next.
+
+    Raises:
+        LinkError: nobody answers, a mode was not reached in its time, or a person has to act.
+    """
+
+    def ask(*commands: str) -> str:
+        return dashboard(host, *commands)
+
+    steps = [*_make_safe(ask), *_switch_on(ask)]
+    return f"{', '.join(steps) or 'nothing was to be done'}; call resend_robot_program"
+
+
+def restart_safety(host: str) -> str:
+    """After a violation or fault of the safety system; the arm is without power then. Raises LinkError."""
+    answer = dashboard(host, "close safety popup", "restart safety")
+    if "restarting safety" not in answer.lower():
+        raise LinkError(f"the safety system is not restarted: {answer}")
+    return f"{answer}; then call power_on"
+
+
+def _make_safe(ask: Ask) -> list[str]:
+    safety = _safety(ask)
+    if safety in FREE:
+        return []
+    if safety not in REMEDIES:
+        raise LinkError(f"the robot is in {_words(safety)}: only a person at the arm can end that")
+    command, within = REMEDIES[safety]
+    until, said = time.monotonic() + within, ""
+    accepted = False
+    while _safety(ask) not in FREE:
+        if time.monotonic() > until:
+            raise LinkError(f"the robot is still in {_words(safety)} {within:g} s after '{command}': {said}")
+        if not accepted:
+            said = ask("close safety popup", command)
+            accepted = command == "restart safety" or "releasing" in said.lower()
+        time.sleep(LOOK)
+    return [f"{_words(safety)} ended"]
+
+
+def _switch_on(ask: Ask) -> list[str]:
+    steps: list[str] = []
+    while (mode := _mode(ask)) != "RUNNING":
+        if mode not in MODES:
+            raise LinkError(f"the robot is in mode {_words(mode)}: look at the pendant")
+        said = ask(MODES[mode]) if MODES[mode] else "it is on its way"
+        until = time.monotonic() + SWITCHING
+        while _mode(ask) == mode:
+            if time.monotonic() > until:
+                raise LinkError(f"the robot is still in mode {_words(mode)} after {SWITCHING:g} s: {said}")
+            time.sleep(LOOK)
+        if MODES[mode]:
+            steps.append(MODES[mode])
+    return steps
+
+
+def _safety(ask: Ask) -> str:
+    answer = ask("safetystatus")
+    if ":" not in answer or "understand" in answer:  # PolyScope 3
+        answer = ask("safetymode")
+    return _value(answer)
+
+
+def _mode(ask: Ask) -> str:
+    return _value(ask("robotmode"))
+
+
+def _value(answer: str) -> str:
+    return answer.rpartition(":")[2].strip().upper()
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
