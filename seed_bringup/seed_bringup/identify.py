@@ -11,7 +11,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, results_folder, seed_number, whole
-from seed_sim.identification.scenario import identify_on_membrane, load
+from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
 from seed_sim.identification.weight import identify_with_weight
@@ -42,7 +42,10 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
     out.add_argument(
-        "--procedure", choices=("sensor", "weight"), default="sensor", help="weight: without a force sensor"
+        "--procedure",
+        choices=("sensor", "weight"),
+        default="sensor",
+        help="weight: without a force sensor, by a known weight in known attitudes; with --membrane as images show it",
     )
     out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit; default: the scenario's")
     out.add_argument(
@@ -92,8 +95,8 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
             "--world hidden goes with --seed, --draws and --json alone",
         ),
         (
-            args.membrane is not None and (weight or live or recorded or hidden or args.in_the_loop),
-            "--membrane goes with a simulated run on the sensor alone",
+            args.membrane is not None and (live or recorded or hidden or args.in_the_loop),
+            "--membrane goes with a simulated run alone",
         ),
         (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
         (live and recorded, "--live and --from exclude each other"),
@@ -123,12 +126,33 @@ def _weight(args: argparse.Namespace) -> int:
     scenario = load(args.scenario)
     if args.source:
         raise WeightError("--from holds wrenches of a sensor; --procedure weight has none: leave one of the two out")
+    if args.membrane is not None:
+        return _weight_on_membranes(identify_on_membrane(scenario, args.membrane), args)
     fit, figures = identify_with_weight(scenario, args.seed, args.model or scenario.procedure.fit.model)
     lines = [f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:"]
     for axis, k, std, unit, true in zip(AXES, fit.stiffness, fit.std, UNITS, _six(figures["truth"]), strict=True):
         found = f"{k:9.2f} +- {2 * std:6.2f} {unit:<8} true {true:9.2f}  error {abs(k / true - 1):6.2%}"
         why_not = fit.undetermined.get(axis)
         lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else found))
+    print(json.dumps(figures) if args.json else "\n".join(lines))
+    return 0
+
+
+def _weight_on_membranes(scenario: IdentificationScenario, args: argparse.Namespace) -> int:
+    from seed_sim.identification.membrane_weight import identify_membranes_with_weight
+
+    found, figures = identify_membranes_with_weight(scenario, args.seed)
+    lines = [
+        "load over the motion of the membranes' material, 95 % intervals, from a weight of "
+        f"{scenario.weight.mass:g} kg in {figures['attitudes']} attitudes:"
+    ]
+    for axis, k, half, unit, true in zip(
+        AXES, found.slope, found.half_width, UNITS, figures["tangent"].values(), strict=True
+    ):
+        why_not = found.undetermined.get(axis)
+        told = f"{k:9.2f} +- {half:6.2f} {unit:<8} tangent of the membranes at rest {true:9.2f}"
+        lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else told))
+    lines.append(found.caveats[-1])
     print(json.dumps(figures) if args.json else "\n".join(lines))
     return 0
 
@@ -180,6 +204,10 @@ def _table(a: Analysis, figures: dict[str, Any], folder: Path | None) -> str:
         true = _six(figures["truth"])[j] if "truth" in figures else None
         note = f"   true {true:9.3f}  error {abs(k / true - 1):6.2%}" if true else ""
         lines.append(f"  {axis:<6}{k:9.3f} +- {half:7.3f} {unit:<8}{note}")
+    if figures.get("membrane_map"):
+        lines.append("membrane map, load over the motion of the material (95 % intervals; all terms: --json):")
+        for (axis, (k, half)), unit in zip(figures["membrane_map"]["slopes"].items(), UNITS, strict=True):
+            lines.append(f"  {axis:<6}{k:9.3f} +- {half:7.3f} {unit}")
     if "in_the_loop" in figures:
         loop = figures["in_the_loop"]
         errors = [f"{name} {score['rmse']:.4f} N" for name, score in loop["force_z"].items()]

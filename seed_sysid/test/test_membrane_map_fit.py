@@ -18,10 +18,10 @@ from seed_sysid.data.membrane_sample import mean_membrane, since
 from seed_sysid.data.sample_file import header_line, parse, sample_line
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.membrane.data import membrane_data
-from seed_sysid.membrane.fit import fit_membrane, fit_without_outliers, rms
+from seed_sysid.membrane.fit import Component, fit_membrane, fit_without_outliers, rms
 from seed_sysid.membrane.regression import regress
-from seed_sysid.membrane.result import causes
-from seed_sysid.membrane.terms import KINDS, MAIN, WRENCH_PARITY, groups
+from seed_sysid.membrane.result import causes, slopes
+from seed_sysid.membrane.terms import KINDS, MAIN, WRENCH_PARITY, Group, groups
 from seed_sysid.report.results import write_results
 from seed_sysid.report.summary import summary
 from seed_sysid.stiffness_map import wrench_transform
@@ -240,3 +240,25 @@ def test_paths_are_axes_at_all_grips_and_single_combinations(data: Dataset) -> N
         assert len({p for p, s in zip(path, samples, strict=True) if s.kind == kind}) == 1
     combinations = [p for p, s in zip(path, samples, strict=True) if s.kind == "combination"]
     assert len(set(combinations)) == len(combinations) > 20
+
+
+def test_intervals_of_coefficients_contain_the_truth_as_often_as_they_say() -> None:
+    """Coefficients drawn as the fit takes them to be: normal, each group with a strength of its own."""
+    rng, terms, inside = np.random.default_rng(9), ((0,), (1,), (2,), (3,)), []
+    group = Group("any", terms, True)
+    for _ in range(60):
+        F, c = rng.normal(size=(40, 4)), 2.0 * rng.normal(size=4)
+        found = regress([F], F @ c + 0.3 * rng.normal(size=40))
+        half = Component([group], [F], found, found.left_out, found.left_out).half_widths()
+        inside += [abs(found.coefficients[0][i] - c[i]) < half[(i,)] for i in range(4)]
+    assert 0.91 < np.mean(inside) < 0.99
+
+
+def test_slopes_are_told_with_their_intervals(analysis: Analysis) -> None:
+    assert analysis.membrane is not None
+    value, half = slopes(analysis.membrane.fit)
+    assert (value > 0.0).all()
+    assert (half < 0.5 * value).all()
+    told = summary(analysis)["membrane_map"]
+    assert told["slopes"]["z"] == (pytest.approx(value[5]), pytest.approx(half[5]))
+    assert all(abs(v) > h for term, (v, h) in told["coefficients"]["force z"].items() if "*" in term)

@@ -63,6 +63,10 @@ class TactilePoses:
         old = stamp - self._at > _LONGEST * self._estimator.parameters.max_gap
         if not (moved or turned or old or 0 < self._frames <= _FRAMES):
             return None
+        return self.look(X_CT, stamp)
+
+    def look(self, X_CT: Array, stamp: float) -> RelativePoseEstimate:
+        """The estimate, valid or not, of an image taken now."""
         self._last, self._at = X_CT, stamp
         estimate = self._estimator.update(self._renderer.render(X_CT, stamp), stamp)
         self.invalid += int(not estimate.valid)

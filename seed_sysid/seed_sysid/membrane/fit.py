@@ -24,6 +24,7 @@ _ROUNDS = 3
 _STILL = 0.1  # share of the median squared motion at which weights begin to fall
 _OUTLIER = 100.0  # sum of six squared errors in robust deviations: 12 is the 95 % quantile of normal ones
 _MOST_OUTLIERS = 0.1  # share; more are no outliers
+NORMAL_95 = 1.96  # standard deviations
 _RANK = 24  # rows kept of the coefficients' spread
 
 
@@ -47,6 +48,12 @@ class Component:
             for term, value in zip(terms, c.tolist(), strict=True):
                 out[term] += g * value
         return out
+
+    def half_widths(self) -> dict[tuple[int, ...], float]:
+        """Of each term's 95 % interval, at the middle grip."""
+        covariance = self.regression.covariance(self.F)
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+        return dict(zip((t for g in self.groups for t in g.terms), (NORMAL_95 * v for v in std), strict=False))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.membrane.features import SCALES
 from seed_core.membrane.map import MembraneMap
-from seed_core.membrane.map_file import GripMap, MembraneMapFile, term_names, texts
+from seed_core.membrane.map_file import PRODUCT, GripMap, MembraneMapFile, term_names, texts
 from seed_core.spatial import Array
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, grip_coordinate, rms
 from seed_sysid.membrane.terms import DEFAULT_MODEL, MAIN, MODELS, indices, values
@@ -66,6 +66,28 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
 def stiffness_at_rest(file: MembraneMapFile) -> Array:
     """(6,) [N m/rad, N/m] local stiffness at the middle grip, where patches stick."""
     return MembraneMap(file).stiffness.vector()
+
+
+def coefficients(fit: MembraneFit) -> dict[str, dict[str, tuple[float, float]]]:
+    """At the middle grip, by component and term: value and half width of its 95 % interval [N m or N, terms in scales].
+
+    Of products only those whose interval leaves 0 out; of linear terms all.
+    """
+    out = {}
+    for channel, component in zip(CHANNELS, fit.components, strict=True):
+        values, halves = component.coefficients(0.0), component.half_widths()
+        names = term_names(indices(values))
+        told = {name: (values[t], halves[t]) for name, t in zip(names, values, strict=True)}
+        out[channel] = {n: (v, h) for n, (v, h) in told.items() if PRODUCT not in n or abs(v) > h}
+    return out
+
+
+def slopes(fit: MembraneFit) -> tuple[Array, Array]:
+    """(6,) load over the motion of the material along roll, pitch, yaw, x, y, z [N m/rad, N/m], and its half width."""
+    scales, terms = SCALES[list(MAIN)], [(i,) for i in MAIN]
+    value = [-c.coefficients(0.0)[t] for c, t in zip(fit.components, terms, strict=True)]
+    half = [c.half_widths()[t] for c, t in zip(fit.components, terms, strict=True)]
+    return np.array(value) / scales, np.array(half) / scales
 
 
 def compare_models(fit: MembraneFit) -> dict[str, Array]:
@@ -134,6 +156,8 @@ def figures(
         "left_out_rms_by_path": channels(rms(fit.unseen)),
         "left_out_share": channels(fit.share),
         "left_out_share_by_model": {name: channels(share) for name, share in shares.items()},
+        "slopes": _with_intervals(*slopes(fit)),
+        "coefficients": coefficients(fit),
         "stiffness_at_rest": dict(zip(AXES, stiffness_at_rest(file).tolist(), strict=True)),
         "frame_offset": {
             "rotation_deg": np.rad2deg(fit.nuisance[-6:-3]).tolist(),
@@ -141,3 +165,7 @@ def figures(
         },
         "remarks": list(remarks),
     }
+
+
+def _with_intervals(value: Array, half: Array) -> dict[str, tuple[float, float]]:
+    return {axis: (float(v), float(h)) for axis, v, h in zip(AXES, value, half, strict=True)}

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Membranes without a force sensor: a known weight hangs between them, and the hand is turned; images tell the rest.
+
+The tool is grasped while something carries it, which is where motions count from. Then it hangs, and the hand goes
+from attitude to attitude, slowly enough for the estimator to follow.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.hand import weight_about_T
+from seed_core.membrane.features import by_finger
+from seed_core.spatial import Array, Wrench, make_pose, rotation_from_rpy, so3_exp, so3_log
+from seed_sim.identification.scenario import IdentificationScenario
+from seed_sim.identification.tactile_poses import TactilePoses
+from seed_sim.membrane import MembraneError
+from seed_sysid.fit.weight import ORIENTATIONS_DEG, WeightError
+from seed_sysid.membrane.weights import WeightSlopes, fit_weights
+from seed_sysid.stiffness_map import AXES
+
+_TURN, _PARTS = np.deg2rad(6.0), 12  # [rad] of the hand between images; parts in which the weight is let go
+_FRAME, _IMAGES = 0.05, 4  # [s] between images; of them that an attitude averages
+
+
+class _Hand:
+    """The hand with its membranes, the hanging tool, and the estimator that looks at it."""
+
+    def __init__(self, scenario: IdentificationScenario, seed: int) -> None:
+        self._poses = TactilePoses(scenario, seed)
+        assert self._poses.hold is not None
+        self.hold, self._weight, self._t = self._poses.hold, scenario.weight, 0.0
+        self._X_CT = np.eye(4)
+
+    def see(self, R_WC: Array, share: float) -> RelativePoseEstimate:
+        """With the hand at R_WC (3, 3) and a share of the tool's weight on it; MembraneError where it is not borne."""
+        weight = self._weight
+        load = weight_about_T(share * weight.mass, np.array(weight.center_of_mass), R_WC @ self._X_CT[:3, :3])
+        self._X_CT = self.hold.under(load)
+        self._t += _FRAME
+        estimate = self._poses.look(self._X_CT, self._t)
+        if not estimate.valid:
+            raise WeightError(f"the estimator lost the tool: {estimate.reason}")
+        return estimate
+
+
+def identify_membranes_with_weight(
+    scenario: IdentificationScenario, seed: int, attitudes: Sequence[tuple[float, float]] = ORIENTATIONS_DEG
+) -> tuple[WeightSlopes, dict[str, Any]]:
+    """Simulate and fit; the slopes with their intervals, and all figures as plain data.
+
+    Args:
+        scenario: with membranes, and the weight.
+        seed: of the images' noise.
+        attitudes: roll and pitch of the hand [deg], in order.
+
+    Raises:
+        WeightError: the estimator loses the tool, or the weight tells nothing.
+        MembraneError: the membranes cannot be inflated.
+    """
+    hand, weight = _Hand(scenario, seed), scenario.weight
+    tangent = np.diag(hand.hold.state.tangent)
+    at_rest = hand.see(np.eye(3), 0.0)
+    middles = np.array([m.centroid for m in by_finger(at_rest.membrane)])
+    seen: list[tuple[Array, list[RelativePoseEstimate]]] = []
+    R = np.eye(3)
+    try:
+        for share in np.linspace(0.0, 1.0, _PARTS):
+            hand.see(R, float(share))
+        for roll, pitch in attitudes:
+            goal = rotation_from_rpy(np.deg2rad([roll, pitch, 0.0]))
+            turn = so3_log(R.T @ goal)
+            steps = max(1, int(np.ceil(np.linalg.norm(turn) / _TURN)))
+            for i in range(1, steps + 1):
+                hand.see(R @ so3_exp(turn * i / steps), 1.0)
+            R = goal
+            seen.append((R, [hand.see(R, 1.0) for _ in range(_IMAGES)]))
+    except MembraneError as error:
+        raise WeightError(f"{weight.mass:g} kg tear the tool out of this grasp: take less ({error})") from error
+    X_CT = np.array([estimates[-1].X_CT for _, estimates in seen])
+    motions = [by_finger(_mean(estimates)) for _, estimates in seen]
+    loads = [
+        Wrench.zero().minus(weight_about_T(weight.mass, np.array(weight.center_of_mass), R @ X[:3, :3])).vector()
+        for (R, _), X in zip(seen, X_CT, strict=True)
+    ]
+    found = fit_weights(motions, middles, X_CT, np.array(loads))
+    return found, _figures(found, tangent, scenario, seed) | {"attitudes": len(seen)}
+
+
+def _mean(estimates: list[RelativePoseEstimate]) -> tuple[MembraneMotion, ...]:
+    """Motions averaged over images of the same attitude, finger by finger."""
+    out = []
+    for same in zip(*(by_finger(e.membrane) for e in estimates), strict=True):
+        first = same[0].X_CM
+        turn = np.mean([so3_log(m.X_CM[:3, :3] @ first[:3, :3].T) for m in same], axis=0)
+        X = make_pose(so3_exp(turn) @ first[:3, :3], np.mean([m.X_CM[:3, 3] for m in same], axis=0))
+        deformation = np.mean([m.deformation for m in same], axis=0)
+        out.append(MembraneMotion(same[0].finger, X, deformation=deformation, centroid=same[0].centroid))
+    return tuple(out)
+
+
+def _figures(found: WeightSlopes, tangent: Array, scenario: IdentificationScenario, seed: int) -> dict[str, Any]:
+    def by_axis(values: Array) -> dict[str, float | None]:
+        return {a: float(v) if np.isfinite(v) else None for a, v in zip(AXES, values, strict=True)}
+
+    return {
+        "procedure": "weight",
+        "slope": by_axis(found.slope),
+        "half_width": by_axis(found.half_width),
+        "tangent": by_axis(tangent),
+        "residual": by_axis(found.residual),
+        "undetermined": found.undetermined,
+        "caveats": list(found.caveats),
+        "mass": scenario.weight.mass,
+        "scenario": scenario.name,
+        "seed": seed,
+    }
