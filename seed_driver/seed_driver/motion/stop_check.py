@@ -86,12 +86,22 @@ class StopCheck:
 
 
 def _to_rest(limiter: CommandLimiter) -> Iterator[tuple[Vector3, Quaternion]]:
-    """Poses on the way of the inner pose if it begins to brake after this step, the last one at rest."""
-    limits, dt = limiter.limits, limiter.dt
+    """Poses on the way of the inner pose if it begins to brake after this step, the last one at rest.
+
+    It turns and moves along straight lines, each at its own deceleration: one of the two may end earlier.
+    """
+    limits, start = limiter.limits, RESPONSE * limiter.dt
     v, w = limiter.velocity, limiter.angular_velocity
-    way = RESPONSE * dt + norm(v) / (2.0 * limits.max_acceleration)  # [s] at this velocity
-    turn = RESPONSE * dt + norm(w) / (2.0 * limits.max_angular_acceleration)
-    count = min(MOST_POSES, max(1, ceil(norm(v) * way / APART[0]), ceil(norm(w) * turn / APART[1])))
+    moves, turns = norm(v) / limits.max_acceleration, norm(w) / limits.max_angular_acceleration  # [s] to rest
+    way, angle = norm(v) * (start + 0.5 * moves), norm(w) * (start + 0.5 * turns)
+    count = min(MOST_POSES, max(2, ceil(way / APART[0]), ceil(angle / APART[1])))
     for k in range(1, count + 1):
-        share = k / count
-        yield plus(limiter.inner_p, scaled(v, share * way)), turned(limiter.inner_q, scaled(w, share * turn))
+        t = k / count * max(moves, turns)
+        p = plus(limiter.inner_p, scaled(v, start + _braked(t, moves)))
+        yield p, turned(limiter.inner_q, scaled(w, start + _braked(t, turns)))
+
+
+def _braked(t: float, whole: float) -> float:
+    """How far a stop that takes `whole` [s] goes in its first t [s], as time at the speed that it begins with."""
+    t = min(t, whole)
+    return t - 0.5 * t * t / whole if whole > 0.0 else 0.0
