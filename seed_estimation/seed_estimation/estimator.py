@@ -156,7 +156,8 @@ class Estimator:
             if not self.patches[f].in_contact:
                 raise EstimatorError(
                     f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
-                    "close the gripper"
+                    "close the gripper; if it is closed, the reference was taken with the tool in it: open, capture "
+                    "the reference, close, and initialize the grasp again"
                 )
         self.zero = self._judged(depth, ir)
         if p.method in PATCH_METHODS:

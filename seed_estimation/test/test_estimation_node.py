@@ -305,6 +305,17 @@ def test_images_that_never_find_partners_are_explained(bench: Bench, renderer: A
     assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
 
 
+def test_cameras_that_never_come_are_told_by_the_names_that_they_should_have() -> None:
+    bench = Bench()
+    try:
+        remaps = ["--ros-args", "-r", "bubble_left/depth/image_rect_raw:=/bubble_1/depth/image_rect_raw"]
+        node = bench.add(lambda **given: EstimatorNode(cli_args=remaps, **given))
+        assert bench.until(lambda: "no images at all" in node.counters.last, 10.0)
+        assert "bubble_1/depth/image_rect_raw" in node.counters.last
+    finally:
+        bench.close()
+
+
 def as_another_camera_sends_it(kind: np.dtype, encoding: str, big: int, padding: int) -> Any:
     """A hook: values of every image of one sort in another encoding, byte order and length of rows."""
     depth = encoding == "16UC1"

@@ -18,6 +18,7 @@ from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Array32, Image, Mask
 from seed_estimation.parameters import EstimatorParameters
 
+FLAT = 1e-3  # [m] of relief that every bubble has in view
 PATTERN_BLUR = 20.0  # [px] a membrane at rest is a parabola over so short a way
 
 
@@ -47,7 +48,7 @@ def membrane_at_rest(
     """The membrane in depth images (H, W) [m] of a bubble that touches nothing.
 
     Raises:
-        EstimatorError: too little membrane in view.
+        EstimatorError: too little membrane in view, or no dome.
     """
     mean, deviation = mean_depth(frames, p.near, p.far)
     area = _steady_area(mean, deviation, p)
@@ -56,6 +57,13 @@ def membrane_at_rest(
         raise EstimatorError(
             f"{finger} bubble: only {share:.0%} of the reference image is steady membrane between {p.near:g} and "
             f"{p.far:g} m; at least {0.5 * p.least_valid:.0%} is needed: check camera, range and `steady`"
+        )
+    relief = float(np.ptp(np.percentile(mean[area > 0], (2.0, 98.0))))
+    if relief < FLAT:
+        raise EstimatorError(
+            f"{finger} bubble: the reference image reads {float(np.median(mean[area > 0])):.4f} m throughout, within "
+            f"{1e3 * relief:.2f} mm, and a bubble is a dome of millimetres: is this the camera's depth, and is the "
+            "bubble inflated?"
         )
     pattern = _fixed_pattern(mean, deviation, area, len(frames))
     depth = np.where(area > 0, mean - pattern, np.nan).astype(np.float32)

@@ -89,7 +89,7 @@ class Gathering:
         if wanted is None or self._node.now() <= wanted.deadline:
             return
         if wanted.outcome is None:
-            why = self._node.counters.last or "no images arrive on bubble_left/... and bubble_right/..."
+            why = self._node.counters.last or "no images arrive"
             self._finish(wanted, False, f"{len(wanted.images)} of {wanted.count} images within {TIMEOUT:g} s; {why}")
         self._give_answer()  # no pose may come any more
 

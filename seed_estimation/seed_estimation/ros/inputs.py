@@ -30,6 +30,9 @@ from seed_ros.images import (
 FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
 
 
+NO_IMAGES = 3.0  # [s] without any, after which that is told
+
+
 @dataclass(frozen=True)
 class InputSettings:
     """How images are taken in."""
@@ -88,6 +91,9 @@ class ImageInputs:
         self._unanswered = 0  # images since anything was said about one
         self._answered = time.monotonic()
         self._calibrations: dict[str, tuple[object, ...]] = {}  # camera_info comes with every image
+        topics = [(f, *item) for f in self.fingers for item in (*IMAGES.items(), ("info", INFO))]
+        # as they are called after remapping, which is where whoever looks for them finds them
+        self._topics = {(f, kind): node.resolve_topic_name(f"bubble_{f}/{t}").lstrip("/") for f, kind, t in topics}
         for finger in self.fingers:
             for kind, topic in IMAGES.items():
                 node.loop.poll(
@@ -117,7 +123,7 @@ class ImageInputs:
             camera = PinholeCamera.from_info(*intrinsics(message, self.settings.rectified))
             _refuse(identity.other_lens(finger, camera.K, self._bubbles.known))
         except SeedError as error:
-            self.camera_problem = f"bubble_{finger}/depth/camera_info: {error}"
+            self.camera_problem = f"{self._topics[finger, 'info']}: {error}"
             self._counters.add("camera_info_refused", self.camera_problem)
             return
         known = self.cameras.get(finger)
@@ -128,7 +134,15 @@ class ImageInputs:
                 self._calibrated()
 
     def watch(self) -> None:
-        """Says why images come and none of them has its partners; to be called now and then."""
+        """Says why no images come, or why none of them has its partners; to be called now and then."""
+        if not self._latest and time.monotonic() - self._answered > NO_IMAGES:
+            self._answered = time.monotonic()
+            finger = self.fingers[0]
+            self._counters.add(
+                "no_images",
+                f"no images at all, such as on {self._topics[finger, 'depth']}: do the cameras run in this ROS domain, "
+                "and are their topics called so (left_bubble:=, right_bubble:= of the launch files)?",
+            )
         if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
             self._unanswered = 0
             self._no_images("images_without_partner", max(self._latest.values()), self._why_unpaired())
@@ -136,9 +150,9 @@ class ImageInputs:
     def _why_unpaired(self) -> str:
         most = self.settings.pair_tolerance
         for finger in self.fingers:
-            for kind, topic in IMAGES.items():
+            for kind in IMAGES:
                 if (finger, kind) not in self._latest:
-                    return f"no images on bubble_{finger}/{topic}: is the camera running?"
+                    return f"no images on {self._topics[finger, kind]}: is the camera running?"
             apart = abs(self._latest[finger, "depth"] - self._latest[finger, "ir"])
             if apart > most:
                 return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
@@ -153,7 +167,7 @@ class ImageInputs:
         try:
             message = read_image(serialized)
         except SeedError as error:
-            self._counters.add("images_refused", f"bubble_{finger}/{kind}: {error}")
+            self._counters.add("images_refused", f"{self._topics[finger, kind]}: {error}")
             return
         stamp = message.stamp - self._ahead
         self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
@@ -179,7 +193,7 @@ class ImageInputs:
             return
         missing = [f for f in self.fingers if f not in self.cameras]
         if missing:
-            where = f"bubble_{missing[0]}/depth/camera_info"
+            where = self._topics[missing[0], "info"]
             reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
             self._no_images("images_without_camera_info", stamp, reason)
             return
@@ -194,13 +208,13 @@ class ImageInputs:
         for kind, message in pair.items():
             if camera is not None and (message.width, message.height) != (camera.width, camera.height):
                 raise MessageError(
-                    f"bubble_{finger}/{kind}: image of {message.width} x {message.height} pixels; camera_info says "
-                    f"{camera.width} x {camera.height}"
+                    f"{self._topics[finger, kind]}: image of {message.width} x {message.height} pixels; camera_info "
+                    f"says {camera.width} x {camera.height}"
                 )
         self.frame_ids[finger] = pair["depth"].frame_id
         _refuse(identity.misnamed(finger, self.frame_ids[finger], self._bubbles.names))
-        depth = depth_from_message(pair["depth"], f"bubble_{finger}/depth")
-        ir, stamp = gray_from_message(pair["ir"], f"bubble_{finger}/ir"), pair["depth"].stamp - self._ahead
+        depth = depth_from_message(pair["depth"], self._topics[finger, "depth"])
+        ir, stamp = gray_from_message(pair["ir"], self._topics[finger, "ir"]), pair["depth"].stamp - self._ahead
         return TactileImages(depth=depth, ir=ir, stamp=stamp)
 
 
