@@ -197,7 +197,8 @@ def _quantity(node: _Node, name: str, source: str, meta: Mapping[str, Any]) -> _
     except ValueError:
         values = []
     if not values or " ".join(words[len(numbers) :]) != unit:
-        _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: for example 0.5 {unit}")
+        example = f"for example 0.5 {unit}, or 0 0 0.5 {unit} for three of them"
+        _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: {example}")
     return values[0] if len(values) == 1 else _Node(values, node.line)
 
 

@@ -92,7 +92,7 @@ def test_a_reference_of_one_depth_is_no_bubble_and_one_with_the_tool_in_it_is_na
     estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
     noise = np.random.default_rng(1).normal(0.0, 2e-4, bubbles.no_contact(0.0)["left"].depth.shape)
     flat = [spoilt(bubbles.no_contact(i * PERIOD), "left", depth=(0.09 + noise).astype(np.float32)) for i in range(8)]
-    with pytest.raises(EstimatorError, match="left bubble: the reference image reads 0.0900 m"):
+    with pytest.raises(EstimatorError, match=r"left bubble: the reference image reads 0\.0900 m"):
         estimator.capture_reference(flat)
     grasped = [bubbles.render(np.eye(4), i * PERIOD) for i in range(8)]
     estimator.capture_reference(grasped)

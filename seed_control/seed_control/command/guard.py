@@ -89,5 +89,5 @@ class Guard:
         if not float(np.sqrt(travel @ travel)) <= bound:  # nor when it is no number
             self.hold(
                 f"no contact within max_free_travel = {1e3 * bound:.0f} mm: start nearer to the surface, or check the "
-                "estimate"
+                "force's sign (what the tool does to the surface) and the estimate"
             )

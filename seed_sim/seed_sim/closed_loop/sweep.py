@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweeps of the closed loop over seeds and columns, on this machine's cores or a cluster (joblib's back ends)."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from joblib import Parallel, delayed
 
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.evaluate import evaluate
+from seed_sim.closed_loop.progress import counted
 
 
 def sweep(
@@ -30,14 +30,11 @@ def sweep(
     Returns:
         The settings, and by column the score of every run with mean, p95 and max over them.
     """
-    from tqdm import tqdm
-
     cases = [(column, seed) for column in columns for seed in seeds]
     work = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(one_run)(task, column, seed, law, estimator, force) for column, seed in cases
     )
-    quiet = not (progress and sys.stderr.isatty())
-    results = list(tqdm(work, total=len(cases), unit="run", disable=quiet))
+    results = list(counted(work, len(cases), "run") if progress else work)
     runs_of = {c: results[i * len(seeds) : (i + 1) * len(seeds)] for i, c in enumerate(columns)}
     return {
         "task": task,

@@ -2,7 +2,6 @@
 """The score over many worlds: median, 90 % and worst of true and believed force, of torque and lean."""
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from joblib import Parallel, delayed
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
+from seed_sim.closed_loop.progress import counted
 from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
@@ -46,13 +46,11 @@ def score_draws(
     runs = _known(out, settings) if out is not None else {}
     missing = [d for d in draws if d not in runs]
     work = Parallel(n_jobs=jobs, return_as="generator")(delayed(one_draw)(settings, d) for d in missing)
-    for run in work:
+    for run in counted(work, len(missing), "draw"):
         runs[run["draw"]] = run
         if out is not None:
             with out.open("a", encoding="utf-8") as file:
                 file.write(to_json(run) + "\n")
-        if sys.stderr.isatty() and len(missing) > 1:
-            print(f"draw {run['draw']} done", file=sys.stderr)
     ordered = [runs[d] for d in sorted(runs)]
     return {**settings, "draws": ordered, "summary": summarised(ordered)}
 
