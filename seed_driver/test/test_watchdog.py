@@ -40,7 +40,9 @@ def robot() -> Iterator[StandIn]:
 
 
 @pytest.mark.parametrize("fault", [signal.SIGSTOP, signal.SIGKILL])
-def test_an_arm_rests_when_the_process_that_steers_it_is_frozen_or_killed(robot: StandIn, fault: signal.Signals) -> None:
+def test_an_arm_rests_when_the_process_that_steers_it_is_frozen_or_killed(
+    robot: StandIn, fault: signal.Signals
+) -> None:
     command = [sys.executable, "-c", STEERING, robot.host]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as steering:
         try:

@@ -16,6 +16,7 @@ from seed_testing.live.verdict import faults_of, motion
 
 V, BRAKE = 0.05, 0.5  # [m/s], [m/s^2]
 GOOD: dict[str, Any] = {
+    "reached": True,
     "robot": "sim",
     "node": "controller",
     "fault": "kill",

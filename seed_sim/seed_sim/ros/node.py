@@ -250,10 +250,10 @@ class SimNode(SeedNode):
             "grasped": self.holder.grasped,
             **self.counters.values(),
         }
-        if self.time.factor < SLOW:
-            return diagnostics.WARN, f"slower than real time: {self.time.factor:.3f}", values
-        if self._latch.reason:
-            return diagnostics.WARN, f"holds: {self._latch.reason}{REMEDY}", values
+        slow = f"slower than real time: {self.time.factor:.3f}" if self.time.factor < SLOW else ""
+        holds = f"holds: {self._latch.reason}{REMEDY}" if self._latch.reason else ""
+        if holds or slow:
+            return diagnostics.WARN, "; ".join(filter(None, (holds, slow))), values
         if not self._latch.following:
             return diagnostics.OK, self.counters.last or "no target_frame yet: the arm holds", values
         return diagnostics.OK, "following target_frame", values

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from seed_bringup.launching.domains import OWN, claimed
 from seed_core.program.command_line import Help, command, number
 from seed_testing.live.soak_report import Samples, plot, summary, words
 
@@ -37,7 +38,8 @@ def main(argv: list[str]) -> int:
     samples = Samples()
     ended = ""
     try:
-        run(arguments, o.minutes, o.every, samples, o.out)
+        with claimed(OWN, "seed bench soak"):
+            run(arguments, o.minutes, o.every, samples, o.out)
     except KeyboardInterrupt:
         ended = "ended by Ctrl-C"
     finally:

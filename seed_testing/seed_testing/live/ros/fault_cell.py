@@ -36,6 +36,7 @@ WATCHED = 1.5  # [s] after a fault
 BACK_WITHIN = 30.0  # [s] for a node to speak again on a busy machine
 SETTLES = 0.5  # [s] in which nothing may begin to move once it is back
 SIGNALS = {"kill": signal.SIGKILL, "restart": signal.SIGINT}
+SLOW = "slower than real time"  # is no cause
 STOPS = {"stop 0.5 s": 0.5, "stop 5 s": 5.0}
 ARM = {"sim": "sim", "ur": "driver"}
 
@@ -129,7 +130,7 @@ class FaultCell(Cell):
         client = ActionClient(self.session.node, FollowSetpoints, "controller/follow_setpoints")
         self.phase = ""
         if self.images:
-            self.session.trigger("estimator/capture_reference", patience=STARTS_WITHIN)
+            self._take_reference()
         else:
             self.session.until(lambda: bool(self._track["flange"]), STARTS_WITHIN, "no current_pose")
         if phase == "reference":
@@ -152,6 +153,17 @@ class FaultCell(Cell):
         if ended.done():
             raise SessionError(f"the task ended before the fault: {ended.result().result.message}")
         return client
+
+    def _take_reference(self) -> None:
+        """A cell that has just been started needs its time."""
+        deadline = time.monotonic() + STARTS_WITHIN
+        while True:
+            try:
+                self.session.trigger("estimator/capture_reference", patience=STARTS_WITHIN)
+                return
+            except SessionError:
+                if time.monotonic() > deadline:
+                    raise
 
     def _on_feedback(self, message: Any) -> None:
         self.phase = message.feedback.phase
@@ -179,9 +191,10 @@ class FaultCell(Cell):
         words = "; ".join(dict.fromkeys(r for t, r in self._held if t > began and r))
         fresh = self._state_at > time.monotonic() - 1.0
         state = self.state.reason if fresh and (self.state.mode == "holding" or not self.state.enabled) else ""
-        told = [f"{n}: {m}" for n, (level, m, _) in self.said.items() if level > 0]
+        told = [f"{n}: {m}" for n, (level, m, _) in self.said.items() if level > 0 and not m.startswith(SLOW)]
         moves = phase in MOVES
         return {
+            "reached": True,
             "robot": self.robot,
             "node": node,
             "fault": fault,
@@ -204,7 +217,8 @@ class FaultCell(Cell):
 
     def _again(self, node: str) -> bool:
         """Whether a node that was ended runs, and speaks."""
-        return node.split("/")[0] in self.said if node in self.pids() else False
+        speaks = node.split("/")[0]
+        return node in self.pids() and (speaks == "ur_controller" or speaks in self.said)  # that one is no ROS node
 
     def _resumed(self, phase: str, fault: str, node: str) -> str:
         """Whether it is ready to move without having been asked, in words."""
