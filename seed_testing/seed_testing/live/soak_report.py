@@ -116,7 +116,8 @@ def words(result: dict[str, Any]) -> list[str]:
         f"{result['tasks']} tasks in {result['minutes']} min at load {result['load']}, real-time factor "
         f"{result['real_time_factor']}; {len(result['holds'])} ended early",
         *(f"  early: {reason}" for reason in result["holds"]),
-        f"image sets: {sets['sent']:.0f} sent, {sets['used']:.0f} used, {sets['counted_as_missing']:.0f} missing by the stamps",
+        f"image sets: {sets['sent']:.0f} sent, {sets['used']:.0f} used, "
+        f"{sets['counted_as_missing']:.0f} missing by the stamps",
         f"{'process':<16} {'MB':>7} {'MB/h':>7} {'+-':>6} {'files':>6} {'threads':>8}",
     ]
     for name, p in result["processes"].items():
