@@ -89,7 +89,8 @@ class Session:
         if not why and s.modes.runtime_state != link.PLAYING:
             why = "robot program stopped (pendant, watchdog or a program error)"
         if why:
-            self.motion.hold(why)
+            end = link.at_range_end(s.q)
+            self.motion.hold(f"{why}: {end}" if end else why)
             self.running = self.freedrive = False
             if self.robot is not None:
                 self.robot.clear_command()

@@ -3,7 +3,7 @@
 
 import pytest
 
-from seed_driver.robot.link import LinkWatch, safety_stop, unable
+from seed_driver.robot.link import LinkWatch, at_range_end, safety_stop, unable
 
 
 def test_an_advancing_clock_is_alive_and_a_standing_one_is_lost_within_a_tenth() -> None:
@@ -49,3 +49,9 @@ def test_a_robot_without_power_or_brakes_cannot_move() -> None:
     assert unable(3, 0x001) == "robot is powered off"
     assert "brakes closed" in unable(5, 0x001)
     assert unable(3, 0x0C0) == "emergency stop"
+
+
+def test_a_joint_at_the_end_of_its_range_is_named() -> None:
+    assert at_range_end((0.0, -1.7, 2.1, -6.2, 1.5, 6.22)) == ""
+    words = at_range_end((0.0, -1.7, 2.1, -1.97, -6.26, 6.26))
+    assert words == "wrist_2_joint is at -358.7 degrees, its range ends at 360: turn it back on the pendant"

@@ -84,6 +84,22 @@ def test_priority_lasts_as_long_as_the_loop(context: Context) -> None:
     assert os.sched_getscheduler(0) == before
 
 
+def test_the_middlewares_threads_have_the_loops_priority_too(context: Context) -> None:
+    """Messages come from them: on a busy machine a loop that is on time would wait for threads that do not run."""
+    node, seen = Node("urgent", context=context), []
+
+    def look() -> None:
+        seen.append({os.sched_getscheduler(int(t)) for t in os.listdir("/proc/self/task")})
+
+    try:
+        FixedRateLoop(node, 200.0, look, priority=5).run(lambda: len(seen) >= 2)
+        threads = len(os.listdir("/proc/self/task"))
+    finally:
+        node.destroy_node()
+    assert threads > 1
+    assert len(seen[-1]) == 1  # all as the loop's own, which is SCHED_FIFO where the system allows it
+
+
 def test_an_eager_loop_hands_over_messages_as_they_come(context: Context) -> None:
     source, listener = Node("source", context=context), Node("listener", context=context)
     publisher = source.create_publisher(Clock, "news", CLOCK)

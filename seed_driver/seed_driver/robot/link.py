@@ -4,9 +4,12 @@
 ur_rtde's return values say nothing about the link (a dead one accepts commands for ever), so they are not used.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import degrees, pi
 
 from seed_core.errors import FailedError
+from seed_ur.models import JOINT_NAMES
 
 LOST_AFTER = 0.06  # [s] without an advancing controller clock
 AWAKE = 0.04  # [s] of it we must have been awake, so that our own pause is not taken for the robot's
@@ -38,6 +41,10 @@ _MODES = {
     6: "in backdrive",
     8: "updating its firmware",
 }
+
+
+JOINT_RANGE = 2.0 * pi  # [rad] either way, of every joint of every arm
+NEAR = 0.06  # [rad] from it
 
 
 class LinkError(FailedError):
@@ -87,6 +94,15 @@ def safety_stop(safety_bits: int) -> str:
     if not safety_bits & _ANY_STOP:  # this runs in every cycle
         return ""
     return next((name for bit, name in _SAFETY_STOPS.items() if safety_bits >> bit & 1), "")
+
+
+def at_range_end(q: Sequence[float]) -> str:
+    """Which joint is at the end of its range, as the robot's stop does not tell; empty when none is."""
+    for name, angle in zip(JOINT_NAMES, q, strict=True):
+        if abs(angle) > JOINT_RANGE - NEAR:
+            end = f"its range ends at {degrees(JOINT_RANGE):.0f}"
+            return f"{name} is at {degrees(angle):.1f} degrees, {end}: turn it back on the pendant"
+    return ""
 
 
 def unable(robot_mode: int, safety_bits: int) -> str:
