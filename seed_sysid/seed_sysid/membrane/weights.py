@@ -21,6 +21,7 @@ from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
 
 _LEAST = 6  # loads
 _LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; a component that varies by less is not loaded
+_LEVER = 0.005  # [m] of the forces; torques below it come with the sag, and other motions bear them as well
 GAIN = 0.04  # share by which an estimator may tell all motions too large or too small: no weight shows that
 _UNCERTAIN = 0.10  # relative standard deviation above which a slope is not given
 NOT_TOLD = "how the axes act on each other, what the fingers do differently, and how the membranes stiffen"
@@ -66,12 +67,14 @@ def fit_weights(motions: Sequence[Motions], middles: Array, X_CT: Array, wrench:
     load = np.array([wrench_transform(X) @ w for X, w in zip(X_CT, wrench, strict=True)])
     slope, half, residual, reasons = np.full(6, np.nan), np.full(6, np.nan), np.full(6, np.nan), dict[str, str]()
     degrees = len(z) - 2
+    forces = float(np.ptp(load[:, 3:], axis=0).max())
     quantile = float(student.isf(0.025, degrees))
     for j, axis in enumerate(AXES):
         y, x = load[:, j] - load[:, j].mean(), z[:, j] - z[:, j].mean()
         span = float(np.ptp(y))
-        if span < _LOADED[j]:
-            reasons[axis] = f"the weights put at most {span:.2g} {LOAD_UNITS[j]} on it"
+        least = max(_LOADED[j], _LEVER * forces if j < 3 else 0.0)
+        if span < least:
+            reasons[axis] = f"the weights put at most {span:.2g} {LOAD_UNITS[j]} on it (at least {least:.2g})"
             continue
         compliance = float(x @ y) / float(y @ y)  # the load is known, the motion is measured
         off = x - compliance * y
