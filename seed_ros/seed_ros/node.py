@@ -30,6 +30,7 @@ from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
 from seed_ros.qos import LATCHED, TF
+from seed_ros.standard_services import withstand
 
 QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
 
@@ -49,6 +50,7 @@ class SeedNode(Node):
         """Arguments are those of rclpy's Node."""
         self.ranges: dict[str, Any] = {}  # fields of the parameters, by name
         super().__init__(name, **arguments)
+        withstand(self)
         self.counters = Counters(self)
         self.beats = Beats()
 

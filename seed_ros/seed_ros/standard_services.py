@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The services that rclpy gives every node, kept from ending it: what rclpy raises on is refused in words.
+
+A parameter of a type that there is not (`value.type = 77`), and a lifecycle transition that is none of the present
+state's (activating what is active), leave rclpy's own callbacks as exceptions, which end a node's loop.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+KNOWN = {kind.value for kind in Parameter.Type}
+Answer = Callable[[Any, Any], Any]
+
+
+def withstand(node: Node) -> None:
+    """Have the node's standard services refuse what would end it."""
+    for service in node.services:
+        if service.srv_type in (SetParameters, SetParametersAtomically):
+            service.callback = partial(_set_parameters, service.callback)
+        elif service.srv_type is ChangeState:
+            service.callback = partial(_change_state, node, service.callback)
+
+
+def _set_parameters(callback: Answer, request: Any, response: Any) -> Any:
+    unknown = [p for p in request.parameters if p.value.type not in KNOWN]
+    if not unknown:
+        return callback(request, response)
+    first = unknown[0]
+    reason = (
+        f"'{first.name:.60}' is of type {first.value.type}; {min(KNOWN)} to {max(KNOWN)} are known: nothing changed"
+    )
+    refusal = SetParametersResult(successful=False, reason=reason)
+    if hasattr(response, "results"):
+        response.results = [refusal] * len(request.parameters)
+    else:
+        response.result = refusal
+    return response
+
+
+def _change_state(node: Node, callback: Answer, request: Any, response: Any) -> Any:
+    """The answer has no words, so they are logged."""
+    try:
+        return callback(request, response)
+    except RuntimeError as error:  # RCLError is one
+        wanted = request.transition.label or request.transition.id
+        node.get_logger().warning(f"lifecycle transition {wanted!r} is not possible in the present state: {error}")
+        response.success = False
+        return response

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What rclpy itself raises on in its services is refused, and the node goes on."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.lifecycle import LifecycleNode
+
+from seed_ros.loop import FixedRateLoop
+from seed_ros.node import SeedNode
+from seed_ros.testing import Bench
+
+pytestmark = pytest.mark.ros
+
+
+class Plain(SeedNode, LifecycleNode):
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("plain", **arguments)
+        self.declare_parameter("speed", 1.0)
+        self.loop = FixedRateLoop(self, 100.0, lambda: None, service_period=0.0)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    made.add(Plain)
+    yield made
+    made.close()
+
+
+def test_a_parameter_of_a_type_that_there_is_not_is_refused(bench: Bench) -> None:
+    wrong = Parameter(name="speed", value=ParameterValue(type=77))
+    good = Parameter(name="speed", value=ParameterValue(type=3, double_value=2.0))
+    answer = bench.call(SetParameters, "plain/set_parameters", SetParameters.Request(parameters=[good, wrong]))
+    assert [r.successful for r in answer.results] == [False, False]
+    assert "'speed' is of type 77" in answer.results[0].reason
+    request = SetParametersAtomically.Request(parameters=[wrong])
+    assert not bench.call(SetParametersAtomically, "plain/set_parameters_atomically", request).result.successful
+    answer = bench.call(SetParameters, "plain/set_parameters", SetParameters.Request(parameters=[good]))
+    assert answer.results[0].successful
+
+
+def test_a_transition_out_of_place_is_refused(bench: Bench) -> None:
+    def change(number: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=number))
+        return bool(bench.call(ChangeState, "plain/change_state", request).success)
+
+    assert not change(Transition.TRANSITION_ACTIVATE)  # not configured yet
+    assert not change(200)
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert not change(Transition.TRANSITION_CONFIGURE)
