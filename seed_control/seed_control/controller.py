@@ -243,6 +243,8 @@ class Controller:
         """One control step at time t [s]."""
         dt = 1.0 / self.parameters.rate if self._now == -inf else min(max(t - self._now, 1e-4), 0.05)
         self._now = t
+        if set_back := self._inputs.set_back(t):
+            self._guard.hold(set_back)
         if not self._command.started:
             if not len(self._inputs.history):
                 self._state = self._describe(t)
@@ -266,7 +268,7 @@ class Controller:
         if matched is None:
             return
         (estimate, X_WE), before = matched, self.law.measured
-        frame = estimate.stamp - before.stamp if before is not None else 0.0
+        frame = max(estimate.stamp - before.stamp, 0.0) if before is not None else 0.0
         m = self.wrench_estimator.measure(estimate, X_WE @ self._X_EC)
         self.law.image(m, loop_time=min(t - estimate.stamp + 0.5 * frame + self._command.lead, 0.5))
         if self.law.setpoint is not None:

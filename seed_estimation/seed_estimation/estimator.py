@@ -36,6 +36,7 @@ from seed_estimation.rigid_fit.timing import Timing
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
+SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
 NO_LOAD = GraspZero(np.zeros(2), 0.0)
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
@@ -268,7 +269,9 @@ class Estimator:
         """Why images cannot be used, or ''."""
         if not np.isfinite(stamp):
             return f"stamp {stamp} is not a time"
-        if stamp <= self._stamp:
+        if stamp < self._stamp - SET_BACK:
+            self._stamp = -np.inf
+        elif stamp <= self._stamp:
             return (
                 f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
             )

@@ -187,3 +187,12 @@ def check_frame(frame_id: str, known: tuple[str, ...], name: str) -> None:
     """Raises MessageError when a message's frame is none of the known ones."""
     if frame_id not in known:
         raise MessageError(f"{name}.header.frame_id = '{frame_id}' is unknown here; known: {', '.join(known)}")
+
+
+def check_not_ahead(stamp: float, now: float, most: float, name: str) -> None:
+    """Raises MessageError when a stamp is more than `most` [s] ahead of now: nothing could ever be newer."""
+    if stamp - now > most:
+        raise MessageError(
+            f"{name} is stamped {stamp - now:.3f} s ahead of this computer's clock (at most {most:g} s): "
+            "set both clocks by one source"
+        )

@@ -26,6 +26,7 @@ _LEAST = 8  # samples in free space before the offset is known
 _MOST = 40  # of them that the offset is the mean of
 _MATCH = 0.016  # [s] by which reading and image may be apart
 _STUCK = 100  # readings in a row that are the very same
+SET_BACK = 1.0  # [s] a reading older than the last by this: the clock was set back
 BOUNDS = 2000.0, 500.0  # [N], [N m] that no reading at a flange is beyond
 
 
@@ -79,7 +80,9 @@ class ArmCheck:
         v = load.vector()
         if not (isfinite(stamp) and np.isfinite(v).all()):
             raise SeedError(f"arm_wrench at {stamp} s has a value that is not finite: {v} (N m, N)")
-        if stamp <= self._newest:
+        if stamp < self._newest - SET_BACK:
+            self._readings.clear()
+        elif stamp <= self._newest:
             raise SeedError(f"arm_wrench of {stamp:.3f} s comes after one of {self._newest:.3f} s")
         force, torque = float(np.abs(v[3:]).max()), float(np.abs(v[:3]).max())
         if force > BOUNDS[0] or torque > BOUNDS[1]:

@@ -38,6 +38,7 @@ from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import (
     check_frame,
+    check_not_ahead,
     estimate_from_message,
     fill_wrench,
     force_first,
@@ -134,18 +135,26 @@ class ControllerNode(SeedNode):
     def _on_pose(self, message: PoseStamped) -> None:
         check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
         X_WE = pose_to_matrix(message.pose, "current_pose")
-        if self.core.add_kinematics(seconds(message.header.stamp), X_WE):
+        if self.core.add_kinematics(self._dated(message, self.parameters.kinematics_timeout, "current_pose"), X_WE):
             self._here = X_WE
 
     def _on_estimate(self, message: RelativePose) -> None:
         check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
         check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
+        self._dated(message, self.parameters.max_estimate_age, "relative_pose")
         estimate = estimate_from_message(message)
         self.core.add_estimate(self._pressures.into(estimate) if self._pressures else estimate)
 
     def _on_arm_wrench(self, message: WrenchStamped) -> None:
         check_frame(message.header.frame_id, (self.frames.flange,), "arm_wrench")
-        self.core.add_arm_wrench(seconds(message.header.stamp), wrench_to_core(message.wrench, "arm_wrench"))
+        stamp = self._dated(message, self.parameters.kinematics_timeout, "arm_wrench")
+        self.core.add_arm_wrench(stamp, wrench_to_core(message.wrench, "arm_wrench"))
+
+    def _dated(self, message: Any, most_ahead: float, name: str) -> float:
+        """A message's stamp [s]. Raises MessageError when it is further ahead of now."""
+        stamp = seconds(message.header.stamp)
+        check_not_ahead(stamp, self.now(), most_ahead, name)
+        return stamp
 
     def _on_hybrid(self, message: HybridMsg) -> None:
         self._take(hybrid_setpoint(message, self.frames))

@@ -38,9 +38,16 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
     """
     shipped = shipped_tasks()
     path = shipped.get(str(source), Path(source))
-    if not path.is_file():
-        raise TaskError(f"no task '{source}': neither a file nor one of {', '.join(shipped)}")
+    if not _is_file(path):
+        raise TaskError(f"no task '{source!s:.100}': neither a file nor one of {', '.join(shipped)}")
     return _changed(load_file(path, Task), force, text)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that no file can have: too long, or with a zero byte
+        return False
 
 
 def read_task(source: str, overrides: str = "") -> Task:

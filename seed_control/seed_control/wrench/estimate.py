@@ -232,7 +232,7 @@ class WrenchEstimator:
 
 def share_of(dt: float, tau: float) -> float:
     """Weight of a new sample in a first-order low-pass of time constant tau [s] after dt [s]."""
-    return 1.0 - exp(-dt / tau) if tau > 0.0 else 1.0
+    return 1.0 - exp(-max(dt, 0.0) / tau) if tau > 0.0 else 1.0  # stamps may be set back
 
 
 def bounded(discrepancy: Wrench, spring: Wrench) -> Wrench:

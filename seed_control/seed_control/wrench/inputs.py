@@ -3,6 +3,8 @@
 
 from math import inf, isfinite
 
+import numpy as np
+
 from seed_control.parameters import ControllerParameters
 from seed_control.state import Counting
 from seed_control.wrench.history import PoseHistory
@@ -10,7 +12,16 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, check_pose
 
+REACH = 10.0  # [m] no arm reaches so far
+SHIFT = 0.5  # [m] no grasp gives way so far
 MOST_BAD = 3  # invalid estimates in a row that make it hold: a single bad frame is bridged, as a lost one is
+
+
+def _check_near(X: Array, most: float, name: str) -> None:
+    """Raises SeedError when a pose (4, 4) is further than `most` [m] from its frame."""
+    distance = float(np.abs(X[:3, 3]).max())
+    if distance > most:
+        raise SeedError(f"{name} is {distance:.4g} m from its frame (at most {most:g} m): is it in metres?")
 
 
 class Inputs:
@@ -35,7 +46,8 @@ class Inputs:
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
         """Flange pose X_WE (4, 4) at stamp [s]. False (counted) when it is no pose or its stamp does not rise."""
         try:
-            good = isfinite(stamp) and self.history.add(stamp, check_pose(X_WE, "X_WE"))
+            _check_near(check_pose(X_WE, "X_WE"), REACH, "current_pose")
+            good = isfinite(stamp) and self.history.add(stamp, X_WE)
         except SeedError as error:
             self._counting.remark, good = str(error), False
         if not good:
@@ -82,6 +94,21 @@ class Inputs:
             self._counting.count("estimates_unmatched", why)
         return None
 
+    def set_back(self, t: float) -> str:
+        """Why everything was forgotten at time t [s], '' if it was not: what has come is of a time still to come.
+
+        Its stamps would pass for fresh until then, and nothing that comes now for newer.
+        """
+        newest = max(self.history.newest_stamp, self.estimate.stamp if self.estimate is not None else -inf)
+        most = max(self._parameters.kinematics_timeout, self._parameters.max_estimate_age)
+        if newest - t <= most:
+            return ""
+        self.history, self.estimate, self.pending = PoseHistory(), None, None
+        self.arrived = self.image_stamp = self._counted_from = -inf
+        return (
+            f"the clock was set back by {newest - t:.3f} s (at most {most:g} s): what was measured before is forgotten"
+        )
+
     def staleness(self, t: float) -> str:
         """Why the inputs must not be used any more; empty while they may."""
         p, newest = self._parameters, self.history.newest_stamp
@@ -105,7 +132,7 @@ def _why_unusable(estimate: RelativePoseEstimate) -> str:
     if not estimate.valid:
         return f"estimate is invalid: {estimate.reason or 'no reason given'}"
     try:
-        check_pose(estimate.X_CT, "X_CT")
+        _check_near(check_pose(estimate.X_CT, "X_CT"), SHIFT, "relative_pose")
     except SeedError as error:
         return str(error)
     return ""
