@@ -8,6 +8,7 @@ are refused; nothing is evaluated or unpickled.
 
 import dataclasses
 import math
+import sys
 import types
 import typing
 from collections.abc import Mapping
@@ -108,13 +109,25 @@ def parse_yaml(text: str, source: str = "<text>") -> _Node:
     if len(text) > MAX_BYTES:
         size = f"{len(text)} characters are too many for a configuration file"
         raise ConfigError(f"{source}: {size} (at most {MAX_BYTES})")
-    loader = yaml.SafeLoader(text)
+    loader = None
     try:
+        loader = yaml.SafeLoader(text)  # reads the text's characters already
         return _parse(loader.get_single_node(), loader, source)
-    except (yaml.YAMLError, RecursionError) as error:
+    except ConfigError:
+        raise
+    except Exception as error:  # besides YAMLError whatever the constructors of numbers and dates trip over
         raise ConfigError(f"{source}: not readable as YAML: {error}") from error
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
+
+
+def plain_yaml(text: str, source: str) -> Any:
+    """YAML text as plain data, for files that are not ours alone. Raises ConfigError: the text is no YAML."""
+    try:
+        return yaml.safe_load(text)
+    except Exception as error:  # as in parse_yaml
+        raise ConfigError(f"{source}: not readable as YAML: {error}") from error
 
 
 def load_text(text: str, cls: type[T], source: str = "<text>") -> T:
@@ -242,8 +255,8 @@ def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mappin
         if isinstance(value, bool) or not isinstance(value, wanted):
             word = "a number" if kind is float else "a whole number"
             _fail(node, source, f"{name} = {value!r} must be {word}{_describe(meta)}")
-        if not math.isfinite(value):
-            _fail(node, source, f"{name} = {value}{unit} must be finite")
+        if not abs(value) <= sys.float_info.max:  # nor is a whole number beyond that one that can be computed with
+            _fail(node, source, f"{name} = {value!s:.60}{unit} must be finite")
         low, high = meta.get("low", -math.inf), meta.get("high", math.inf)
         if not low <= value <= high:
             _fail(node, source, f"{name} = {value:g}{unit} must be within {low:g} and {high:g}{unit}")

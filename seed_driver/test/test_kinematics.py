@@ -73,7 +73,7 @@ def test_calibrated_inverse_reaches_the_pose_and_follows_a_path(tmp_path: Path) 
     ("text", "message"),
     [
         (None, "does not exist; write one with ur_calibration"),
-        ("a: [", "not YAML"),
+        ("a: [", "not readable as YAML"),
         ("a: 1", "has no 'kinematics' section"),
         ("kinematics: {shoulder: {x: 0}}", "kinematics.shoulder.y = None must be a finite number"),
         ("kinematics: {shoulder: {x: .nan}}", "kinematics.shoulder.x = nan must be a finite number"),

@@ -5,25 +5,45 @@ Needs no ROS but the definitions of the message types that are written.
 """
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from seed_bringup.bags import BagError
 from seed_bringup.bags.types import InstalledTypes
 
 
-def open_bag(path: Path) -> Reader:
-    """A reader of a bag folder or file; the caller opens and closes it."""
+@contextmanager
+def open_bag(path: Path) -> Iterator[Reader]:
+    """A reader of a bag folder or file, until the block ends. Raises BagError: no readable bag."""
     try:
-        return Reader(path)
-    except (OSError, ReaderError) as error:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:  # rosbags raises whatever its decoders trip over in a damaged file
         raise BagError(f"{path}: not a readable bag: {error}") from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def messages_of(reader: Reader, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+    """Connection, stamp [ns] and bytes of each message. Raises BagError where the bag is damaged."""
+    stream = reader.messages(connections=connections)
+    while True:
+        try:
+            found = next(stream, None)
+        except Exception as error:  # as in open_bag
+            raise BagError(f"{reader.path}: damaged: {error}") from error
+        if found is None:
+            return
+        yield found
 
 
 def read_messages(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, str, Any]]:
@@ -32,13 +52,22 @@ def read_messages(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[s
     Raises:
         BagError: no readable bag.
     """
-    try:
-        with AnyReader([path]) as reader:
-            connections = [c for c in reader.connections if wanted(c.topic)]
-            for connection, _, data in reader.messages(connections) if connections else ():
-                yield connection.topic, connection.msgtype, reader.deserialize(data, connection.msgtype)
-    except (OSError, AnyReaderError) as error:
-        raise BagError(f"{path}: not a readable bag: {error}") from error
+    stream = _decoded(path, wanted)
+    while True:
+        try:
+            found = next(stream, None)
+        except Exception as error:  # as in open_bag
+            raise BagError(f"{path}: not a readable bag: {error}") from error
+        if found is None:
+            return
+        yield found
+
+
+def _decoded(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, str, Any]]:
+    with AnyReader([path]) as reader:
+        connections = [c for c in reader.connections if wanted(c.topic)]
+        for connection, _, data in reader.messages(connections) if connections else ():
+            yield connection.topic, connection.msgtype, reader.deserialize(data, connection.msgtype)
 
 
 def describe_bag(path: Path) -> str:

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
 from seed_bringup.bags import BagError, qos
-from seed_bringup.bags.files import open_bag
+from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
@@ -65,7 +65,7 @@ class Player(Node):
     def play_once(self) -> None:
         """From the first message to the last."""
         started, first = time.monotonic(), None
-        for connection, stamp, data in self.reader.messages(connections=self.connections):
+        for connection, stamp, data in messages_of(self.reader, self.connections):
             first = stamp if first is None else first
             self._wait_for(started, first, stamp)
             if not rclpy.ok():

@@ -5,14 +5,14 @@ The file is the YAML that ur_calibration writes (`kinematics: shoulder: {x, y, .
 """
 
 from collections.abc import Sequence
-from math import hypot, isfinite
+from math import hypot
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from seed_core.arm.quaternion import to_pose
 from seed_core.arm.target_checks import Target
+from seed_core.config import plain_yaml
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy
 from seed_driver.config import DriverConfig
@@ -21,6 +21,7 @@ from seed_ur.kinematics import KinematicsError, URKinematics
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 CONVERGED = 1e-9  # [m, rad]
+FAR = 100.0  # [m, rad] nothing in a calibration is so large
 PLAUSIBLE = 0.03  # [m] that a calibration may move the flange
 
 
@@ -78,14 +79,14 @@ def load_calibration(path: str, nominal: URKinematics) -> CalibratedKinematics:
         SeedError: file, entry and what was expected.
     """
     try:
-        data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
+        data = plain_yaml(Path(path).expanduser().read_text(encoding="utf-8"), path)
     except FileNotFoundError as error:
         raise SeedError(
             f"calibration_file = {path!r} does not exist; write one with ur_calibration, or leave the setting empty"
         ) from error
     except (OSError, RuntimeError) as error:  # the latter when ~name is nobody's home
         raise SeedError(f"calibration_file = {path!r} cannot be read: {error}") from error
-    except (yaml.YAMLError, ValueError) as error:
+    except UnicodeDecodeError as error:
         raise SeedError(f"{path}: not YAML: {error}") from error
     links = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(links, dict):
@@ -102,8 +103,10 @@ def _origin(path: str, name: str, entry: object) -> Array:
     numbers: list[float] = []
     for key in KEYS:
         number = entry.get(key)
-        if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
-            raise SeedError(f"{path}: kinematics.{name}.{key} = {number!r} must be a finite number [m or rad]")
+        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < FAR:
+            raise SeedError(
+                f"{path}: kinematics.{name}.{key} = {number!r} must be a finite number below {FAR:g} [m or rad]"
+            )
         numbers.append(float(number))
     return pose_from_rpy(numbers[3:], numbers[:3])
 

@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from seed_core.config import field, from_mapping, load_file
+from seed_core.config import ConfigError, field, from_mapping, load_file, plain_yaml
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.program.command_line import command
+from seed_core.program.npz import read_npz
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
 from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
@@ -124,16 +124,16 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
         SeedError: the file is no capture.
     """
     cameras, no_contact, grasped = {}, {}, {}
+    data = read_npz(path, "not a capture for calibration")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            for finger in ("left", "right"):
-                if f"{finger}_no_contact" in data:
-                    no_contact[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
-                    h, w = no_contact[finger][0].shape
-                    cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
-                    if f"{finger}_grasped" in data:
-                        grasped[finger] = list(np.asarray(data[f"{finger}_grasped"], np.float32))
-    except (OSError, EOFError, KeyError, ValueError, IndexError) as error:
+        for finger in ("left", "right"):
+            if f"{finger}_no_contact" in data:
+                no_contact[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
+                h, w = no_contact[finger][0].shape
+                cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
+                if f"{finger}_grasped" in data:
+                    grasped[finger] = list(np.asarray(data[f"{finger}_grasped"], np.float32))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SeedError(f"{path}: not a capture for calibration: {error}") from error
     if not cameras:
         raise SeedError(f"{path}: neither left_no_contact nor right_no_contact in it")
@@ -143,8 +143,8 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
 def read_hand(path: Path) -> Hand:
     """The hand in the parameters of all nodes, as launch files take them, or a file of nothing else."""
     try:
-        parameters = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]["hand"]
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        parameters = plain_yaml(path.read_text(encoding="utf-8"), str(path))["/**"]["ros__parameters"]["hand"]
+    except (OSError, ValueError, KeyError, TypeError, ConfigError):  # another file, or one that the next line refuses
         return load_file(path, Hand)
     return from_mapping(parameters, Hand, str(path))
 

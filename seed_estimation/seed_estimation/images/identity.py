@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_core.program.npz import read_npz
 from seed_core.spatial import Array
 from seed_estimation.images.normalise import normalised
 from seed_estimation.images.tactile_images import Image
@@ -45,19 +46,17 @@ def save(path: Path, bubbles: Mapping[str, Known]) -> None:
 
 def load(path: Path) -> dict[str, Known]:
     """Known bubbles by finger, as `save` has written them. Raises SeedError."""
-    out = {}
+    out, foreign = {}, "identity_file was not written by the estimator"
+    data = read_npz(path, foreign, MAX_BYTES)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SeedError(f"identity_file {path}: more than {MAX_BYTES} bytes; name one that the estimator wrote")
-        with np.load(path, allow_pickle=False) as data:
-            for f in ("left", "right"):
-                if f"{f}_pattern" in data:
-                    dots, K = np.asarray(data[f"{f}_pattern"], np.float32), np.asarray(data[f"{f}_K"], float)
-                    if dots.ndim != 2 or K.shape != (3, 3):
-                        raise ValueError(f"{f}: pattern of shape {dots.shape}, K of shape {K.shape}")
-                    out[f] = Known(dots, str(data[f"{f}_frame_id"]), K)
-    except (OSError, KeyError, ValueError) as error:
-        raise SeedError(f"identity_file {path} was not written by the estimator: {error}") from error
+        for f in ("left", "right"):
+            if f"{f}_pattern" in data:
+                dots, K = np.asarray(data[f"{f}_pattern"], np.float32), np.asarray(data[f"{f}_K"], float)
+                if dots.ndim != 2 or K.shape != (3, 3) or not (np.isfinite(dots).all() and np.isfinite(K).all()):
+                    raise ValueError(f"{f}: pattern of shape {dots.shape}, K of shape {K.shape}, or not finite")
+                out[f] = Known(dots, str(data[f"{f}_frame_id"]), K)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SeedError(f"{path}: {foreign}: {error}") from error
     return out
 
 

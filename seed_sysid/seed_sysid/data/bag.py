@@ -15,7 +15,7 @@ def bag_lines(path: Path) -> list[str]:
     Raises:
         DatasetError: no bag, none with that topic, or one with several identifications.
     """
-    from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.rosbag2 import Reader
     from rosbags.typesys import Stores, get_typestore
 
     folder = path.parent if not path.is_dir() and (path.parent / "metadata.yaml").is_file() else path
@@ -29,7 +29,9 @@ def bag_lines(path: Path) -> list[str]:
                     f"{path} has no topic of {TYPE} ending in {TOPIC}; it has: {topics}: record that topic as well"
                 )
             messages += [types.deserialize_cdr(raw, TYPE) for _, _, raw in reader.messages(connections)]
-    except (ReaderError, OSError, ValueError) as error:
+    except DatasetError:
+        raise
+    except Exception as error:  # rosbags raises whatever its decoders trip over in a damaged file
         raise DatasetError(f"{path} cannot be read as a bag: {error}") from error
     lines = list(dict.fromkeys(str(m.data) for m in messages))  # a run that goes on publishes what it has once more
     headers = [line for line in lines if f'"format": "{FORMAT}"' in line]

@@ -13,12 +13,11 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
 from seed_sysid.data.bag import bag_lines
 from seed_sysid.data.dataset import FORMAT, READABLE, UNITS, Dataset, DatasetError, Header, Sample
 from seed_sysid.data.membrane_sample import from_json
 
+LARGE = 1e300  # beyond it a number is none
 MAX_BYTES = 200_000_000
 
 
@@ -156,7 +155,7 @@ def _header(row: str, where: str) -> Header:
     for quantity, unit in UNITS.items():
         if not isinstance(units, dict) or units.get(quantity, unit) != unit:
             raise DatasetError(f"{where}: units {units!r}; {quantity} must be in {unit}: convert the file")
-    return Header(**_values(data, Header, where))
+    return Header(**(_values(data, Header, where) | {"units": dict(UNITS)}))
 
 
 def _sample(data: Any, where: str) -> Sample:
@@ -166,8 +165,7 @@ def _sample(data: Any, where: str) -> Sample:
     if missing or not (data.get("kinematic") or data.get("estimator")):
         raise DatasetError(f"{where}: the sample lacks {', '.join(missing) or 'a pose (kinematic or estimator)'}")
     values = {"kinematic": None} | _values(data, Sample, where)
-    for name in ("stamp", "width"):
-        (values[name],) = _numbers([values.get(name, 0.0)], 1, f"{where}: {name}")
+    (values["stamp"],) = _numbers([values["stamp"]], 1, f"{where}: stamp")
     via = values.get("via", ())
     if not isinstance(via, list | tuple):
         raise DatasetError(f"{where}: via = {via!r} must be a list")
@@ -187,14 +185,23 @@ def _values(data: dict[str, Any], cls: type, where: str) -> dict[str, Any]:
     for f in fields(cls):
         if f.name not in data or (data[f.name] is None and f.metadata.get("nullable")):
             continue
-        vector = "size" in f.metadata
-        out[f.name] = _numbers(data[f.name], f.metadata["size"], f"{where}: {f.name}") if vector else data[f.name]
+        value, name = data[f.name], f"{where}: {f.name}"
+        if "size" in f.metadata:
+            value = _numbers(value, f.metadata["size"], name)
+        elif isinstance(f.default, int | float) and not isinstance(f.default, bool):
+            (number,) = _numbers([value], 1, name)
+            value = int(number) if isinstance(f.default, int) else number
+        elif f.type in (str, "str") and not isinstance(value, str):
+            raise DatasetError(f"{name} = {value!r} must be a text")
+        elif f.type in (bool, "bool") and not isinstance(value, bool):
+            raise DatasetError(f"{name} = {value!r} must be true or false")
+        out[f.name] = value
     return out
 
 
 def _numbers(values: Any, size: int | None, name: str) -> tuple[float, ...]:
     good = isinstance(values, list | tuple) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in values
+        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < LARGE for v in values
     )
     if not good or (size is not None and len(values) != size):
         raise DatasetError(f"{name} = {values!r} must be {size or 'some'} finite numbers")

@@ -25,5 +25,7 @@ def read_arrays(
             raise SeedError(f"{path}: {size} bytes are too many for {what} (at most {most_bytes})")
         with np.load(path, allow_pickle=False) as data:
             return [np.asarray(data[name]) for name in names]
-    except (OSError, EOFError, KeyError, ValueError) as error:
+    except SeedError:
+        raise
+    except Exception as error:  # zip, zlib and NumPy raise a dozen kinds of errors for a damaged file
         raise SeedError(f"{path}: {problem}: {error}") from error

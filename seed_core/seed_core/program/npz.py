@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays from npz files."""
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seed_core.errors import SeedError
+
+MAX_BYTES = 2_000_000_000
+
+
+def read_npz(
+    path: Path, problem: str, most_bytes: int = MAX_BYTES, names: Collection[str] = ()
+) -> dict[str, NDArray[Any]]:
+    """The named arrays of an npz file, or all.
+
+    Raises:
+        SeedError: it is larger than `most_bytes`; or it is none, is damaged or lacks an array, told with `problem`.
+    """
+    try:
+        size = path.stat().st_size
+        if size > most_bytes:
+            raise SeedError(f"{path}: {size} bytes are too many (at most {most_bytes})")
+        with np.load(path, allow_pickle=False) as data:
+            return {name: np.asarray(data[name]) for name in names or data.files}
+    except SeedError:
+        raise
+    except Exception as error:  # zip, zlib and NumPy raise a dozen kinds of errors for a damaged file
+        raise SeedError(f"{path}: {problem}: {error}") from error
