@@ -11,7 +11,7 @@ import contextlib
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -163,6 +163,11 @@ class FixedRateLoop:
             kind, topic, receive, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
         )
         self._callbacks[subscription] = receive
+
+    @property
+    def streams(self) -> Mapping[Subscription, Callable[[Any, Any], None]]:
+        """The polled subscriptions, and the callback of each."""
+        return self._callbacks
 
     def also_at(self, at: float) -> None:
         """A period between the regular ones of a steady loop, at time.monotonic() = at [s]."""

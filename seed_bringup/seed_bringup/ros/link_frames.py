@@ -25,6 +25,7 @@ from seed_ur.models import MODELS
 
 LONGEST = 1.0  # [s] without joint_states
 OTHERS = ("tool0", "compliance", "tool", "tip")  # frames that arm, estimator and controller publish
+MOST = 1000.0  # [rad] no joint turns further; not a number is no angle either
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class LinkFramesNode(SeedNode):
         angles = dict(zip(message.name, message.position, strict=False))
         self._heard = time.monotonic()
         self.beats.add(self.now() - t)
-        here = [j for j in self.joints if j.moves and np.isfinite(angles.get(j.name, np.nan))]
+        here = [j for j in self.joints if j.moves and abs(angles.get(j.name, np.nan)) < MOST]
         self._transforms.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
 
     def _report(self) -> diagnostics.Report:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver's ROS node: a lifecycle node that wires topics, services and parameters to the servo process."""
 
+import re
 import sys
 import time
 from typing import Any
@@ -162,7 +163,7 @@ class DriverNode(SeedNode, LifecycleNode):
         supervisor.write_target(target.p, target.q, received)
 
     def _refused(self, words: str) -> None:
-        self.counters.add(words[:40], words)
+        self.counters.add(re.split(r"['=\d]", words)[0][:40].strip(), words)  # a cause without its numbers
 
     def _target(self, message: PoseStamped) -> Target:
         p, q = message.pose.position, message.pose.orientation

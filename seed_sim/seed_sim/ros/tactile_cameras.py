@@ -84,8 +84,9 @@ class TactileCamerasNode(SeedNode):
         if now < self._next or stamp == self._exposed:
             return
         self._next = max(self._next + self._period, now - self._period)
-        X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
-        self._expose(now, stamp, lambda finger: self.renderer.finger(finger, X_CT, stamp))
+        with self.counters.refusing("truths_refused"):
+            X_CT = pose_to_matrix(message.pose.pose) if message.valid else None
+            self._expose(now, stamp, lambda finger: self.renderer.finger(finger, X_CT, stamp))
 
     def _on_membranes(self, message: Float64MultiArray) -> None:
         """Expose at each solve, which comes at the camera's rate; more often only when the tool moves fast."""

@@ -60,7 +60,7 @@ class Streams:
     def missing(self, now: float) -> str:
         """The input that is missing or stale at time now [s]; '' if none."""
         for name, stamp in (("current_pose", self.pose_stamp), ("ft_sensor/wrench", self.wrench_stamp)):
-            if now - stamp > STALE:
+            if abs(now - stamp) > STALE:  # ahead of now: the clock was set back
                 age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {STALE} s)"
                 return f"{name} {age}"
         return ""

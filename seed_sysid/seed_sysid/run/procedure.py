@@ -125,7 +125,7 @@ class Run:
 
     def step(self, reading: Reading) -> Command:
         """The command that answers a reading."""
-        dt = 0.0 if self._stamp is None else reading.stamp - self._stamp
+        dt = 0.0 if self._stamp is None else max(reading.stamp - self._stamp, 0.0)  # a clock may be set back
         self._stamp = reading.stamp
         self._begin = self._begin or (reading.stamp, self.done)
         lost = self._lost(reading)
