@@ -20,7 +20,11 @@ BENCHES = {
     "driver_node": "seed_testing.bench.ros.driver_rate",
     "node": "seed_testing.bench.ros.pose_age",
 }
-LONG = {"kills": "seed_testing.live.kills", "soak": "seed_testing.live.soak"}  # commands with arguments of their own
+LONG = {  # commands with arguments of their own
+    "kills": "seed_testing.live.kills",
+    "soak": "seed_testing.live.soak",
+    "fuzz": "seed_testing.bench.fuzz",
+}
 
 
 def run(names: list[str]) -> dict[str, Any]:
