@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""./seed bench fuzz: nonsense for every topic, service, action and parameter of every node and for every file: what comes out of it."""
+"""Nonsense for every topic, service, action and parameter of every node and for every file: what comes out of it."""
 
 import argparse
 import json

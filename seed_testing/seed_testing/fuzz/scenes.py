@@ -4,7 +4,6 @@
 import math
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
