@@ -13,6 +13,7 @@ from seed_driver.process.shared_memory import Stage
 from seed_driver.robot.dashboard import dashboard
 from seed_testing.fault_bench.bench import JUMP, FaultBench, leftover_processes
 from seed_testing.fault_bench.faults import FAULTS, Fault, run_fault
+from seed_testing.fault_bench.play import play_after_stop
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
 PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures
@@ -60,28 +61,12 @@ def test_a_command_left_in_the_register_does_not_move_the_arm_on_recovery() -> N
 @pytest.mark.parametrize("program", ["checked", "ur_rtde"])
 def test_unlock_and_play_after_the_driver_died_in_a_stop(program: str) -> None:
     """Nobody is there to empty the register, and the robot's watchdog sleeps while the program is paused."""
-    soft = {"servo_lookahead": 0.1, "servo_gain": 300.0}  # the arm is 2 cm behind
-    with FaultBench("--unlock-after", "0.2", robot_program=program, **soft) as bench:
-        bench.ready()
-        bench.robot.ask("option", name="watchdog_sleeps", value=True)
-        bench.sway(amplitude=0.05, rate=4.0)
-        bench.run(0.8 + 0.4 * math.pi / 4.0)
-        os.kill(bench.supervisor.pid, signal.SIGSTOP)
-        bench.robot.ask("protective_stop")
-        time.sleep(0.4)
-        state = bench.robot.ask("state")
-        assert state["command"] == 24
-        assert "releasing" in dashboard(bench.robot.host, "close safety popup", "unlock protective stop")
-        start = time.monotonic()
-        assert dashboard(bench.robot.host, "play") == "Starting program"
-        time.sleep(0.5)
-        motion = bench.motion(start)
-        moved = np.linalg.norm(motion[:, 1:4] - state["tcp_pose"][:3], axis=1).max()
-        if program == "checked":
-            assert moved < 1e-4
-            assert motion[:, 4].max() < 1e-3
-        else:
-            assert moved > 1e-3  # what ur_rtde's own program does
+    played = play_after_stop(program)
+    if program == "checked":
+        assert played.moved < 1e-4
+        assert played.top_speed < 1e-3
+    else:
+        assert played.moved > 1e-3  # what ur_rtde's own program does
 
 
 @pytest.mark.parametrize("on_stop", ["paused", "playing"])

@@ -32,5 +32,5 @@ def dashboard(host: str, *commands: str, timeout: float = TIMEOUT) -> str:
                 file.flush()
                 answer = file.readline()
     except OSError as error:
-        raise LinkError(f"no dashboard at {host}:{PORT} ({error})") from error
+        raise LinkError(f"no dashboard at {host}:{PORT} ({error}); PolyScope X has none: use its screen") from error
     return " ".join(answer.decode("utf-8", "replace").split())

@@ -13,18 +13,21 @@ import numpy as np
 from seed_testing.bench.processes import BUSY, processes
 from seed_testing.fault_bench.bench import FaultBench
 from seed_testing.fault_bench.faults import FAULTS, run_fault
+from seed_testing.fault_bench.play import play_after_stop
 
 PERIOD, TOLERANCE = 0.002, 0.0003  # [s] of a servo cycle
 
 
 def run(seconds: float = 60.0) -> dict[str, Any]:
-    """Streaming figures over `seconds`, then report and recovery times of every fault."""
+    """Streaming figures over `seconds`, report and recovery times of every fault, motion after Play in a stop."""
     with processes(BUSY), FaultBench() as bench:
         bench.ready()
         bench.sway()
         bench.run(1.0)
         servo = _measure(bench, seconds)
-    return {"servo": servo, "faults": fault_times()}
+    played = {program: play_after_stop(program) for program in ("checked", "ur_rtde")}
+    play = {f"{k}_{unit}": round(v, 5) for k, p in played.items() for unit, v in zip(("m", "m_s"), p, strict=True)}
+    return {"servo": servo, "faults": fault_times(), "play_after_stop": play}
 
 
 def _measure(bench: FaultBench, seconds: float) -> dict[str, Any]:
