@@ -206,6 +206,10 @@ def test_in_simulated_time_diagnostics_carry_it() -> None:
         )
         assert bench.until(lambda: stamps, 10.0)
         assert abs(stamps[0][0] - stamps[0][1]) < 1.0
+        bench.spin(1.0)
+        before = node.now()
+        assert bench.call(Trigger, "sim/reset", Trigger.Request()).success
+        assert before <= node.now() < before + 1.0  # the plant's time is zero again, and nobody's clock turns back
     finally:
         bench.close()
 

@@ -203,11 +203,12 @@ class SimNode(SeedNode):
     def _reset(self) -> str:
         if self._robot is not None:
             raise PlantError("the arm is the UR controller's: move it with target_frame")
+        now = self.now()  # everybody's time goes on, though the plant's begins anew
         self.plant.reset(self._X_WE_start)
         self.holder.release()
         self._latch.resume()
         self._outputs.restart()
-        self.time.restart(time.monotonic(), self.now())
+        self.time.restart(time.monotonic(), now)
         return "arm at its start, tool in its holder, gripper open"
 
     def _set_width(
