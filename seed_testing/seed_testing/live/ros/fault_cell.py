@@ -152,6 +152,8 @@ class FaultCell(Cell):
         self.session.spin(INTO_PHASE)
         if ended.done():
             raise SessionError(f"the task ended before the fault: {ended.result().result.message}")
+        if self.state.mode == "holding":
+            raise SessionError(f"it held before the fault: {self.state.reason}")
         return client
 
     def _take_reference(self) -> None:
