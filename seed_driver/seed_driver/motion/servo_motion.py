@@ -64,6 +64,7 @@ class Motion:
         self._seen = slot.number if slot is not None else self._seen
         if self.latch.reason:
             self.overload.forgive()
+            self.stop_check.restart()
             self.latch.resume()
 
     def feel(self, wrench: Sequence[float], now: float) -> None:

@@ -46,7 +46,7 @@ class StopCheck:
         self.restart()
 
     def restart(self) -> None:
-        """The arm stands somewhere else, or other things count."""
+        """The arm stands, perhaps somewhere else, or other things count: what is too near now may stay so near."""
         self._least: Array | None = None  # (rows,) at most 0, that no row may fall below
         self._idle = 0  # steps that need no look
 
@@ -74,7 +74,7 @@ class StopCheck:
         now, then = rows[0], rows[1:].min(axis=0, initial=np.inf)
         least = np.minimum(now, 0.0) if self._least is None else np.maximum(self._least, np.minimum(now, 0.0))
         self._least = least
-        wrong = ((then < least - ROUNDING) & (then < now)) | (then <= self.clearances.inside)
+        wrong = (then < least - ROUNDING) | (then <= self.clearances.inside)
         if wrong.any():
             worst = int(np.argmin(np.where(wrong, then - least, np.inf)))
             self._idle = 0
