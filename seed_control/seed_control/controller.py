@@ -15,17 +15,19 @@ import numpy as np
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
+from seed_control.command.relief import Relief
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact.contact_watch import ContactWatch
 from seed_control.monitor.grasp_check import GraspCheck
+from seed_control.monitor.plausible import Frozen, Jumped
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
 from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
 from seed_control.state import ControllerState, ControlOutput, Counting, Mode
-from seed_control.wrench.estimate import WrenchEstimator
+from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.inputs import MOST_BAD, Inputs
 from seed_control.wrench.knowledge import WrenchKnowledge
 from seed_core.bushing import Bushing, Stiffness
@@ -34,7 +36,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array, Wrench
-from seed_core.vector3 import as_vector3
+from seed_core.vector3 import ZERO, as_vector3
 from seed_core.wrench_model import WrenchModel
 from seed_core.wrench_settings import ReferenceSettings
 
@@ -90,6 +92,7 @@ class Controller:
         law = LAW_CLASSES[p.law]
         self._counting = Counting("not enabled yet")
         self._inputs = Inputs(p, law.synchronised, self._counting)
+        self._still, self._jumped = Frozen(), Jumped(p)
         self.wrench_estimator = WrenchEstimator(
             tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model
         )
@@ -105,6 +108,8 @@ class Controller:
         self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self._command = FlangeCommand(p, hand.X_EC)
+        self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
+        self._held_at = ZERO  # [m] commanded place at which it came to hold
         self._setpoint: Setpoint | None = None
         self._now = -inf
         self._state = self._describe(-inf)
@@ -118,17 +123,24 @@ class Controller:
 
         While force, torque or a displacement is controlled on an axis that it does not observe, it counts as invalid.
         """
-        unknown = self._unobserved(estimate) or self.wrench_estimator.why_unknown(estimate)
-        good = self._inputs.add_estimate(estimate, unknown)
+        inputs = self._inputs
+        still = self._still.check(estimate, inputs.estimate, inputs.history)
+        unknown = self._unobserved(estimate) or still or self.wrench_estimator.why_unknown(estimate)
+        jump = "" if unknown else self._jump(estimate)
+        good = inputs.add_estimate(estimate, unknown or jump)
         if good:
             self.pressure.update(estimate)
             self._guard.hold(self.pressure.reason)
-        if self._inputs.bad_in_a_row >= MOST_BAD:
-            self._guard.hold(self._counting.remark)
+        if inputs.bad_in_a_row >= MOST_BAD:
+            self._guard.hold(inputs.why_bad)
             self.references.new_grasp()
-            if NEW_GRASP in self._counting.remark:
-                self.grasp_check.new_grasp(self.law.measured)
+            if jump or NEW_GRASP in inputs.why_bad:
+                self.grasp_check.new_grasp(self.law.measured, "" if jump else NEW_GRASP)
         return good
+
+    def refused(self, kind: str, why: str) -> None:
+        """An input ('kinematics', 'estimates' or 'setpoints') was refused before it came here: the state tells why."""
+        self._inputs.refused(kind, why)
 
     def add_arm_wrench(self, stamp: float, load: Wrench) -> None:
         """The arm's own force/torque reading at stamp [s]: load on the flange about its origin, in E.
@@ -158,6 +170,9 @@ class Controller:
         self.law.release()
         self.watch.restart()
         self.grasp_check.restart()
+        self._relief.restart()
+        self._still.restart()
+        self._jumped.restart()
         self._guard.enable(True)
         self._inputs.count_from(t)
         self._state = self._describe(t)  # a task may be asked for before the next step
@@ -166,7 +181,7 @@ class Controller:
         """What `enable` would be refused for, by the input that lacks; '' for what is there."""
         lacks = t - self._inputs.history.newest_stamp > self.parameters.kinematics_timeout
         return {
-            "pose": "no flange pose (current_pose) within the last 0.1 s" if lacks else "",
+            "pose": f"no flange pose (current_pose) within the last 0.1 s{self._inputs.why_no_pose}" if lacks else "",
             "estimate": "" if lacks else self._inputs.staleness(t),
             "pressure": self.pressure.reason,
         }
@@ -215,6 +230,7 @@ class Controller:
         except SetpointError as error:
             self._counting.count("setpoints_refused", str(error))
             raise
+        self._counting.used("setpoints")
         self._setpoint = setpoint
 
     def _adopt(self, setpoint: Setpoint, t: float) -> None:
@@ -257,7 +273,9 @@ class Controller:
             stale = self._inputs.staleness(t)
             if stale:
                 guard.hold(stale)
-            guard.check_free_travel(self._command.p_WC, law.plan.normals, law.regulates_force and not law.contact.made)
+            command = self._command
+            X_WC = self._inputs.history.newest() @ self._X_EC
+            guard.check_motion(command.p_WC, law.plan, X_WC, command.lead, dt)
         limits = self._move(t, dt)
         self._state = self._describe(t, limits)
         return ControlOutput(self._command.X_WE, self._state)
@@ -275,15 +293,33 @@ class Controller:
             self._command.turn_to(self.law.plan.X_WC[:3, :3])
         if self.law.contact.lost > self._counting.counters.contacts_lost:
             self._counting.count("contacts_lost")
-        self._guard.check_overload(m)
+        self._check_force(m)
         if self._known.update(m, self.law.plan.R_W_task):
-            self.references.update(m, self._known.by_pose, self.law.contact.made, t)
+            self.references.update(m, self._known.by_pose, self.law.contact.anywhere, t)
             self._guard.hold(self.references.why_hold)
         self.watch.update(m, self.law, self._inputs.history)
         self._guard.hold(self.watch.reason)
         self.grasp_check.update(m, self._pressing(), self.wrench_estimator.mean_stiffness)
         if self._guard.following and self.law.regulates_force:
             self._guard.hold(self.grasp_check.reason)
+
+    def _check_force(self, m: Measurement) -> None:
+        """What the newest image says against going on."""
+        law, guard, k = self.law, self._guard, self.wrench_estimator.mean_stiffness
+        if guard.held and law.regulates_force:
+            plan = law.plan
+            self._relief.image(m.on_environment.force, plan.wanted @ plan.normals, k, k * m.variance**0.5)
+        guard.check_overload(m)
+        guard.free_travel.image(*law.shares())
+        if guard.following and law.setpoint is not None:
+            guard.check_unexpected(m, law.plan, self.grasp_check.weight)
+
+    def _jump(self, estimate: RelativePoseEstimate) -> str:
+        """Why an estimate does not go on from the last one, while force is controlled; '' if it does."""
+        law, m = self.law, self.law.measured
+        if m is None or not (estimate.valid and self._guard.following and law.regulates_force):
+            return ""
+        return self._jumped.check(estimate, m, self._inputs.history, self.wrench_estimator.mean_stiffness)
 
     def _pressing(self) -> Array | None:
         """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""
@@ -297,6 +333,9 @@ class Controller:
         """Move the command on; returns the names of the limits that it met."""
         command, law, setpoint, m = self._command, self.law, self._setpoint, self.law.measured
         if not self._guard.following or setpoint is None or m is None:
+            if self._relief.way and self._guard.enabled:
+                return command.towards(self._relief.target(self._held_at), dt, self.parameters.press_speed)
+            self._held_at = command.p_WC
             command.stop(dt)
             return ()
         command.compare(self._inputs.history.newest(), dt)
@@ -335,6 +374,10 @@ class Controller:
             return "position"
         return "contact" if self.law.contact.made else "approach"
 
+    def _worth_telling(self) -> str:
+        """What does not hold, but explains what is seen."""
+        return self._guard.free_travel.warning or self._still.warning or self.watch.warning or self._jumped.warning
+
     def _describe(self, t: float, limits: tuple[str, ...] = ()) -> ControllerState:
         law, plan, held, setpoint = self.law, self.law.plan, self._guard.held, self._setpoint
         mode, m, hybrid = self._mode(held), law.measured, law.setpoint
@@ -356,7 +399,7 @@ class Controller:
             X_W_tip=law.X_W_tip,
             R_W_task=plan.R_W_task,
             limits_hit=limits,
-            reason=held or self._counting.remark or self.watch.late.warning,
+            reason=held or self._counting.remark or self._worth_telling(),
             in_contact=law.contact.made,
             settled=mode == "contact" and law.settled,
             image_age=t - m.stamp if m is not None else inf,

@@ -59,10 +59,24 @@ class ControllerParameters(MotionLimits):
     max_force: float = field(15.0, unit="N", low=0.1, high=200.0, doc="largest force that may be asked for")
     max_torque: float = field(2.0, unit="N m", low=0.01, high=20.0, doc="largest torque that may be asked for")
     max_measured_force: float = field(40.0, unit="N", low=1.0, high=500.0, doc="estimated force that makes it hold")
+    max_excess_force: float = field(
+        3.0, unit="N", low=0.5, high=100.0, doc="estimated force beyond what is wanted, in contact, that makes it hold"
+    )
+    max_unexpected_force: float = field(
+        5.0, unit="N", low=0.5, high=100.0, doc="rise of the estimated force in a move without force that makes it hold"
+    )
+    max_jump: float = field(
+        3.5, unit="N", low=0.5, high=100.0, doc="change of force between two images that no motion explains"
+    )
+    max_tracking_error: float = field(
+        0.005, unit="m", low=0.001, high=0.1, doc="of the arm behind its command, beyond its lag, that makes it hold"
+    )
     max_deflection: float = field(0.03, unit="m", low=0.002, high=0.1, doc="of the grasp, against slip")
     max_rotation: float = field(30.0, unit="deg", low=2.0, high=60.0, doc="of the grasp, against slip")
     max_drift: float = field(20.0, unit="deg", low=1.0, high=90.0, doc="of torque-controlled axes from the reference")
-    tipping_margin: float = field(1.1, low=1.0, high=5.0, doc="least ratio of stiffness to force times lever")
+    friction: float = field(
+        0.4, low=0.0, high=2.0, doc="of the tool on what it presses, against which the grasp must not tip"
+    )
     # inputs
     estimate_timeout: float = field(0.15, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
     max_estimate_age: float = field(0.3, unit="s", low=0.02, high=2.0, doc="oldest image that is still used")

@@ -24,16 +24,39 @@ class Counters(NamedTuple):
 
 
 class Counting:
-    """The counters of one controller as they rise, and the last remark."""
+    """The counters of one controller as they rise, and what is to be said of each kind of input.
+
+    A word lasts until an input of its kind is used again: what counts is named by its kind and what became of it.
+    """
 
     def __init__(self, remark: str) -> None:
-        self.counters, self.remark = Counters(), remark
+        self.counters = Counters()
+        self._remarks: dict[str, str] = {}  # by the kind of input, the newest last
+        self.restart(remark)
+
+    @property
+    def remark(self) -> str:
+        """The newest word that still holds; '' for none."""
+        return next(reversed(self._remarks.values()), "")
+
+    def restart(self, remark: str) -> None:
+        """Enabled or disabled: all former words are over."""
+        self._remarks = {"mode": remark} if remark else {}
 
     def count(self, name: str, remark: str | None = None) -> None:
-        """One more of a counter, with a remark."""
+        """One more of a counter, with a word about its kind."""
         self.counters = self.counters._replace(**{name: getattr(self.counters, name) + 1})
-        if remark is not None:
-            self.remark = remark
+        if remark:
+            self.say(name.split("_")[0], remark)
+
+    def say(self, kind: str, remark: str) -> None:
+        """A word about the newest input of a kind: setpoints, estimates, kinematics."""
+        self._remarks.pop(kind, None)
+        self._remarks[kind] = remark
+
+    def used(self, kind: str) -> None:
+        """An input of this kind was used: what was said of it is over."""
+        self._remarks.pop(kind, None)
 
 
 class ControllerState(NamedTuple):
@@ -54,7 +77,8 @@ class ControllerState(NamedTuple):
         X_W_tip: measured pose of the tip at the newest image (4, 4).
         R_W_task: (3, 3) of the task frame in which the wrenches are written.
         limits_hit: names of the limits that shaped this step's target.
-        reason: why it holds or is disabled, or the last refusal.
+        reason: why it holds or is disabled; else what the newest input was refused for, until one of its kind is used;
+            else what is worth telling of the contact.
         settled: in contact, and each wanted force within a tenth (at least 0.3 N) of the filtered estimate.
         image_age: now - stamp of the newest estimate [s]; infinite before one.
     """

@@ -239,7 +239,7 @@ def test_an_approach_is_so_slow_that_the_grasp_is_not_deflected_too_far_before_c
 
 def test_lost_contact_is_found_again_at_approach_speed() -> None:
     bench = Bench().enabled()
-    bench.press(10.0)
+    bench.press(3.0)
     bench.run(3.0)
     bench.table = -0.045  # the surface drops away
     bench.run(0.5)
@@ -251,7 +251,19 @@ def test_lost_contact_is_found_again_at_approach_speed() -> None:
     free = np.array(bench.forces[first + 1 :]) == 0.0
     assert speeds[free].max() < 0.031  # approach
     assert speeds.max() < 0.046  # building up the force
-    assert_allclose(bench.force, 10.0, atol=TIGHT)
+    assert_allclose(bench.force, 3.0, atol=TIGHT)
+
+
+def test_a_large_force_that_is_gone_at_once_makes_it_hold() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(3.0)
+    height = bench.commands[-1][2, 3]
+    bench.table = -0.045
+    state = bench.run(2.0)
+    assert state.mode == "holding"
+    assert "jumped" in state.reason
+    assert_allclose(bench.commands[-1][2, 3], height, atol=2e-3)
 
 
 def test_command_keeps_its_limits_through_everything() -> None:
@@ -361,17 +373,18 @@ def test_a_surface_that_turns_a_little_keeps_contact_and_one_that_turns_far_is_s
     assert bench.step().mode == "approach"
 
 
-def test_contact_is_sought_anew_along_a_direction_that_an_image_turns_far() -> None:
-    """What was learnt of the surface belongs to the direction before."""
+def test_a_direction_that_an_image_turns_far_at_once_is_not_followed() -> None:
+    """A tool frame turns with the tool; one that has jumped tells nothing of where to press."""
     bench = Bench(parameters=ControllerParameters(rotation_filter=0.0)).enabled()
     force = Wrench(np.zeros(3), np.array((0.0, 0.0, 6.0)))
     bench.controller.set_setpoint(HybridSetpoint(bench.start, force, PRESS_Z, task_frame="tool"), bench.t)
-    for angle, keeps in ((0.0, True), (20.0, True), (-25.0, False)):
+    for angle, keeps in ((0.0, True), (4.0, True), (-25.0, False)):
         bench.run(2.0)
         assert bench.state.mode == "contact"
         bench.X_TT_new = pose_from_rpy((np.deg2rad(angle), 0.0, 0.0), np.zeros(3))
-        modes = {bench.step().mode for _ in range(round((bench.delay + 1.0 / bench.image_rate) / DT) + 1)}
-        assert modes == ({"contact"} if keeps else {"contact", "approach"})
+        state = bench.run(bench.delay + 4.0 / bench.image_rate)
+        assert state.mode == ("contact" if keeps else "holding")
+    assert "jumped" in bench.state.reason
 
 
 def test_regulated_error_counts_the_torque_axes_of_T_not_of_the_tip() -> None:
@@ -542,14 +555,18 @@ def test_a_grasp_initialized_while_pressing_makes_it_hold(lost: str, images: int
     assert max(bench.forces) < 12.0
 
 
-def test_a_grasp_initialized_unnoticed_would_press_twice() -> None:
-    """What the test before is about, and that it could fail."""
+def test_a_grasp_initialized_unnoticed_shows_as_a_jump() -> None:
     bench = Bench().enabled()
     bench.press(10.0)
     bench.run(3.0)
     bench.initialize_grasp(announced=False)
-    bench.run(3.0)
-    assert max(bench.forces) > 15.0
+    state = bench.run(3.0)
+    assert state.mode == "holding"
+    assert "jumped" in state.reason
+    bench.controller.enable(bench.t)  # the arm is where it was: what is gone would be pressed once more
+    bench.press(10.0)
+    assert "initialize the grasp free of load" in bench.run(1.0).reason
+    assert max(bench.forces) < 12.0
 
 
 @pytest.mark.parametrize("enabled", [False, True])

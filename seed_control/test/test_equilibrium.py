@@ -116,7 +116,7 @@ def test_a_load_is_accepted_exactly_up_to_what_the_grasp_may_be_deflected(
     }[what]
 
     def ask(share: float) -> None:
-        wide = replace(PARAMETERS, max_deflection=0.03, max_rotation=40.0, tipping_margin=0.0)
+        wide = replace(PARAMETERS, max_deflection=0.03, max_rotation=40.0, friction=0.0)
         parameters = replace(wide, **{f"max_{what}": share * most})
         SetpointChecks(parameters, estimator(), Hand()).load(rest.setpoint, UNMOVED, rest.measured.X_WC[:3, :3])
 
@@ -160,29 +160,6 @@ def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, s
     assert told[:2] == ["", ""]
     assert (what in told[2]) == trips
     assert guard.following != trips
-
-
-def test_free_travel_trips_at_its_bound_along_the_force_directions_alone() -> None:
-    guard = moving(PARAMETERS)
-    down, bound = np.array([[0.0, 0.0, 1.0]]), PARAMETERS.max_free_travel
-    guard.check_free_travel((0.1, 0.2, 0.5), down, True)
-    guard.check_free_travel((9.0, 9.0, 0.5 - 0.999 * bound), down, True)
-    assert guard.held == ""
-    guard.check_free_travel((0.1, 0.2, 0.5 - 1.001 * bound), down, True)
-    assert "no contact within" in guard.held
-
-
-def test_free_travel_is_counted_anew_after_contact() -> None:
-    guard = moving(PARAMETERS)
-    down, bound = np.array([[0.0, 0.0, 1.0]]), PARAMETERS.max_free_travel
-    for height, seeking in (
-        (0.5, True),
-        (0.5 - 0.9 * bound, False),
-        (0.5 - 0.9 * bound, True),
-        (0.5 - 1.8 * bound, True),
-    ):
-        guard.check_free_travel((0.1, 0.2, height), down, seeking)
-    assert guard.held == ""
 
 
 def moving(parameters: ControllerParameters) -> Guard:

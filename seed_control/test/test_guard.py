@@ -1,22 +1,143 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guard of the motion: what is no number does not pass for a short way."""
+"""What stops the motion: too long a way without the wanted force, and an arm that does not follow."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from quasi_static import DOWN, DT, Bench
 
-from seed_control.command.guard import Guard
-from seed_control.parameters import ControllerParameters
-from seed_control.state import Counting
+from seed_control.command.arm_follows import ArmFollows
+from seed_control.command.free_travel import FreeTravel
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_core.spatial import Wrench, make_pose
 
 UP = np.array(((0.0, 0.0, 1.0),))
+BOUND = 0.06
+
+
+def went(travel: FreeTravel, *places: tuple[float, float, float]) -> str:
+    """Slowly, each a second after the other."""
+    return next(filter(None, (travel.step(p, UP, 1.0) for p in places)), "")
 
 
 @pytest.mark.parametrize("z", [0.061, -0.061, np.nan, np.inf])
 def test_an_approach_that_goes_too_far_or_nowhere_known_is_held(z: float) -> None:
-    guard = Guard(ControllerParameters(), Counting(""))
-    guard.enable(True)
-    guard.check_free_travel((0.0, 0.0, 0.0), UP, True)
-    guard.check_free_travel((0.0, 0.0, 0.059), UP, True)
-    assert guard.following
-    guard.check_free_travel((0.0, 0.0, z), UP, True)
-    assert "no contact within max_free_travel" in guard.held
+    travel = FreeTravel(BOUND)
+    assert went(travel, (0.0, 0.0, 0.0), (9.0, 9.0, 0.059)) == ""
+    assert "no contact within max_free_travel = 60 mm along (0.00, 0.00, 1.00)" in went(travel, (0.0, 0.0, z))
+
+
+def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
+    for share, settled, anew in ((1.0, True, True), (0.6, False, True), (0.4, False, False)):
+        travel = FreeTravel(BOUND)
+        went(travel, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05))
+        travel.image([share], [settled], [0.0])
+        assert (went(travel, (0.0, 0.0, 0.1)) == "") == anew
+        travel.image([share], [False], [0.0])  # it does not rise any more: friction, say
+        assert went(travel, (0.0, 0.0, 0.12)) != ""
+
+
+def test_it_stops_within_the_bound_at_speed() -> None:
+    travel, z = FreeTravel(BOUND), 0.0
+    while not travel.step((0.0, 0.0, z), UP, DT):
+        z += 0.1 * DT
+    assert_allclose(z, BOUND - 0.05 * 0.1, atol=1e-3)
+
+
+def test_contact_in_one_direction_does_not_count_for_another() -> None:
+    """Force along y and z, and nothing to press against along y."""
+    bench = Bench().enabled()
+    force = Wrench(np.zeros(3), np.array((0.0, -5.0, -5.0)))
+    bench.controller.set_setpoint(HybridSetpoint(DOWN, force, np.diag([0.0, 1.0, 1.0])), bench.t)
+    state = bench.run(10.0)
+    assert state.mode == "holding"
+    assert "no contact within max_free_travel = 60 mm along (0.00, 1.00, 0.00)" in state.reason
+    assert_allclose(bench.force, 5.0, atol=0.5)
+    C = np.array([X[:3, 3] for X in bench.commands])
+    assert np.abs(C[:, 1] - C[0, 1]).max() <= BOUND
+
+
+def test_contact_is_lost_at_small_forces_under_noise() -> None:
+    """At 1 N a twentieth of the force lies far below the noise of 0.24 N."""
+    bench = Bench(noise=3e-4).enabled()
+    bench.press(1.0)
+    bench.run(4.0)
+    assert bench.state.in_contact
+    before = bench.state.counters.contacts_lost
+    height, bench.table = bench.commands[-1][2, 3], -1.0
+    state = bench.run(14.0)
+    assert state.counters.contacts_lost > before
+    assert state.mode == "holding"
+    assert "no contact within" in state.reason
+    assert height - bench.commands[-1][2, 3] < BOUND
+
+
+def test_contact_at_small_forces_outlasts_the_noise() -> None:
+    bench = Bench(noise=3e-4).enabled()
+    bench.press(1.0)
+    bench.run(20.0)
+    assert bench.state.in_contact
+    assert bench.state.counters.contacts_lost == 0
+
+
+@pytest.mark.parametrize("kind", ["approach", "position"])
+def test_an_arm_that_holds_is_noticed_before_its_command_is_far_away(kind: str) -> None:
+    bench = Bench(table=-1.0).enabled()
+    if kind == "approach":
+        bench.press(5.0)
+    else:
+        bench.controller.set_setpoint(HybridSetpoint(DOWN @ make_pose(None, (0.3, 0.0, 0.0))), bench.t)
+    bench.run(0.2)
+    held = bench.X_WE.copy()
+    for _ in range(750):
+        bench.X_WE = held
+        bench.step()
+    bench.X_WE = held
+    assert bench.state.mode == "holding"
+    assert "the arm does not follow" in bench.state.reason
+    bench.controller.enable(bench.t)  # from where the arm is
+    bench.step()
+    assert_allclose(bench.commands[-1][:3, 3], held[:3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.06, 0.15])
+def test_an_arm_that_trails_at_full_speed_is_not_held(lag: float) -> None:
+    follows, x = ArmFollows(0.01), 0.0
+    X_WC = np.eye(4)
+    for i in range(500):
+        x += 0.25 * DT if i < 250 else 0.0
+        X_WC[0, 3] += (1.0 - np.exp(-DT / lag) if lag else 1.0) * (x - X_WC[0, 3])
+        assert follows.update((x, 0.0, 0.0), X_WC, 0.04, DT) == ""
+
+
+def test_a_move_into_something_is_held_and_named() -> None:
+    bench = Bench(table=0.03, start=DOWN @ make_pose(None, (0.0, 0.0, -0.08))).enabled()
+    x, y, z = bench.start[:3, 3]
+    for i in range(round(3.0 / DT)):
+        height = max(z - 0.05 * i * DT, 0.0)
+        target = make_pose(DOWN[:3, :3], (x, y, height))
+        if bench.state.mode != "holding":
+            bench.controller.set_setpoint(HybridSetpoint(target, velocity=np.array((0.0, 0.0, -0.05))), bench.t)
+        bench.step()
+    assert bench.state.mode == "holding"
+    assert "where no force is wanted" in bench.state.reason
+    assert bench.force < 15.0
+    bench.controller.enable(bench.t)  # and away from it
+    bench.controller.set_setpoint(HybridSetpoint(bench.start), bench.t)
+    bench.run(3.0)
+    assert bench.force == 0.0
+    assert bench.state.mode == "position"
+
+
+def test_poses_that_are_frozen_are_noticed() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    while not bench.state.in_contact:
+        bench.step()
+    frozen = bench.controller._inputs.estimate
+    assert frozen is not None
+    bench.told = lambda estimate: type(estimate)(estimate.stamp, frozen.X_CT)
+    state = bench.run(2.0)
+    assert state.mode == "holding"
+    assert "frozen" in state.reason
+    assert max(bench.forces) < 15.0

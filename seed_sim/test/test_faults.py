@@ -7,10 +7,8 @@ from seed_sim.faults.campaign import campaign, failed, summary, table
 from seed_sim.faults.draw import KINDS
 from seed_sim.faults.run import run_fault
 
-SAFE = ("axis lost",)
 
-
-@pytest.mark.parametrize("kind", SAFE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_force_and_free_way_are_bounded_and_a_reason_is_told(kind: str) -> None:
     outcomes = campaign(2, 100, [kind])
     assert not [o for o in outcomes if failed(o)]

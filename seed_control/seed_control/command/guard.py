@@ -5,14 +5,18 @@ from math import degrees, inf
 
 import numpy as np
 
+from seed_control.command.arm_follows import ArmFollows
+from seed_control.command.free_travel import FreeTravel
+from seed_control.law.published import Plan
 from seed_control.parameters import ControllerParameters
 from seed_control.state import Counting
 from seed_control.wrench.estimate import Measurement
 from seed_core.arm.hold import HoldLatch
 from seed_core.spatial import Array, rpy_from_rotation
-from seed_core.vector3 import Vector3, minus
+from seed_core.vector3 import Vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
+_SWAYS = 0.5  # of the tool's weight, that it presses with as the arm starts and stops
 
 
 class Guard:
@@ -20,14 +24,16 @@ class Guard:
 
     Attributes:
         enabled: since `enable`, until `disable`.
+        free_travel: how far the arm has gone without the force that is wanted.
     """
 
     def __init__(self, parameters: ControllerParameters, counting: Counting) -> None:
         self.parameters, self._counting = parameters, counting
         self._latch = HoldLatch(inf)
         self.enabled = False
-        self._too_far = 0  # images in a row
-        self._free_from: Vector3 | None = None  # commanded position at which the approach without contact began
+        self._too_far = self._pressed = 0  # images in a row
+        self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
+        self.free_travel, self._arm = FreeTravel(parameters.max_free_travel), ArmFollows(parameters.max_tracking_error)
 
     @property
     def held(self) -> str:
@@ -42,12 +48,16 @@ class Guard:
     def enable(self, on: bool, remark: str = "") -> None:
         """Allow motion or not; either way a hold is over."""
         self._latch.resume()
-        self.enabled, self._counting.remark, self._free_from = on, remark, None
+        self.enabled = on
+        self._counting.restart(remark)
+        self._pressed = 0
+        if not self._directions:  # away from what was in the way
+            self._least_across = inf
+        self.free_travel.restart()
+        self._arm.restart()
 
     def hold(self, why: str) -> None:
         """Stop, if it moves; the first reason stays."""
-        if why:
-            self._counting.remark = why
         if why and self.following:
             self._latch.hold(why)
             self._counting.count("holds")
@@ -71,23 +81,31 @@ class Guard:
         if self._too_far >= _IMAGES and self.enabled:
             self.hold(why)
 
-    def check_free_travel(self, p_WC: Vector3, normals: Array, seeking: bool) -> None:
-        """Per step: hold when an approach without contact has gone too far.
+    def check_unexpected(self, m: Measurement, plan: Plan, weight: float) -> None:
+        """Per image: hold when the tool is pressed where no force is wanted, harder than it was, in three in a row.
+
+        Friction makes force across the wanted one, a heavy tool (weight [N]) when the arm starts.
+        """
+        force, N = m.on_environment.force, plan.normals
+        across = force - N.T @ (N @ force)
+        size = float(np.sqrt(across @ across))
+        if len(N) != self._directions:
+            self._directions, self._least_across = len(N), inf
+        self._least_across = min(self._least_across, size)
+        wanted, most = float(np.sqrt(plan.wanted @ plan.wanted)), self.parameters.max_unexpected_force
+        rise = size - self._least_across
+        self._pressed = self._pressed + 1 if rise > most + wanted + _SWAYS * weight else 0
+        if self._pressed >= _IMAGES:
+            self.hold(
+                f"the tool is pressed with {rise:.1f} N where no force is wanted, beyond max_unexpected_force = "
+                f"{most:g} N: something is in its way; move it off, or control the force there"
+            )
+
+    def check_motion(self, p_WC: Vector3, plan: Plan, X_WC: Array, lag: float, dt: float) -> None:
+        """Per step of dt [s]: hold when an approach goes too far, or the arm does not follow.
 
         Args:
-            p_WC: commanded position [m].
-            normals: (m, 3) the force directions.
-            seeking: whether contact is sought; the next approach is counted from its own start.
+            p_WC: commanded position [m]; X_WC: (4, 4) where it is. lag: [s] by which it trails.
         """
-        if not seeking:
-            self._free_from = None
-            return
-        if self._free_from is None:
-            self._free_from = p_WC
-        travel = normals @ minus(p_WC, self._free_from)
-        bound = self.parameters.max_free_travel
-        if not float(np.sqrt(travel @ travel)) <= bound:  # nor when it is no number
-            self.hold(
-                f"no contact within max_free_travel = {1e3 * bound:.0f} mm: start nearer to the surface, or check the "
-                "force's sign (what the tool does to the surface) and the estimate"
-            )
+        self.hold(self.free_travel.step(p_WC, plan.normals, dt))
+        self.hold(self._arm.update(p_WC, X_WC, lag, dt))

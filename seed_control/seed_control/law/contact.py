@@ -1,43 +1,96 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the tool touches: some images in a row above a share of each wanted force; lost after more below another."""
+"""Where the tool touches, direction by direction: some images in a row above a share of the wanted force.
+
+Contact along a direction is lost when the mean of some more images is below another share, as far as noise lets tell.
+"""
+
+from collections import deque
 
 from seed_control.parameters import ControllerParameters
 from seed_core.spatial import Array
 
-_CERTAIN = 2.5  # deviations of the estimated force that contact must stand out by
+_CERTAIN = 2.5  # deviations of the estimated force (of its mean, for a loss) that count
+_MOST_LOST = 0.5  # share of the wanted force, at most, below which contact is lost however much noise there is
 
 
-class ContactDetector:
-    """`made`: in contact now; `lost`: how often contact was lost."""
+class _Direction:
+    """One force direction that is to press."""
 
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
-        self._above = self._below = 0  # images in a row
         self.made = False
-        self.lost = 0
+        self._above = 0  # images in a row
+        self._recent: deque[float] = deque(maxlen=parameters.lost_images)  # [N] since contact
+
+    def update(self, force: float, wanted: float, deviation: float) -> None:
+        """Take in an image's force, counted along the wanted one [N]."""
+        p = self._parameters
+        self._recent.append(force)
+        if not self.made:
+            touches = force > max(p.contact_share * wanted, _CERTAIN * deviation)
+            self._above = self._above + 1 if touches else 0
+            if self._above >= p.contact_images:
+                self.made = True
+                self._recent.clear()
+            return
+        n = len(self._recent)
+        least = min(p.lost_share * wanted + _CERTAIN * deviation / n**0.5, max(_MOST_LOST, p.lost_share) * wanted)
+        if n == p.lost_images and sum(self._recent) < n * least:
+            self.made, self._above = False, 0
+
+
+class ContactDetector:
+    """Contact by force direction.
+
+    Attributes:
+        touching: (m,) whether the tool touches along each; one that is to carry no force touches with the others.
+        lost: how often contact was lost. once: whether there has been contact since it was to be found anew.
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        self._parameters = parameters
+        self._directions: list[_Direction] = []
+        self.touching: tuple[bool, ...] = ()
+        self.lost, self.once = 0, False
+
+    @property
+    def made(self) -> bool:
+        """Whether the tool touches wherever it is to press."""
+        return bool(self.touching) and all(self.touching)
+
+    @property
+    def anywhere(self) -> bool:
+        """Whether the tool touches along any direction."""
+        return any(self.touching)
 
     def reset(self) -> None:
         """Contact is to be found anew."""
-        self.made, self._above, self._below = False, 0, 0
+        self._directions, self.touching, self.once = [], (), False
 
-    def update(self, along: Array, wanted: Array, deviation: float) -> bool:
-        """Take in one image; whether contact was made by this very one.
+    def update(self, along: Array, wanted: Array, deviation: float) -> tuple[int, ...]:
+        """Take in one image; the directions along which it has made contact.
 
         Args:
             along, wanted: estimated and wanted force (m,) [N] along the force directions.
             deviation: standard deviation of the estimate [N].
         """
-        pairs = [(f if w > 0.0 else -f, abs(w)) for f, w in zip(along.tolist(), wanted.tolist(), strict=True) if w]
-        if not pairs:
-            return False
-        p, least = self._parameters, _CERTAIN * deviation
-        above = any(f > max(p.contact_share * size, least) for f, size in pairs)
-        below = all(f < p.lost_share * size for f, size in pairs)
-        self._above, self._below = self._above + 1 if above else 0, self._below + 1 if below else 0
-        if not self.made and self._above >= p.contact_images:
-            self.made = True
-            return True
-        if self.made and self._below >= p.lost_images:
-            self.made = False
-            self.lost += 1
-        return False
+        if len(self._directions) != len(along):
+            self._directions = [_Direction(self._parameters) for _ in along]
+            self.touching = (False,) * len(along)
+        before, pressing = self.touching, [w != 0.0 for w in wanted.tolist()]
+        for i, (f, w) in enumerate(zip(along.tolist(), wanted.tolist(), strict=True)):
+            if w:
+                self._directions[i].update(f if w > 0.0 else -f, abs(w), deviation)
+        made = any(pressing) and all(d.made for d, on in zip(self._directions, pressing, strict=True) if on)
+        self.touching = tuple(d.made if on else made for d, on in zip(self._directions, pressing, strict=True))
+        self.once |= self.made
+        changed = list(zip(before, self.touching, pressing, strict=True))
+        self.lost += any(was and not now and on for was, now, on in changed)
+        return tuple(i for i, (was, now, _) in enumerate(changed) if now and not was)
+
+
+def shares_of(along: Array, wanted: Array) -> tuple[list[float], list[bool]]:
+    """Shares of the wanted force (m,) [N] that there is (m,), and whether it is within a tenth, at least 0.3 N."""
+    pairs = list(zip(along.tolist(), wanted.tolist(), strict=True))
+    settled = [not w or abs(f - w) < max(0.1 * abs(w), 0.3) for f, w in pairs]
+    return [f / w if w else 1.0 for f, w in pairs], settled

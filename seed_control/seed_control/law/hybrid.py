@@ -33,7 +33,7 @@ class HybridLaw(PublishedLaw):
 
     def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator) -> None:
         super().__init__(parameters, wrench_estimator)
-        self.observers: list[SurfaceObserver] = []  # one per force direction, since contact was made
+        self.observers: list[SurfaceObserver] = []  # one per force direction, since contact was made along it
         self.deflection = DeflectionFilter(parameters)
         self._tipping_gain = 1.0
 
@@ -45,14 +45,14 @@ class HybridLaw(PublishedLaw):
         super().release()
         self._tipping_gain = 1.0
 
-    def _observe(self, m: Measurement) -> bool:
+    def _observe(self, m: Measurement) -> tuple[int, ...]:
         made, normals = super()._observe(m), self.plan.normals
-        if made:
+        if len(self.observers) != len(normals):
             self.observers = [SurfaceObserver(self.parameters) for _ in normals]
-            for n, observer in zip(normals, self.observers, strict=True):
+        for i, (n, observer) in enumerate(zip(normals, self.observers, strict=True)):
+            if i in made:
                 observer.start(m.stamp, n, m.tip, m.undeflected)
-        if self.contact.made:
-            for n, observer in zip(normals, self.observers, strict=True):
+            if self.touches(i):
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
         return made
 
@@ -72,7 +72,7 @@ class HybridLaw(PublishedLaw):
         if self.parameters.law == "plain":
             return reference
         needed = abs(float(self.plan.wanted[i])) / self.wrench_estimator.mean_stiffness  # [m] of deflection
-        if not self.contact.made:  # the grasp must not deflect further within a loop than wanted
+        if not self.touches(i):  # the grasp must not deflect further within a loop than wanted
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
         offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_control.algorithm2 import force_control
-from seed_control.law.contact import ContactDetector
+from seed_control.law.contact import ContactDetector, shares_of
 from seed_control.law.directions import force_directions
 from seed_control.law.partial_inverse import PartialInverseError, hybrid_force_position, hybrid_torque_orientation
 from seed_control.law.tip_reference import HeightReference, TipReference
@@ -131,10 +131,20 @@ class PublishedLaw:
             self._follow(self.setpoint)
         self._describe()
 
-    def _observe(self, m: Measurement) -> bool:
-        """Look for contact; whether this very image has made it."""
+    def _observe(self, m: Measurement) -> tuple[int, ...]:
+        """Look for contact; the force directions along which this very image has made it."""
         deviation = self.wrench_estimator.mean_stiffness * m.variance**0.5
         return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation)
+
+    def shares(self) -> tuple[list[float], list[bool], list[float]]:
+        """By force direction: share of the wanted force that there is, whether it is there, deflection it needs [m]."""
+        shares, settled = shares_of(self.plan.normals @ self.tool.on_environment.force, self.plan.wanted)
+        return shares, settled, [abs(w) / self.wrench_estimator.mean_stiffness for w in self.plan.wanted.tolist()]
+
+    def touches(self, i: int) -> bool:
+        """Whether the tool touches along force direction i."""
+        touching = self.contact.touching
+        return i < len(touching) and touching[i]
 
     def _describe(self) -> None:
         """What the state shows, whenever an image or a set-point changes it."""
@@ -237,6 +247,6 @@ class PublishedLaw:
         """Along force direction i to where Algorithm 2 wants the gripper; along the path where nothing is wanted."""
         plan, speed = self.plan, s.approach_speed or self.parameters.approach_speed
         n = as_vector3(plan.normals[i])
-        if plan.wanted[i] == 0.0 and not self.contact.made:
+        if plan.wanted[i] == 0.0 and not self.touches(i):
             return HeightReference(n, float(plan.normals[i] @ plan.to_undeflected), n, speed)
         return HeightReference(n, float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)), ZERO, speed)

@@ -9,16 +9,18 @@ where there can be none.
 import numpy as np
 
 from seed_control.wrench.estimate import Measurement
+from seed_core.estimate import NEW_GRASP
 from seed_core.hand import GRAVITY, Tool
-from seed_core.spatial import Array
+from seed_core.spatial import Array, so3_log
 
 SOFTEST = 100.0  # [N/m] of a surface that is told from free air
 _CERTAIN = 2.0  # deviations of the force's rise per way, for either
 _WAY = 4e-3  # [m] along the force that an approach has to go, and further than across
 _MOST = 100  # images of it that are kept
-_STAYED = 1e-3, 0.02  # [m], [rad] by which an arm that stands still may seem to move
+_STAYED = 0.03, 0.1  # [m], and of a rotation matrix: an arm that has gone further may have left what it pressed
 _LEAST, _SHARE = 1.0, 0.3  # [N], and of the force before, by which a force that is kept may differ
 _NOISE = 4.0  # deviations of the estimated force
+_TURNED = 6.0  # deviations of a rotation by which a pose that has jumped is another
 _ALIKE = 0.25  # of the weight, by which a force may differ that a hanging tool explains
 _NONE = np.zeros((0, 3)), np.zeros((0, 3))  # places and forces of no image
 
@@ -28,14 +30,16 @@ class GraspCheck:
 
     Attributes:
         reason: why force must not be controlled with this grasp; '' while nothing speaks against it.
+        weight: of the tool [N].
     """
 
     def __init__(self, tool: Tool, most: float) -> None:
         """most: [N] that a tool in free air may seem to press."""
-        self._weight, self._most = tool.mass * GRAVITY, most
+        self.weight, self._most = tool.mass * GRAVITY, most
         self._anew = self._loaded = ""
         self._before: Measurement | None = None  # the last one of the grasp before
         self._taken = False  # a new grasp has been taken since
+        self._why = NEW_GRASP
         self._rows: tuple[Array, Array] | None = _NONE  # of an approach: p_WC [m], force, (N, 3); None: it is judged
 
     @property
@@ -47,10 +51,11 @@ class GraspCheck:
         """Enabled anew: an approach is to show again what it has shown."""
         self._loaded, self._rows = "", _NONE
 
-    def new_grasp(self, last: Measurement | None) -> None:
-        """T is counted anew; last: the newest measurement of the grasp before."""
+    def new_grasp(self, last: Measurement | None, why: str) -> None:
+        """T is counted anew (why: NEW_GRASP), or poses have jumped (''); last: the newest measurement before."""
         if not self._taken:
             self._before, self._taken = last, True
+        self._why = why
         self._anew = ""
         self.restart()
 
@@ -79,12 +84,20 @@ class GraspCheck:
         if float(np.sqrt(step @ step)) > _STAYED[0] or turn > _STAYED[1]:
             return
         was, force = before.on_environment.force, m.on_environment.force
-        size, gone = float(np.sqrt(was @ was)), float(np.sqrt((was - force) @ (was - force)))
-        if gone > max(_LEAST, _SHARE * size, _NOISE * stiffness * (before.variance + m.variance) ** 0.5):
-            self._anew = (
-                f"the grasp was taken anew while the tool was loaded: {gone:.1f} of {size:.1f} N are gone though the "
-                "arm has not moved, so forces would be off by as much: initialize the grasp free of load"
-            )
+        size = float(np.sqrt(was @ was))
+        noise = _NOISE * stiffness * (before.variance + m.variance) ** 0.5
+        if size > max(_LEAST, noise):  # it touched: the arm's way since has pressed it further, or released it
+            was = was * max(1.0 + stiffness * float(step @ was) / size**2, 0.0)
+        gone = float(np.sqrt((was - force) @ (was - force)))
+        turned = so3_log(before.X_CT[:3, :3].T @ m.X_CT[:3, :3])
+        angle = 0.0 if self._why else float(np.sqrt(turned @ turned))
+        if gone <= max(_LEAST, _SHARE * size, noise) and angle <= _TURNED * m.rotation_deviation:
+            return
+        what = "the grasp was taken anew while the tool was loaded" if self._why else "the tool's pose has jumped"
+        self._anew = (
+            f"{what}: {gone:.1f} of {size:.1f} N are gone though the arm has not moved back, so forces would be off by "
+            "as much: initialize the grasp free of load"
+        )
 
     def _approach(self, m: Measurement, pressing: Array, noise: float) -> None:
         """Where the gripper goes on and the force does not rise, there is no contact and no force."""
@@ -111,8 +124,8 @@ class GraspCheck:
         size = float(np.sqrt(force @ force))
         if size <= self._most + _NOISE * deviation:
             return
-        hung = float(np.abs(force + np.array((0.0, 0.0, self._weight))).max()) < _ALIKE * self._weight
-        why = f"the grasp was taken while the tool hung ({self._weight:.1f} N)" if hung else "the grasp was loaded then"
+        hung = float(np.abs(force + np.array((0.0, 0.0, self.weight))).max()) < _ALIKE * self.weight
+        why = f"the grasp was taken while the tool hung ({self.weight:.1f} N)" if hung else "the grasp was loaded then"
         self._loaded = (
             f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "
             "stiffness are wrong; initialize the grasp free of load"

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's ROS node: relative pose, kinematics and set-point in; flange pose out, at a fixed rate."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -32,6 +34,7 @@ from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.clocks import DOC, clocks
 from seed_core.config import field
+from seed_core.errors import SeedError
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
@@ -132,17 +135,29 @@ class ControllerNode(SeedNode):
         self.diagnose("controller", self._report)
 
     # in
+    @contextmanager
+    def _telling(self, kind: str) -> Iterator[None]:
+        """What is refused here, before the controller sees it, is told in its state, too."""
+        try:
+            yield
+        except SeedError as error:
+            self.core.refused(kind, str(error))
+            raise
+
     def _on_pose(self, message: PoseStamped) -> None:
-        check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
-        X_WE = pose_to_matrix(message.pose, "current_pose")
-        if self.core.add_kinematics(self._dated(message, self.parameters.kinematics_timeout, "current_pose"), X_WE):
+        with self._telling("kinematics"):
+            check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
+            X_WE = pose_to_matrix(message.pose, "current_pose")
+            stamp = self._dated(message, self.parameters.kinematics_timeout, "current_pose")
+        if self.core.add_kinematics(stamp, X_WE):
             self._here = X_WE
 
     def _on_estimate(self, message: RelativePose) -> None:
-        check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
-        check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
-        self._dated(message, self.parameters.max_estimate_age, "relative_pose")
-        estimate = estimate_from_message(message)
+        with self._telling("estimates"):
+            check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
+            check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
+            self._dated(message, self.parameters.max_estimate_age, "relative_pose")
+            estimate = estimate_from_message(message)
         self.core.add_estimate(self._pressures.into(estimate) if self._pressures else estimate)
 
     def _on_arm_wrench(self, message: WrenchStamped) -> None:
@@ -157,18 +172,26 @@ class ControllerNode(SeedNode):
         return stamp
 
     def _on_hybrid(self, message: HybridMsg) -> None:
-        self._take(hybrid_setpoint(message, self.frames))
+        with self._telling("setpoints"):
+            setpoint = hybrid_setpoint(message, self.frames)
+        self._take(setpoint)
 
     def _on_wrench(self, message: WrenchMsg) -> None:
-        self._take(wrench_setpoint(message, self.frames, self.tool))
+        with self._telling("setpoints"):
+            setpoint = wrench_setpoint(message, self.frames, self.tool)
+        self._take(setpoint)
 
     def _on_relative(self, message: RelativePoseMsg) -> None:
-        self._take(relative_pose_setpoint(message, self.frames))
+        with self._telling("setpoints"):
+            setpoint = relative_pose_setpoint(message, self.frames)
+        self._take(setpoint)
 
     def _take(self, setpoint: Setpoint) -> None:
         """A set-point from a topic; while a task is played it is refused."""
         if self.follow.busy or self.payload.busy:
-            self.counters.add("setpoints_during_task", "a set-point came while a task is played: cancel the task first")
+            why = "a set-point came while a task is played: cancel the task first"
+            self.counters.add("setpoints_during_task", why)
+            self.core.refused("setpoints", why)
             return
         with self.counters.refusing("setpoints_refused"):
             self.core.set_setpoint(setpoint, self.now())

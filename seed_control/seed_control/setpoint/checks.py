@@ -4,6 +4,8 @@
 Every set-point is judged before anything changes; whatever refuses raises SetpointError.
 """
 
+from math import cos, radians, sin
+
 import numpy as np
 
 from seed_control.algorithm2 import wrench_about_T
@@ -137,19 +139,24 @@ class SetpointChecks:
             )
 
     def _check_tipping(self, force_T: Array, torque_axes: Flags) -> None:
-        """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are softer than F H."""
+        """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are too soft for it.
+
+        A lean a is at rest where k a = F H (sin a + mu cos a), with the friction mu F across the tip; there is such a
+        lean up to the largest one that the grasp endures where k is at least F H (sin a + mu cos a) / a of that one.
+        """
         size, moment = float(np.linalg.norm(force_T)), float(force_T @ self._wrench_estimator.p_Ttip)  # F H
         if moment <= 0.0:
             return
-        needed = self.parameters.tipping_margin * moment
+        most, mu = radians(self.parameters.max_rotation), self.parameters.friction
+        needed = (sin(most) + mu * cos(most)) / most * moment
         for i, k in enumerate(self._wrench_estimator.bushing.stiffness.rotation):
             if torque_axes[i] or abs(force_T[i]) > 0.9 * size:  # about the force's own axis nothing tips
                 continue
             if k < needed:
                 raise SetpointError(
                     "SP14",
-                    f"the tool would tip: {size:.3g} N at a lever of {moment / size:.3g} m needs more than "
-                    f"{needed:.3g} N m/rad about T's {'xyz'[i]}, the grasp has {k:.3g}: ask for at most "
+                    f"the tool would tip: {size:.3g} N at a lever of {moment / size:.3g} m with a friction of {mu:g} "
+                    f"needs {needed:.3g} N m/rad about T's {'xyz'[i]}, the grasp has {k:.3g}: ask for at most "
                     f"{size * k / needed:.3g} N or a stiffer grip",
                 )
 

@@ -29,7 +29,8 @@ class Inputs:
 
     Attributes:
         estimate: the newest good one. bad_in_a_row: how many since, and since `count_from`, were invalid; why_bad: why
-            the last one was, '' after a good one.
+            the last one was, '' after a good one; why_no_pose: the same of the
+            last flange pose, to be added to a sentence.
         arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
     """
 
@@ -39,20 +40,32 @@ class Inputs:
         self.history = PoseHistory()
         self.estimate: RelativePoseEstimate | None = None
         self.pending: RelativePoseEstimate | None = None  # not matched yet
-        self.bad_in_a_row, self.why_bad = 0, ""
+        self.bad_in_a_row, self.why_bad, self.why_no_pose = 0, "", ""
         self._counted_from = -inf  # [s]
         self.arrived = self.image_stamp = -inf
 
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
         """Flange pose X_WE (4, 4) at stamp [s]. False (counted) when it is no pose or its stamp does not rise."""
+        why = "its stamp does not rise"
         try:
             _check_near(check_pose(X_WE, "X_WE"), REACH, "current_pose")
             good = isfinite(stamp) and self.history.add(stamp, X_WE)
         except SeedError as error:
-            self._counting.remark, good = str(error), False
-        if not good:
-            self._counting.count("kinematics_refused")
+            why, good = str(error), False
+        self.why_no_pose = "" if good else f"; the last one was not used: {why}"
+        if good:
+            self._counting.used("kinematics")
+        else:
+            self._counting.count("kinematics_refused", f"current_pose is not used: {why}")
         return good
+
+    def refused(self, kind: str, why: str) -> None:
+        """An input was refused before it came here: one of 'kinematics', 'estimates' and 'setpoints'."""
+        self._counting.say(kind, why)
+        if kind == "kinematics":
+            self.why_no_pose = f"; the last one was not used: {why}"
+        if kind == "estimates":
+            self.why_bad = why
 
     def add_estimate(self, estimate: RelativePoseEstimate, unobserved: str) -> bool:
         """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose.
@@ -87,6 +100,7 @@ class Inputs:
         X_WE = history.at(stamp) if self._synchronised else history.newest()
         if X_WE is not None:
             self.pending, self.arrived, self.image_stamp = None, t, stamp
+            self._counting.used("estimates")
             return estimate, X_WE
         if stamp < history.oldest_stamp or t - stamp > self._parameters.max_estimate_age:
             self.pending = None
@@ -114,7 +128,8 @@ class Inputs:
         p, newest = self._parameters, self.history.newest_stamp
         last = f"; the last one was not used: {self.why_bad}" if self.why_bad else ""
         if t - newest > p.kinematics_timeout:
-            return f"current_pose is stale: {t - newest:.3f} s old, at most {p.kinematics_timeout:g} s"
+            none = f"current_pose is stale: {t - newest:.3f} s old" if newest > -inf else "no current_pose has come yet"
+            return f"{none}, at most {p.kinematics_timeout:g} s{self.why_no_pose}"
         if self.arrived == -inf:
             return f"no estimate of the relative pose has come yet{last}"
         if t - self.arrived > p.estimate_timeout:

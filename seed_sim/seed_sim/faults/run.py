@@ -2,6 +2,7 @@
 """One run with a fault, and what it came to: worst force, free way, and whether a reason was told."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +17,12 @@ from seed_sim.faults.poses import FaultyPoses, MovingTable
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 
-DURATION = 6.0  # [s] of a run
+DURATION = 7.0  # [s] of a run
 WORK = make_pose(None, (0.45, 0.0, 0.0))  # X_W_work, above the nominal table
 _START = 0.012  # [m] of the tip above it
 _WIPES = 2.2  # [s] from which on it wipes
-_AFTER = 1.0  # [s] after a hold, at which an operator enables again
+_AFTER = 1.0  # [s] after a hold, at which an operator enables again ...
+_LEFT = 2.5  # [s] ... if so much is left
 _WINDOW = 0.1  # [s] that a force has to last to count
 _TOUCHES = 0.5  # share of the wanted force along a direction from which on a way in it is not free
 _SERVED = 0.2, 0.5  # share of the wanted force, and [N], within which its error over the last second needs no reason
@@ -30,9 +32,9 @@ class Outcome(NamedTuple):
     """What a run came to.
 
     Attributes:
-        excess: [N] by which the true force was above the wanted one for longer than 0.1 s at a time, at most.
+        excess: [N] by which the true force along the wanted one was above it for longer than 0.1 s at a time, at most.
         peak: [N] the same, however shortly.
-        travel: [m] free way along a force direction, at most.
+        travel: [m] free way of the tip along a force direction, at most.
         served: the force was the wanted one at the end.
         reason: what the state told at the end; held: why it held first.
     """
@@ -85,6 +87,7 @@ class _Run:
         )
         self._enabled_again = not fault.again
         self._held, self._held_at = "", np.inf
+        self._again_at = 0.0  # [s] when it was enabled once more
         self._asked = False  # the set-point was taken since it was enabled
 
     def outcome(self) -> Outcome:
@@ -93,7 +96,7 @@ class _Run:
             t = i / self._steering.rate
             state = self._step(t)
             forces.append(self._plant.contact_wrench.force)
-            places.append(self._plant.X_WC[:3, 3].copy())
+            places.append((self._plant.X_WT @ self._plant.tool.X_Ttip)[:3, 3])
             states.append(state)
         return self._judge(np.array(forces), np.array(places), states)
 
@@ -105,8 +108,10 @@ class _Run:
             self._plant.arm.holds = True
         if state.mode == "holding" and not self._held:
             self._held, self._held_at = state.reason, t
-        if not self._enabled_again and t >= self._held_at + _AFTER and state.mode == "holding":
+        soon = self._held_at + _AFTER <= t < DURATION - _LEFT
+        if not self._enabled_again and soon and state.mode == "holding":
             self._enabled_again, self._asked = True, False
+            self._again_at = t
             try:
                 core.enable(t)
             except ControlRefusedError:
@@ -136,7 +141,8 @@ class _Run:
     def _judge(self, forces: Array, places: Array, states: list[ControllerState]) -> Outcome:
         rate, wanted = self._steering.rate, self._fault.force
         n = round(_WINDOW * rate)
-        over = np.linalg.norm(forces, axis=1) - float(np.linalg.norm(wanted))
+        size = float(np.linalg.norm(wanted))
+        over = forces @ wanted / size - size
         lasting = np.lib.stride_tricks.sliding_window_view(over, n + 1).min(axis=1)
         last = slice(-round(rate), None)
         along = [i for i in range(3) if wanted[i]]
@@ -144,14 +150,16 @@ class _Run:
         served = error < max(_SERVED[0] * float(np.abs(wanted).max()), _SERVED[1])
         final = states[-1]
         told = "; ".join(filter(None, (final.reason, *final.contradictions, final.doubt)))
-        travel = max(_free_way(forces[:, i] / wanted[i], places[:, i], round(SETTLE * rate)) for i in along)
+        starts = round(SETTLE * rate), round(self._again_at * rate), len(forces)
+        parts = [slice(a, b) for a, b in pairwise(starts) if b > a]
+        travel = max(_free_way(forces[p, i] / wanted[i], places[p, i]) for i in along for p in parts)
         return Outcome(self._fault, float(lasting.max()), float(over.max()), travel, served, told, self._held)
 
 
-def _free_way(share: Array, place: Array, first: int) -> float:
+def _free_way(share: Array, place: Array) -> float:
     """Longest way [m] from where a direction was last in touch, or was asked for; share: of the wanted force."""
-    longest, start = 0.0, place[first]
-    for s, x in zip(share[first:].tolist(), place[first:].tolist(), strict=True):
+    longest, start = 0.0, place[0]
+    for s, x in zip(share.tolist(), place.tolist(), strict=True):
         if s >= _TOUCHES:
             start = x
         longest = max(longest, abs(x - start))

@@ -16,7 +16,7 @@ from seed_testing.figures import figures
 DT = 0.004  # [s]
 _IMAGES = 6  # steps between images: 42 a second
 _FORCE = 10.0  # [N]
-_WARM_UP = 600  # steps, more than the history holds: all that lives on has been traced from its birth
+_WARM_UP = 1000  # steps, more than histories and windows hold: all that lives on has been traced from its birth
 
 
 class Pressing:

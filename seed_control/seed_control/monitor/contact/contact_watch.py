@@ -6,6 +6,7 @@ from math import inf
 
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact.contact_motion import ContactMotion
+from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contact.late_stamps import LateStamps
 from seed_control.monitor.contact.swing import Swing
 from seed_control.parameters import ControllerParameters
@@ -22,13 +23,13 @@ class ContactWatch:
     """`update` with each image that the law has taken in.
 
     Attributes:
-        late: what the motion says about the stamps.
+        late: what the motion says about the stamps. force: whether it is the wanted one.
     """
 
     def __init__(self, parameters: ControllerParameters, p_EC: Array) -> None:
         """p_EC: (3,) [m] gripper's frame C in the flange."""
         self._motion = ContactMotion(p_EC)
-        self.late = LateStamps(parameters)
+        self.late, self.force = LateStamps(parameters), ForceWatch(parameters.max_excess_force)
         self._swings: list[Swing] = []
         self._wanted: list[float] = []
         self._looked = -inf  # [s]
@@ -38,29 +39,42 @@ class ContactWatch:
         self._motion.clear()
         self._swings = []
         self.late.restart()
+        self.force.clear()
 
     @property
     def reason(self) -> str:
         """Why to hold; '' while all is well."""
-        return self.late.reason or next((s.reason for s in self._swings if s.reason), "")
+        return self.force.reason or self.late.reason or next((s.reason for s in self._swings if s.reason), "")
+
+    @property
+    def warning(self) -> str:
+        """What is worth telling though it does not hold; '' for nothing."""
+        return self.force.warning or self.late.warning
 
     def update(self, m: Measurement, law: PublishedLaw, history: PoseHistory) -> None:
         """Take in an image; law: as it is after it; history: flange poses."""
         plan, wanted = law.plan, law.plan.wanted.tolist()
+        along, sizes = (plan.normals @ m.on_environment.force).tolist(), [abs(w) for w in wanted]
+        deviation = law.wrench_estimator.mean_stiffness * m.variance**0.5
+        other = len(self._wanted) != len(sizes) or any(
+            abs(w - before) > _LEAST_SHARE * size for w, before, size in zip(wanted, self._wanted, sizes, strict=True)
+        )
+        if other:
+            self._wanted = wanted
+            self.force.again()
+        if law.contact.once and any(wanted):
+            self.force.update(m.stamp, along, wanted, deviation, law.settled)
+        else:
+            self.force.clear()
         if not law.contact.made or not any(wanted):
             self._motion.clear()
             self._swings = []
             return
         self._motion.add(m)
-        sizes = [abs(w) for w in wanted]
-        if len(self._swings) != len(sizes) or any(
-            abs(w - before) > _LEAST_SHARE * size for w, before, size in zip(wanted, self._wanted, sizes, strict=True)
-        ):
-            self._swings, self._wanted = [Swing() for _ in sizes], wanted
-        noise = _NOISE * law.wrench_estimator.mean_stiffness * m.variance**0.5
-        along = plan.normals @ m.on_environment.force
-        for swing, force, least in zip(self._swings, along.tolist(), sizes, strict=True):
-            swing.update(m.stamp, force, max(_LEAST_SHARE * least, _LEAST_FORCE, noise))
+        if other or not self._swings:
+            self._swings = [Swing() for _ in sizes]
+        for swing, force, least in zip(self._swings, along, sizes, strict=True):
+            swing.update(m.stamp, force, max(_LEAST_SHARE * least, _LEAST_FORCE, _NOISE * deviation))
         if m.stamp >= self._looked + _EVERY or m.stamp < self._looked:
             self._looked = m.stamp
             self._look(plan.normals, history)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far an approach may go along each force direction without reaching the force that is wanted there."""
+
+from collections import deque
+
+from seed_core.spatial import Array
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
+
+_HALF = 0.5  # share of the wanted force from which on a rise of it shows that the way is not free
+_RISE = 0.1  # share by which it has to rise
+_OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
+_STOPS = 0.05  # [s] of motion that coming to rest takes
+_SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
+_LONG = 2.0  # [s] without the wanted force, which is told
+_LEAST = 1e-3  # [m] of motion between steps that is a new start, not a motion
+
+
+class _Way:
+    """Along one direction: where it began [m], how much of the force has been reached since, and where it is now."""
+
+    def __init__(self, start: Vector3) -> None:
+        self.start, self.best, self.last = start, 0.0, start
+        self.time = 0.0  # [s] since the start
+        self.first = self.deflection = (
+            0.0  # [m] of the grasp, at the start and now: the gripper is further than the tool
+        )
+
+
+class FreeTravel:
+    """`image` with each image, `step` with each command.
+
+    Attributes:
+        warning: along which direction the force has not been reached for long; '' for none.
+    """
+
+    def __init__(self, bound: float) -> None:
+        """bound: [m]."""
+        self._bound = bound
+        self._ways: list[_Way] = []
+        self._recent: deque[tuple[float, Vector3]] = deque([(0.0, ZERO)])  # [s] since the start, place
+        self.warning = ""
+
+    def restart(self) -> None:
+        """Every direction is to be counted from where the command is next."""
+        self._ways, self.warning = [], ""
+        self._recent.clear()
+
+    def image(self, shares: list[float], settled: list[bool], needed: list[float]) -> None:
+        """Take in an image, by direction.
+
+        Args:
+            shares: of the wanted force that the filtered estimate has. settled: whether it is there.
+            needed: deflection [m] that the wanted force needs.
+        """
+        if len(shares) != len(self._ways) or not self._recent:
+            self._ways = []
+            return
+        for way, share, there, whole in zip(self._ways, shares, settled, needed, strict=True):
+            way.deflection = min(max(share, 0.0), _HALF) * whole
+            if share < _OVER:
+                way.best = 0.0
+            risen = share >= _HALF and share > way.best + _RISE
+            if risen:
+                way.best = share
+            if risen or there:
+                way.start, way.time, way.first = self._recent[0][1], 0.0, max(share, 0.0) * whole
+
+    def step(self, p_WC: Vector3, normals: Array, dt: float) -> str:
+        """Take in the commanded position [m] after a step of dt [s]; why to hold, '' for nothing.
+
+        Args:
+            normals: (m, 3) the force directions.
+        """
+        if len(self._ways) != len(normals):
+            self._ways = [_Way(p_WC) for _ in normals]
+            self._recent.clear()
+        now = self._recent[-1][0] + dt if self._recent else 0.0
+        self._recent.append((now, p_WC))
+        while now - self._recent[0][0] > _SEEN:
+            self._recent.popleft()
+        self.warning = ""
+        for n, way in zip(normals, self._ways, strict=True):
+            along = as_vector3(n)
+            moved = dot(along, minus(p_WC, way.last))
+            speed = 0.0 if abs(moved) > _LEAST else moved / dt
+            way.last = p_WC
+            gone = dot(along, minus(p_WC, way.start))  # what is no number is not within the bound either
+            if not max(abs(gone), abs(gone + _STOPS * speed)) <= self._bound + way.deflection - way.first:
+                return (
+                    f"no contact within max_free_travel = {1e3 * self._bound:.0f} mm along {_words(along)} of the "
+                    "base: start nearer to the surface, or check the force's sign (what the tool does to it) and the "
+                    "estimate"
+                )
+            way.time += dt
+            if way.time > _LONG:
+                self.warning = (
+                    f"the wanted force along {_words(along)} of the base has not been reached for {way.time:.0f} s and "
+                    f"{1e3 * abs(gone):.0f} mm"
+                )
+        return ""
+
+
+def _words(n: Vector3) -> str:
+    return f"({n[0]:.2f}, {n[1]:.2f}, {n[2]:.2f})"

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Giving way while it holds: where something goes on pressing against a tool that stands still, the gripper retreats.
+
+Only back along the force that was wanted, only by what the estimated force asks for, and never far.
+"""
+
+import numpy as np
+
+from seed_core.spatial import Array
+from seed_core.vector3 import ZERO, Vector3, as_vector3, plus_scaled
+
+_IMAGES = 3  # in a row
+_NOISE = 3.0  # deviations of the estimated force
+
+
+class Relief:
+    """`image` with each image while it holds, `target` at every step, `restart` when it is enabled."""
+
+    def __init__(self, most: float, furthest: float) -> None:
+        """most: [N] that may be borne beyond the wanted force; furthest: [m] that it retreats."""
+        self._most, self._furthest = most, furthest
+        self.restart()
+
+    def restart(self) -> None:
+        """It moves by itself again."""
+        self._back, self.way, self._pressed = ZERO, 0.0, 0
+
+    def image(self, force: Array, wanted: Array, stiffness: float, deviation: float) -> None:
+        """Take in an image.
+
+        Args:
+            force, wanted: of the tool on the environment (3,) [N] in W. stiffness: [N/m]; deviation: of a force [N].
+        """
+        size = float(np.sqrt(wanted @ wanted))
+        if size == 0.0:
+            return
+        over = float(force @ wanted) / size - size
+        self._pressed = self._pressed + 1 if over > max(self._most, _NOISE * deviation) else 0
+        if self._pressed >= _IMAGES:
+            self._pressed = 0
+            self._back = as_vector3(-wanted / size)
+            self.way = min(self.way + over / stiffness, self._furthest)
+
+    def target(self, held_at: Vector3) -> Vector3:
+        """Where C is to go [m], from where it came to hold."""
+        return plus_scaled(held_at, self.way, self._back)
