@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from random import Random
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 from rclpy.action import ActionServer
@@ -14,6 +15,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from rclpy.time import Time
+from unique_identifier_msgs.msg import UUID
 
 from seed_core.errors import SeedError
 from seed_ros.testing import Bench
@@ -47,6 +49,7 @@ class Goal:
     def __init__(self, request: Any, check: Callable[[str, Any], None]) -> None:
         self.request, self._check = request, check
         self.is_cancel_requested = False
+        self.goal_id = UUID(uuid=list(uuid4().bytes))
 
     def publish_feedback(self, feedback: Any) -> None:
         """Check it."""
