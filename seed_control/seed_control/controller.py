@@ -319,7 +319,8 @@ class Controller:
         law, m = self.law, self.law.measured
         if m is None or not (estimate.valid and self._guard.following and law.regulates_force):
             return ""
-        return self._jumped.check(estimate, m, self._inputs.history, self.wrench_estimator.mean_stiffness)
+        known = self.wrench_estimator
+        return self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
 
     def _pressing(self) -> Array | None:
         """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""

@@ -102,6 +102,13 @@ class ControllerParameters(MotionLimits):
     position_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
     angle_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
     feedforward_ratio: float = field(1.25, low=0.8, high=20.0, doc="of both to the time from image to answer, at least")
+    side_stiffness: float = field(
+        800.0,
+        unit="N/m",
+        low=50.0,
+        high=1e5,
+        doc="that a tip feels across its path, where a force turns the tool about a torque axis",
+    )
     discrepancy_filter: float = field(
         0.15, unit="s", low=0.0, high=5.0, doc="low-pass of what the wrench model and its local stiffness differ by"
     )

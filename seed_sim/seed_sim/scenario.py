@@ -18,7 +18,7 @@ from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
 
 _DOT_PITCH, _DOT_JITTER = (0.0037, 0.0041), (0.18, 0.28)  # [m], [pitches] of random membranes: 390 to 440 are in view
-_FIRM = (0.0115, 0.0135)  # [m] squeeze
+_FIRM = (0.0155, 0.0185)  # [m] squeeze
 HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
@@ -170,7 +170,7 @@ def on_membrane(scenario: Scenario, seed: int, firm: bool = False) -> Scenario:
     """The scenario with its tool between two membranes that are drawn from the seed, dots included.
 
     firm: as a tool needs that presses with 10 N at a lever of 12 cm: its handle has flat sides, and the gripper
-    squeezes with 12 to 22 N.
+    squeezes with 20 to 45 N.
     """
     rng = np.random.default_rng((seed, 0xD075))
     tactile = replace(

@@ -4,6 +4,10 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
@@ -16,7 +20,23 @@ from seed_core.spatial import Array, rotation_from_rpy
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
+_LEANING = 0.1  # share of the grasp's turn that may stay as lean, where the press could turn the softest axis
+_LEAST_LEVER = 0.01  # [m] at which a side force counts
+_TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
+
+
+class Side(NamedTuple):
+    """A direction across force and path in which the tip's force is as good as a torque.
+
+    Attributes:
+        e: (3,) in W. stiffness: of the grasp along it [N/m].
+        turning: share of a force along it that turning the grasp balances, for the least turn and shift together.
+    """
+
+    e: Array
+    stiffness: float
+    turning: float
 
 
 class HybridLaw(PublishedLaw):
@@ -36,9 +56,10 @@ class HybridLaw(PublishedLaw):
         self.observers: list[SurfaceObserver] = []  # one per force direction, since contact was made along it
         self.deflection = DeflectionFilter(parameters)
         self._tipping_gain = 1.0
+        self._upright = 1.0  # share of the grasp's turn that is fed forward
 
     def image(self, m: Measurement, loop_time: float) -> None:
-        self.deflection.update(m, loop_time, self._tipping_gain)
+        self.deflection.update(m, loop_time, self._tipping_gain, self._yielding())
         super().image(m, loop_time)
 
     def release(self) -> None:
@@ -61,11 +82,48 @@ class HybridLaw(PublishedLaw):
         force_T = self.tool.R_WT.T @ (R_W_task @ s.wrench.force)
         stiffness = self.wrench_estimator.bushing.stiffness
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
+        # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
+        moment = float(force_T @ self.p_Ttip)
+        self._upright = 1.0 - _LEANING * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
         super()._solve(s, R_W_task, P, normals)
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
         """The tool is where and how it is wanted: the gripper leads by the slowly filtered deflection."""
-        return R_WT_des @ rotation_from_rpy(self.deflection.q), self.deflection.tip_to_C
+        deflection = self.deflection
+        return R_WT_des @ rotation_from_rpy(self._upright * deflection.q), deflection.tip_to_C - deflection.yielded
+
+    def _balanced(self, force: Array) -> Array:
+        """Side forces are given way to; the grasp turns against them only where that takes little turning."""
+        for side in self._sides():
+            force = force - (1.0 - side.turning) * float(side.e @ force) * side.e
+        return force
+
+    def _yielding(self) -> Array | None:
+        """(3, 3) in W, by which the gripper gives way to side deflections; None where none counts."""
+        felt = self.parameters.side_stiffness
+        sides = [side.stiffness / felt * np.outer(side.e, side.e) for side in self._sides()]
+        return np.sum(sides, axis=0) if sides else None
+
+    def _sides(self) -> list[Side]:
+        """Where a force turns the tool as a wanted torque does: along axis x lever, for each torque axis in contact.
+
+        A blade that sticks bears there what little its place is off by, times the grasp's stiffness, and that at the
+        whole lever: a torque which no turning of a grasp that is soft in rotation can balance.
+        """
+        s, m = self.setpoint, self.measured
+        if s is None or m is None or not any(s.torque_axes) or not self.contact.made:
+            return []
+        R_WT, stiffness, out = m.X_WT[:3, :3], self.wrench_estimator.bushing, list[Side]()
+        K = R_WT @ stiffness.translation_stiffness(m.X_TC[:3, :3]) @ R_WT.T
+        for i in np.flatnonzero(s.torque_axes):
+            arm = np.cross(R_WT[:, i], R_WT @ self.p_Ttip)
+            arm = arm - self.plan.normals.T @ (self.plan.normals @ arm)
+            lever = float(np.sqrt(arm @ arm))
+            if lever > _LEAST_LEVER:
+                e = arm / lever
+                k, shift = stiffness.stiffness.rotation[i], float(e @ K @ e)
+                out.append(Side(e, shift, k**2 / (k**2 + (_TURNING * shift * lever**2) ** 2)))
+        return out
 
     def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
         reference = super()._height_reference(s, i)
@@ -83,13 +141,14 @@ class HybridLaw(PublishedLaw):
 def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:
     """How many times further than the gripper a tool turns that is pressed with F at lever H: G = 1 / (1 - F H / k).
 
-    On the weakest axis k that holds its angle; where k < F H the tool tips (SP14).
+    On the axis that holds its angle the worst; where k < F H the tool tips (SP14). Turning about an axis moves only
+    what lies across it, so the moment of that axis is F H less the force's and the lever's parts along it: nothing tips
+    about the force's own axis.
 
     Args:
         force_T: (3,) [N] wanted of the tool on the environment, in T. p_Ttip: (3,) [m].
     """
-    moment = float(force_T @ p_Ttip)  # positive when the tip is pressed away from T
-    k = [k for k, on in zip(stiffness.rotation, torque_axes, strict=True) if not on]
-    if moment <= 0.0 or not k:
-        return 1.0
-    return 1.0 / max(1.0 - moment / min(k), _LEAST_MARGIN)
+    along: list[float] = (force_T * p_Ttip).tolist()
+    moments = (sum(along) - a for a in along)  # positive where the tip is pressed away from T
+    held = [m / k for m, k, on in zip(moments, stiffness.rotation, torque_axes, strict=True) if not on]
+    return 1.0 / max(1.0 - max([0.0, *held]), _LEAST_MARGIN)

@@ -177,7 +177,7 @@ class PublishedLaw:
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:
         """Algorithm 2 from the set-point and the newest image."""
         R_WT, limits = self.tool.R_WT, list[str]()
-        force, measured = R_W_task @ s.wrench.force, self.tool.on_environment.force
+        force, measured = R_W_task @ s.wrench.force, self._balanced(self.tool.on_environment.force)
         load = Wrench(R_W_task @ s.wrench.torque, P @ force + measured - P @ measured)  # off P as measured
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T
         R_WC_held, tip_to_C = self._held(R_WT_des)
@@ -195,6 +195,10 @@ class PublishedLaw:
         X_TC, X_WC = force_control(load, self.tool.X_WT, self.p_Ttip, partial_inverse)
         lever = R_WT @ self.p_Ttip
         self.plan = Plan(R_W_task, normals, normals @ force, X_TC, X_WC, lever, tip_to_C + lever, tuple(limits))
+
+    def _balanced(self, force: Array) -> Array:
+        """Of the tool's measured force on the environment (3,) [N] in W, what the wanted displacement balances."""
+        return force
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
         """What is held in angle and position: R_WC (3, 3), and from the wanted tip to C in W (3,) [m].

@@ -75,17 +75,21 @@ class Jumped:
         """What was seen is over."""
         self.warning, self._largest = "", 0.0
 
-    def check(self, estimate: RelativePoseEstimate, m: Measurement, history: PoseHistory, stiffness: float) -> str:
+    def check(
+        self, estimate: RelativePoseEstimate, m: Measurement, history: PoseHistory, stiffness: float, turning: float
+    ) -> str:
         """Why an estimate does not go on from the newest measurement; '' if it does.
 
         Args:
             history: of the flange. stiffness: of the grasp [N/m].
+            turning: force at the tip that turns the grasp [N/rad].
         """
         p, noise = self._parameters, m.variance**0.5
         size = norm(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
         turn = norm(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
-        bounds = max(p.max_jump / stiffness, _NOISE * noise), _NOISE * m.rotation_deviation
-        if size <= _TOLD * noise and turn <= bounds[1]:
+        noise_turn = _NOISE * m.rotation_deviation
+        bounds = max(p.max_jump / stiffness, _NOISE * noise), max(p.max_jump / turning, noise_turn)
+        if size <= _TOLD * noise and turn <= noise_turn:
             return ""
         dt = max(estimate.stamp - m.stamp, 0.0)
         moved, turned = p.max_speed * dt, p.max_angular_speed * dt

@@ -17,6 +17,7 @@ ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states 
 MOST_DISCREPANCY = 0.7  # share of the bushing's load by which a model's may differ for the law
 FOLLOWING = 0.3  # [s] in which the law takes over a model's local stiffness
 _WORTHWHILE = 0.005  # relative change of a stiffness that is followed
+_LEAST_LEVER = 0.01  # [m]
 _FLOOR = (1.0, 0.05)  # [N], [N m] by which it may differ near rest
 
 
@@ -112,6 +113,12 @@ class WrenchEstimator:
     def mean_stiffness(self) -> float:
         """Of the three translations [N/m]."""
         return sum(self.bushing.stiffness.translation) / 3.0
+
+    @property
+    def turning_stiffness(self) -> float:
+        """Force at the tip that turns the grasp about its softest axis [N/rad]."""
+        lever = float(np.sqrt(self.p_Ttip @ self.p_Ttip))
+        return min(self.bushing.stiffness.rotation) / max(lever, _LEAST_LEVER)
 
     def set_stiffness(self, stiffness: Stiffness, t: float, duration: float) -> None:
         """Take over another stiffness from time t [s] on, within duration [s]; a model of its own has its own."""

@@ -9,6 +9,8 @@ from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
 from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
 
+SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
+
 
 class ToolFilter:
     """The tool in the grasp and in the world, smoothed. The first image is taken over as it is.
@@ -56,18 +58,21 @@ class DeflectionFilter:
 
     Attributes:
         q: (3,) rpy of R_TC [rad]. tip_to_C: (3,) from the tip to the gripper, in W [m].
+        yielded: (3,) part of tip_to_C in which the gripper gives way to a side force, in W [m].
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
         self._stamp = -inf
-        self.q, self.tip_to_C = np.zeros(3), np.zeros(3)
+        self.q, self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3), np.zeros(3)
 
-    def update(self, m: Measurement, loop_time: float, tipping_gain: float) -> None:
+    def update(self, m: Measurement, loop_time: float, tipping_gain: float, yielding: Array | None = None) -> None:
         """Take in one image, whose answer takes loop_time [s].
 
         What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
         winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting.
+
+        yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel.
         """
         p, dt = self._parameters, m.stamp - self._stamp
         self._stamp = m.stamp
@@ -76,6 +81,14 @@ class DeflectionFilter:
         slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
         self.q = self.q + fast * (rpy_from_rotation(m.X_TC[:3, :3]) - self.q)
         self.tip_to_C = self.tip_to_C + slow * (m.X_WC[:3, 3] - m.tip - self.tip_to_C)
+        if yielding is None:
+            self.yielded = np.zeros(3)
+            return
+        # F = K d at the gripper's C = tip + d + ..., commanded to give way by (K / k) d: the loop has that gain
+        gain = max(sum(yielding.diagonal().tolist()), 1.0)
+        gentle = share_of(dt, SIDE_LOOPS * max(p.position_feedforward, least) * gain)
+        deflection = m.X_WT[:3, :3] @ m.X_TC[:3, 3]
+        self.yielded = self.yielded + gentle * (yielding @ deflection - self.yielded)
 
 
 def _mixed(a: Wrench, b: Wrench, share: float) -> Wrench:

@@ -18,6 +18,7 @@ from seed_sim.closed_loop.arm_sensor import ArmSensor, stated
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
+from seed_sim.membrane import MembraneError
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
 
@@ -45,7 +46,11 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
     recording = Recording(player.phases, torque_axes_of(task))
     for step in range(round(MAX_DURATION * steering.rate)):
         t = step * (1.0 / steering.rate)
-        state = steering.sense(t)
+        try:
+            state = steering.sense(t)
+        except MembraneError as error:  # what happens to the tool belongs to the run
+            recording.message = str(error)
+            break
         status = player.step(t, state)
         if refusal := steering.steer(t, status.setpoint):
             player.cancel(refusal)
