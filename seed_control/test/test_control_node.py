@@ -51,6 +51,7 @@ class Cell:
         self.node = bench.add(ControllerNode, **(PATIENT | {"clocks": "simulated"} | parameters))
         self.X_WE = X_W_TIP @ inverse_pose(Tool().X_Ttip) @ inverse_pose(Hand().X_EC)
         self.targets = 0
+        self.follows = True  # its targets, as an arm does
         self.silent: set[str] = set()
         self.change: Callable[[Any], None] = lambda _: None  # spoils relative_pose
         self.states: list[ControllerState] = []
@@ -68,7 +69,8 @@ class Cell:
 
     def _on_target(self, message: PoseStamped) -> None:
         self.targets += 1
-        self.X_WE = pose_to_matrix(message.pose)
+        if self.follows:
+            self.X_WE = pose_to_matrix(message.pose)
 
     def _publish(self) -> None:
         self._turns += 1

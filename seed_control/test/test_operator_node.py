@@ -63,6 +63,28 @@ def test_an_arm_that_holds_refuses_enable_and_play_at_once_and_stops_a_controlle
     assert enable(cell).success
 
 
+def test_a_holding_arm_that_was_moved_is_not_sent_back_when_it_follows_again(make: Callable[..., Cell]) -> None:
+    cell = make()
+    arm = cell.bench.client.create_publisher(String, "arm_hold_reason", LATCHED)
+    cell.enabled()
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: cell.state.mode == "position")
+    cell.follows = False
+    arm.publish(String(data="it was put elsewhere"))
+    there = cell.X_WE.copy()
+    there[2, 3] += 0.03
+    cell.X_WE = there
+    assert cell.bench.until(lambda: cell.node.counters["moved_by_others"] == 1, 5.0)
+    arm.publish(String(data=""))  # it was asked to follow again; the controller was not
+    cell.bench.spin(0.2)
+    cell.follows, cell.targets = True, 0
+    cell.bench.spin(0.3)
+    assert cell.targets == 0
+    assert enable(cell).success
+    assert cell.bench.until(lambda: cell.targets > 3, 5.0)
+    np.testing.assert_allclose(cell.X_WE, there, atol=1e-6)
+
+
 def test_enabling_while_enabled_takes_the_arm_from_where_it_is(make: Callable[..., Cell]) -> None:
     cell = make()
     cell.enabled()

@@ -181,6 +181,34 @@ def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(worl
     assert stamps == sorted(stamps)  # time does not go back with the plant
 
 
+def test_after_a_reset_the_arm_stays_though_it_is_sent_to_where_it_was_until_it_is_asked(world: World) -> None:
+    start = world.flange()
+    pressed = start.copy()
+    pressed[2, 3] -= 0.035  # [m], tool on the table
+
+    def lowered() -> bool:
+        world.send(pressed)
+        return abs(world.flange()[2, 3] - pressed[2, 3]) < 1e-4
+
+    assert world.bench.until(lowered)
+    world.bench.every.append(lambda: world.send(pressed))  # by a controller that has not heard of the reset yet
+    assert world.trigger("reset").success
+    world.bench.spin(0.3)
+    np.testing.assert_allclose(world.flange(), start, atol=1e-6)
+    assert "not followed: ~/reset has put it at its start; call ~/resend_robot_program" in world.node.counters.last
+    world.bench.every.clear()
+    world.bench.spin(0.1)
+    assert world.trigger("resend_robot_program").success
+    near = start.copy()
+    near[2, 3] += 0.005
+
+    def raised() -> bool:
+        world.send(near)
+        return abs(world.flange()[2, 3] - near[2, 3]) < 1e-4
+
+    assert world.bench.until(raised)
+
+
 def test_its_hold_reason_is_told_before_it_holds_and_its_joints_go_with_the_flange(world: World) -> None:
     reasons: list[String] = []
     joints: list[JointState] = []

@@ -12,7 +12,7 @@ from seed_testing.live import kills
 from seed_testing.live.processes import Usage, usage
 from seed_testing.live.slopes import slope
 from seed_testing.live.soak_report import Samples, frames, summary, words
-from seed_testing.live.verdict import faults_of, motion
+from seed_testing.live.verdict import faults_of, motion, moved_on
 
 V, BRAKE = 0.05, 0.5  # [m/s], [m/s^2]
 GOOD: dict[str, Any] = {
@@ -26,6 +26,7 @@ GOOD: dict[str, Any] = {
     "late_travel_mm": 0.0,
     "speed_mm_s": 50.0,
     "force_n": 11.0,
+    "force_before_n": 10.0,
     "wanted_n": 10.0,
     "state": "relative_pose is stale",
     "diagnostics": "/controller: relative_pose is stale",
@@ -69,7 +70,7 @@ def test_a_track_that_ends_with_the_fault_tells_nothing() -> None:
         ({}, []),
         ({"held_after_s": 0.5, "late_travel_mm": 12.0}, ["held after 0.50 s, 12.0 mm later than 0.2 s"]),
         ({"phase": "enabled", "wanted_n": 0.0, "force_n": 0.0}, ["moved by 4.0 mm while nothing was asked"]),
-        ({"force_n": 15.5}, ["true force 15.5 N"]),
+        ({"force_n": 15.5}, ["true force 15.5 N, 10.0 N before the fault"]),
         ({"state": "", "diagnostics": ""}, ["no cause in the state", "no cause in the diagnostics"]),
         ({"resumed_unasked": "contact goes on without a request"}, ["contact goes on without a request"]),
         ({"recovered": False}, ["did not recover"]),
@@ -79,6 +80,15 @@ def test_a_case_is_judged_by_motion_force_words_and_what_comes_after(changed: di
     row = GOOD | changed
     assert faults_of(row) == wrong
     assert ("WRONG" in kills.line(row | {"wrong": wrong})) == bool(wrong)
+
+
+def test_an_arm_that_goes_on_once_its_node_is_back_is_told() -> None:
+    times, places = braking(0.0)
+    assert moved_on(times, places, since=1.5) == ""
+    assert moved_on([], [], since=1.5) == ""
+    at_start = [np.array((0.0, 0.0, 0.2 - 0.03 * min(max(t - 5.0, 0.0), 1.0))) for t in np.arange(5.0, 7.0, 0.008)]
+    times += list(np.arange(5.0, 7.0, 0.008))  # a simulated arm that began anew, and was sent back to where it was
+    assert moved_on(times, places + at_start, since=3.0) == "moved on by 30.0 mm without a request"
 
 
 def test_the_table_has_every_node_phase_and_fault_and_random_sequences_repeat() -> None:

@@ -244,12 +244,16 @@ class ControllerNode(SeedNode):
             self._publish_state(now, output)
 
     def _may_send(self, output: ControlOutput) -> bool:
-        """From the first enable on; no more once an arm at rest was moved by something else."""
+        """From the first enable on; no more once an arm that follows nothing was moved by something else.
+
+        Or else it would be sent back to where it was as soon as it is asked to follow again, before any enable.
+        """
         assert output.X_WE is not None
         away = float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY
-        if output.state.enabled:
+        enabled, holding = output.state.enabled, output.state.mode == "holding"
+        if enabled and not holding:
             self._was_enabled = True
-        elif self._was_enabled and away:
+        elif self._was_enabled and away and (self._arm_holds or not enabled):
             self._was_enabled = False
             words = "the arm was moved by something else; target_frame pauses until enable"
             self.counters.add("moved_by_others", words)

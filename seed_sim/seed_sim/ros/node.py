@@ -40,6 +40,7 @@ from seed_ur.plant_link import PlantLink
 REMEDY = "; call ~/resend_robot_program"
 UNSAVED = 1.0  # [s] of a replay that an end without ~/save_replay may lose
 SLOW = 0.98  # real-time factor from which it warns
+PUT = "~/reset has put it at its start"  # why it holds: whoever steers it may send it to where it was for a while yet
 
 
 @dataclass(frozen=True)
@@ -206,10 +207,10 @@ class SimNode(SeedNode):
         now = self.now()  # everybody's time goes on, though the plant's begins anew
         self.plant.reset(self._X_WE_start)
         self.holder.release()
-        self._latch.resume()
+        self._latch.hold(PUT)
         self._outputs.restart()
         self.time.restart(time.monotonic(), now)
-        return "arm at its start, tool in its holder, gripper open"
+        return f"arm at its start, tool in its holder, gripper open{REMEDY} to have the arm follow again"
 
     def _set_width(
         self, request: SetGripperWidth.Request, response: SetGripperWidth.Response

@@ -146,7 +146,7 @@ class SimScene(ArmScene):
 
     def calm(self) -> None:
         """Back to the start, tool grasped."""
-        for name in ("~/reset", "~/grasp"):
+        for name in ("~/reset", "~/resend_robot_program", "~/grasp"):
             self.ask(name.removeprefix("~/"))
 
 

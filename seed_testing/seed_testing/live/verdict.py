@@ -49,6 +49,16 @@ def motion(times: Sequence[float], places: Sequence[Array], fault: float, until:
     return Motion(held, float(way[after].max()), float(slid), float(speed[after].max()), float(np.diff(t[after]).max()))
 
 
+def moved_on(times: Sequence[float], places: Sequence[Array], since: float) -> str:
+    """Whether an arm moved after it stood, in words: times (n,) [s], places (n, 3) [m], since then [s].
+
+    An arm that was away meanwhile, its node having ended, begins where it is seen first.
+    """
+    later = [p for t, p in zip(times, places, strict=True) if t > since]
+    way = max((float(np.linalg.norm(p - later[0])) for p in later), default=0.0)
+    return f"moved on by {1e3 * way:.1f} mm without a request" if way > UNASKED else ""
+
+
 def faults_of(row: dict[str, Any]) -> list[str]:
     """What is wrong with a case, in words; nothing when it is well."""
     found = []
@@ -58,7 +68,8 @@ def faults_of(row: dict[str, Any]) -> list[str]:
     if row["phase"] not in MOVES and row["travel_mm"] is not None and row["travel_mm"] > 1e3 * UNASKED:
         found.append(f"moved by {row['travel_mm']:.1f} mm while nothing was asked")
     if row["force_n"] is not None and row["force_n"] > row["wanted_n"] + EXCESS:
-        found.append(f"true force {row['force_n']:.1f} N")
+        before = row["force_before_n"]
+        found.append(f"true force {row['force_n']:.1f} N" + (f", {before:.1f} N before the fault" if before else ""))
     if row["resumed_unasked"]:
         found.append(row["resumed_unasked"])
     if row["needs_cause"] and not row["state"]:

@@ -7,6 +7,7 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from seed_bringup.ros.session import SessionError
 from seed_ros.conversions import seconds
 from seed_ros.qos import LATCHED
 from seed_testing.live.ros.cell import STARTS_WITHIN, Cell
-from seed_testing.live.verdict import MOVES, motion
+from seed_testing.live.verdict import MOVES, motion, moved_on
 
 STANDIN = "127.0.0.56"  # address of the stand-in for a UR
 TASK, WANTED = "squeegee", 10.0  # [N] that it presses with
@@ -35,6 +36,7 @@ AGAIN_AFTER = 1.0  # [s] from a node's end to its next start
 WATCHED = 1.5  # [s] after a fault
 BACK_WITHIN = 30.0  # [s] for a node to speak again on a busy machine
 SETTLES = 0.5  # [s] in which nothing may begin to move once it is back
+BEFORE = 0.2  # [s] before the fault, whose force is told beside that after it
 SIGNALS = {"kill": signal.SIGKILL, "restart": signal.SIGINT}
 SLOW = "slower than real time"  # is no cause
 STOPS = {"stop 0.5 s": 0.5, "stop 5 s": 5.0}
@@ -120,7 +122,7 @@ class FaultCell(Cell):
         with suppress(SessionError):
             self.session.until(lambda: self._state_at > back and self._again(node), BACK_WITHIN, "it is not back")
         self.session.spin(SETTLES)
-        row["resumed_unasked"] = self._resumed(phase, fault, node)
+        row["resumed_unasked"] = self._resumed(phase, fault, node, until)
         goal.destroy()
         row["needed"], row["recovered"] = self._bring_back(phase)
         return row
@@ -205,7 +207,8 @@ class FaultCell(Cell):
             "travel_mm": _number(1e3 * seen.travel),
             "late_travel_mm": _number(1e3 * seen.late_travel) or 0.0,
             "speed_mm_s": _number(1e3 * seen.speed),
-            "force_n": round(max(forces), 2) if forces else None,
+            "force_n": _largest(forces),
+            "force_before_n": _largest(f for t, f in self._force if fault_at - BEFORE <= t < fault_at),
             "force_at_s": round(self._force_at(fault_at, until), 2) if forces else None,
             "wanted_n": WANTED if moves else 0.0,
             "state": "; ".join(filter(None, (state, f"arm: {words}" if words else ""))),
@@ -222,14 +225,14 @@ class FaultCell(Cell):
         speaks = node.split("/")[0]
         return node in self.pids() and (speaks == "ur_controller" or speaks in self.said)  # that one is no ROS node
 
-    def _resumed(self, phase: str, fault: str, node: str) -> str:
-        """Whether it is ready to move without having been asked, in words."""
+    def _resumed(self, phase: str, fault: str, node: str, since: float) -> str:
+        """Whether it moved since then [s], or is ready to, without having been asked, in words."""
         if phase in MOVES and self.state.mode in ("position", "approach", "contact"):
             short = fault == "stop 0.5 s" and not self._held
             return "" if short else f"{self.state.mode} goes on without a request"
         if node == "controller" and fault in SIGNALS and self.state.enabled:
             return "enabled after a new start"
-        return ""
+        return moved_on([t for t, _ in self._track["flange"]], [p for _, p in self._track["flange"]], since)
 
     def _bring_back(self, phase: str) -> tuple[str, bool]:
         """What `enable` says before anything else was done, and whether the cell works again."""
@@ -257,6 +260,11 @@ class FaultCell(Cell):
         else:
             self.session.trigger("sim/release", patience=STARTS_WITHIN)
         self.session.spin(0.8)
+
+
+def _largest(forces: Iterable[float]) -> float | None:
+    found = [round(f, 2) for f in forces]
+    return max(found) if found else None
 
 
 def _number(value: float) -> float | None:
