@@ -227,9 +227,11 @@ class FaultCell(Cell):
 
     def _resumed(self, phase: str, fault: str, node: str, since: float) -> str:
         """Whether it moved since then [s], or is ready to, without having been asked, in words."""
-        if phase in MOVES and self.state.mode in ("position", "approach", "contact"):
-            short = fault == "stop 0.5 s" and not self._held
-            return "" if short else f"{self.state.mode} goes on without a request"
+        goes_on = self.state.mode in ("position", "approach", "contact")
+        if phase in MOVES and fault == "stop 0.5 s" and not self._held and self.state.mode != "holding":
+            return ""  # too short for a hold
+        if phase in MOVES and goes_on:
+            return f"{self.state.mode} goes on without a request"
         if node == "controller" and fault in SIGNALS and self.state.enabled:
             return "enabled after a new start"
         return moved_on([t for t, _ in self._track["flange"]], [p for _, p in self._track["flange"]], since)
