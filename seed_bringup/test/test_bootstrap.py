@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -94,6 +94,32 @@ def test_only_changes_that_a_build_reads_make_a_package_build_again(load: object
     assert with_file != before, "a new launch file has to be installed"
     (package / "package.xml").write_text("<package format='3'/>")
     assert workspace._digest(package) != with_file
+
+
+def test_ros_is_bound_to_this_computer_unless_the_caller_says_otherwise(
+    load: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace: ModuleType = load("workspace")  # type: ignore[operator]
+    names = reach, profile, by_seed = "ROS_AUTOMATIC_DISCOVERY_RANGE", workspace.PROFILE, workspace.BY_SEED
+    environment = SimpleNamespace(path=Path("/env"), pins="wheels", ros=SimpleNamespace(prefix=None, underlays=[]))
+    bound = str(ROOT / "seed_bringup/config/loopback.xml")
+
+    def started(**given: str) -> tuple[str | None, ...]:
+        for name in names:
+            monkeypatch.delenv(name, raising=False)
+        for name, value in given.items():
+            monkeypatch.setenv(name, value)
+        merged = workspace._merged({}, ROOT, environment)
+        return tuple(merged.get(name) for name in names)
+
+    assert Path(bound).is_file()
+    assert started() == ("LOCALHOST", bound, "true")
+    assert started(**{reach: "SUBNET"}) == ("SUBNET", None, None)
+    assert started(**{profile: "mine.xml"}) == ("LOCALHOST", "mine.xml", None)
+    within = {profile: bound, by_seed: "true"}
+    assert started(**within, **{reach: "LOCALHOST"}) == ("LOCALHOST", bound, "true")
+    assert started(**within, **{reach: "SUBNET"}) == ("SUBNET", None, None)
+    assert started(**{by_seed: "true", profile: "mine.xml"}) == ("LOCALHOST", "mine.xml", None)
 
 
 def test_missing_tools_are_named_in_one_line_to_paste(

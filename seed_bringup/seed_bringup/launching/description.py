@@ -51,9 +51,10 @@ class Argument:
 
 @dataclass
 class Description:
-    """What a launch file asks for."""
+    """What a launch file asks for; messages: what it says to whoever starts it."""
 
     nodes: list[Node] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
     arguments: dict[str, Argument] = field(default_factory=dict)
 
 
@@ -123,6 +124,9 @@ class _Resolver:
 
     def _unset_env(self, element: Element, scope: Scope) -> None:
         scope.environment.pop(element.attributes["name"], None)
+
+    def _log(self, element: Element, scope: Scope) -> None:
+        self.description.messages.append(scope.text(element, "message"))
 
     def _push_ros_namespace(self, element: Element, scope: Scope) -> None:
         scope.namespace = scope.below(scope.text(element, "namespace"))

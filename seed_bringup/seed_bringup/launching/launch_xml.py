@@ -30,7 +30,7 @@ class Element:
 
 
 COMMON = {"if", "unless"}
-ACTIONS = {"arg", "let", "group", "include", "node", "set_env", "unset_env", "push_ros_namespace"}
+ACTIONS = {"arg", "let", "group", "include", "node", "set_env", "unset_env", "push_ros_namespace", "log"}
 # tag: (required attributes, further attributes, tags allowed inside)
 GRAMMAR: dict[str, tuple[set[str], set[str], set[str]]] = {
     "launch": (set(), {"version"}, ACTIONS),
@@ -49,6 +49,7 @@ GRAMMAR: dict[str, tuple[set[str], set[str], set[str]]] = {
     "env": ({"name", "value"}, set(), set()),
     "set_env": ({"name", "value"}, COMMON, set()),
     "unset_env": ({"name"}, COMMON, set()),
+    "log": ({"message"}, COMMON, set()),
     "push_ros_namespace": ({"namespace"}, COMMON, set()),
 }
 

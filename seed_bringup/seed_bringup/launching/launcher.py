@@ -65,6 +65,8 @@ class Launch:
         command = [sys.executable, "-I", "-S", reaper.__file__]
         self._reaper = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, start_new_session=True)
         self._running.enter_context(self._reaper)  # closes its pipe and waits for it
+        for message in self.description.messages:
+            self._say("launch", message)
         try:
             for node in self.description.nodes:
                 self._start(node)
