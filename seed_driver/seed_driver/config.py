@@ -67,7 +67,7 @@ class DriverConfig(ClearanceSettings):
         0.0,
         unit="kg",
         low=0,
-        high=20,
+        high=50,
         doc="gripper and tool, for the controller; 0: mass and centre as set on the robot",
     )
     payload_cog: Vector3 = field(
