@@ -102,6 +102,12 @@ class ControllerParameters(MotionLimits):
     position_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least low-pass of the deflection")
     angle_feedforward: float = field(0.12, unit="s", low=0.02, high=60.0, doc="least time of a lean to come upright")
     feedforward_ratio: float = field(1.25, low=0.8, high=20.0, doc="of both to the time from image to answer, at least")
+    max_lean_share: float = field(
+        0.1,
+        low=0.0,
+        high=0.5,
+        doc="of the grasp's turn that stays as lean, where the press could turn the softest axis",
+    )
     side_stiffness: float = field(
         800.0,
         unit="N/m",

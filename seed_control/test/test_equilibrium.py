@@ -36,7 +36,7 @@ TOOL = Tool(T_tip=Frame((0.01, 0.02, 0.06)), mass=0.4, center_of_mass=(0.015, -0
 BUSHING = Bushing(DEFAULT_STIFFNESS)
 R_WT = rotation_from_rpy((np.pi - 0.3, 0.2, 0.5))
 EVERY = (True, True, True)
-PARAMETERS = ControllerParameters()
+PARAMETERS = ControllerParameters(max_lean_share=0.0)  # as Algorithm 2 has it
 UNMOVED = RelativePoseEstimate(1.0, np.eye(4))  # which observes every axis
 
 

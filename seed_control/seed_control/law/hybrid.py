@@ -20,7 +20,6 @@ from seed_core.spatial import Array, rotation_from_rpy
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
-_LEANING = 0.1  # share of the grasp's turn that may stay as lean, where the press could turn the softest axis
 _LEAST_LEVER = 0.01  # [m] at which a side force counts
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
@@ -84,7 +83,7 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
         # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
         moment = float(force_T @ self.p_Ttip)
-        self._upright = 1.0 - _LEANING * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
+        self._upright = 1.0 - self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
         super()._solve(s, R_W_task, P, normals)
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
