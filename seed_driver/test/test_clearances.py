@@ -18,6 +18,7 @@ from seed_driver.motion.clearances import Clearances
 from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.motion.overload import Overload
 from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.stop_check import _Stop
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 from seed_ur import URKinematics
 from seed_ur.capsules import HAND, JOINED
@@ -178,6 +179,36 @@ def test_what_stands_too_near_moves_away_and_no_nearer_however_slowly(memory) ->
     assert run.go((0.0, 0.0, 0.01)) == ""
     assert "of the floor" in run.go((0.0, 0.0, -0.01)) or "into the floor" in run.motion.latch.reason
     assert run.motion.command[0][2] == pytest.approx(rest + 0.01, abs=2e-3)
+
+
+@pytest.mark.parametrize("q", [(0.0, -2.4, -0.1, -0.5, -0.1, 0.0), (0.0, -0.8, 0.1, -0.5, -0.1, 0.0)])
+def test_where_a_branch_ends_the_arm_stops_and_is_not_judged_by_another_branch(memory, q) -> None:
+    """The flange goes outwards: once the elbow is straight it could go on only with shoulder and wrist turned over."""
+    run = Run(memory, q, max_speed=0.75, max_acceleration=2.0, max_joint_speed=2.0)
+    outwards = np.array(run.p) - (0.0, 0.0, 0.16)
+    reason = run.go(tuple(0.1 * outwards / np.linalg.norm(outwards)))
+    assert "out of reach of the ur5e as the arm is bent, shoulder_pan_joint would have to jump by 15" in reason
+    assert "degrees, at most 29: call ~/resend_robot_program" in reason
+    assert np.abs(np.diff(run.joints, axis=0)).max() <= 2.0 * DT
+    assert abs(run.joints[-1][2]) < abs(q[2])
+    # back is free
+    run.motion.accept_targets()
+    assert run.go(tuple(-0.05 * outwards / np.linalg.norm(outwards))) == ""
+
+
+def test_a_stop_that_turns_longer_than_it_moves_is_looked_at_where_its_way_bends(memory) -> None:
+    """Moving ends before turning: the pose between both is one that is looked at."""
+    run = Run(memory, max_acceleration=4.0, max_angular_acceleration=2.0)
+    limiter = run.motion.limiter
+    limiter.velocity, limiter.angular_velocity = (0.2, 0.0, 0.0), (0.0, 0.0, 0.3)  # at rest after 0.05 s and 0.15 s
+    bent = 3.0 * DT + 0.05
+    for fine in (False, True):
+        stop = _Stop(limiter)
+        times = stop.times(fine)
+        assert any(math.isclose(t, bent) for t in times)
+        assert times == sorted(times)
+        assert times[-1] == pytest.approx(3.0 * DT + 0.15)
+        assert stop.pose(bent)[0] == pytest.approx(stop.pose(times[-1])[0])
 
 
 def test_joints_keep_to_their_ranges(memory) -> None:

@@ -81,9 +81,9 @@ class Cell:
                 target = as_vector3(np.array(p) + share * way), turned(q, as_vector3(share * turn))
                 limiter.follow(*target, i * DT, 0.1)
             limiter.propose()
-            reason = reason or joints.limit(limiter)
+            why = joints.limit(limiter)  # in every step, as the driver does: a stop too keeps to where the arm can go
             began = time.thread_time()
-            why = "" if reason else self.check.check(limiter, joints.q)
+            why = why or self.check.check(limiter, joints.q)
             spent.append(1e6 * (time.thread_time() - began))
             limiter.advance()
             reason = reason or why
