@@ -104,10 +104,10 @@ class Controller:
             checks = replace(checks, correct=False)
         self.references = References(checks, hand, tool, self.wrench_estimator)
         self.pressure = pressure or PressureCheck()
-        self._guard = Guard(p, self._counting)
+        self._command = FlangeCommand(p, hand.X_EC)
+        self._guard = Guard(p, self._counting, self._command.stopping)
         self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
-        self._command = FlangeCommand(p, hand.X_EC)
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place at which it came to hold
         self._setpoint: Setpoint | None = None

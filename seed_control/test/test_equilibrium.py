@@ -163,6 +163,6 @@ def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, s
 
 
 def moving(parameters: ControllerParameters) -> Guard:
-    guard = Guard(parameters, Counting(""))
+    guard = Guard(parameters, Counting(""), lambda _: 0.0)
     guard.enable(True)
     return guard

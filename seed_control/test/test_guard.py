@@ -8,11 +8,17 @@ from quasi_static import DOWN, DT, Bench
 
 from seed_control.command.arm_follows import ArmFollows
 from seed_control.command.free_travel import FreeTravel
+from seed_control.command.limiter import VectorLimiter
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_core.spatial import Wrench, make_pose
 
 UP = np.array(((0.0, 0.0, 1.0),))
 BOUND = 0.06
+
+
+def still(bound: float) -> FreeTravel:
+    """Of a command that is at rest whenever it is asked."""
+    return FreeTravel(bound, lambda _: 0.0)
 
 
 def went(travel: FreeTravel, *places: tuple[float, float, float]) -> str:
@@ -22,26 +28,54 @@ def went(travel: FreeTravel, *places: tuple[float, float, float]) -> str:
 
 @pytest.mark.parametrize("z", [0.061, -0.061, np.nan, np.inf])
 def test_an_approach_that_goes_too_far_or_nowhere_known_is_held(z: float) -> None:
-    travel = FreeTravel(BOUND)
+    travel = still(BOUND)
     assert went(travel, (0.0, 0.0, 0.0), (9.0, 9.0, 0.059)) == ""
     assert "no contact within max_free_travel = 60 mm along (0.00, 0.00, 1.00)" in went(travel, (0.0, 0.0, z))
 
 
 def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
     for share, settled, anew in ((1.0, True, True), (0.6, False, True), (0.4, False, False)):
-        travel = FreeTravel(BOUND)
+        travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05))
-        travel.image([share], [settled], [0.0])
+        travel.image([share], [settled], [0.0], [0.0])
         assert (went(travel, (0.0, 0.0, 0.1)) == "") == anew
-        travel.image([share], [False], [0.0])  # it does not rise any more: friction, say
+        travel.image([share], [False], [0.0], [0.0])  # it does not rise any more: friction, say
         assert went(travel, (0.0, 0.0, 0.12)) != ""
 
 
-def test_it_stops_within_the_bound_at_speed() -> None:
-    travel, z = FreeTravel(BOUND), 0.0
+@pytest.mark.parametrize("speed", [0.01, 0.045, 0.1, 0.25])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("from_rest_at", [0.0, 0.04, 0.057])
+def test_it_stops_within_the_bound_at_every_speed(speed: float, sign: float, from_rest_at: float) -> None:
+    """Also where the way is over while the command is gaining speed."""
+    limiter = VectorLimiter(0.25, 2.0, 200.0, 80.0)
+    travel, z = FreeTravel(BOUND, limiter.stopping), 0.0
+    assert travel.step((0.0, 0.0, z), UP, DT) == ""
+    z = sign * from_rest_at
     while not travel.step((0.0, 0.0, z), UP, DT):
-        z += 0.1 * DT
-    assert_allclose(z, BOUND - 0.05 * 0.1, atol=1e-3)
+        z += limiter.advance((0.0, 0.0, sign), DT, speed)[2]
+    for _ in range(100):
+        z += limiter.stop(DT)[2]
+    assert 0.95 * BOUND - 0.05 * speed < sign * z <= BOUND
+
+
+def test_the_gripper_goes_further_than_a_tool_that_something_stops() -> None:
+    """Half of the wanted force needs 8 mm, and friction by a force across could be no more than a tenth of it."""
+    for across, share, further in ((0.0, 0.4, True), (0.1, 0.4, True), (1.2, 0.4, False), (0.0, 0.0, False)):
+        travel = still(BOUND)
+        went(travel, (0.0, 0.0, 0.0))
+        travel.image([share], [False], [0.016], [across])
+        assert (went(travel, (0.0, 0.0, 0.064)) == "") == further
+
+
+def test_no_force_is_not_near_a_small_one() -> None:
+    """Within 0.3 N counts as settled, which no force at all is where less than that is wanted."""
+    travel = still(BOUND)
+    for i in range(5):
+        if why := travel.step((0.0, 0.0, 0.03 * i), UP, 1.0):
+            break
+        travel.image([0.0], [True], [0.0], [0.0])
+    assert "no contact within" in why
 
 
 def test_contact_in_one_direction_does_not_count_for_another() -> None:

@@ -58,6 +58,10 @@ class FlangeCommand:
             self._limiter.reset(X_WE)
         self.started = True
 
+    def stopping(self, speed: float) -> float:
+        """Way [m], at most, in which the gripper comes to rest from a speed [m/s]."""
+        return self._limiter.linear.stopping(speed)
+
     def set_speeds(self, linear: float, angular: float) -> None:
         """Other bounds [m/s], [rad/s] from now on; a faster command brakes within its acceleration."""
         self._limiter.linear.speed, self._limiter.angular.speed = linear, angular

@@ -2,6 +2,7 @@
 """How far an approach may go along each force direction without reaching the force that is wanted there."""
 
 from collections import deque
+from collections.abc import Callable
 
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
@@ -9,7 +10,7 @@ from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
 _HALF = 0.5  # share of the wanted force from which on a rise of it shows that the way is not free
 _RISE = 0.1  # share by which it has to rise
 _OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
-_STOPS = 0.05  # [s] of motion that coming to rest takes
+_RUBS = 1.0  # friction, at most, that a force across a direction may make along it
 _SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
 _LONG = 2.0  # [s] without the wanted force, which is told
 _LEAST = 1e-3  # [m] of motion between steps that is a new start, not a motion
@@ -21,9 +22,7 @@ class _Way:
     def __init__(self, start: Vector3) -> None:
         self.start, self.best, self.last = start, 0.0, start
         self.time = 0.0  # [s] since the start
-        self.first = self.deflection = (
-            0.0  # [m] of the grasp, at the start and now: the gripper is further than the tool
-        )
+        self.first = self.deflection = 0.0  # [m] of the grasp, at the start, and now by what is in the way
 
 
 class FreeTravel:
@@ -33,9 +32,9 @@ class FreeTravel:
         warning: along which direction the force has not been reached for long; '' for none.
     """
 
-    def __init__(self, bound: float) -> None:
-        """bound: [m]."""
-        self._bound = bound
+    def __init__(self, bound: float, stopping: Callable[[float], float]) -> None:
+        """bound: [m]. stopping: the way [m] in which the command comes to rest from a speed [m/s]."""
+        self._bound, self._stopping = bound, stopping
         self._ways: list[_Way] = []
         self._recent: deque[tuple[float, Vector3]] = deque([(0.0, ZERO)])  # [s] since the start, place
         self.warning = ""
@@ -45,24 +44,28 @@ class FreeTravel:
         self._ways, self.warning = [], ""
         self._recent.clear()
 
-    def image(self, shares: list[float], settled: list[bool], needed: list[float]) -> None:
+    def image(self, shares: list[float], settled: list[bool], needed: list[float], across: list[float]) -> None:
         """Take in an image, by direction.
+
+        The gripper is further than a tool that something stops. A tool that rubs lags as well, but is not stopped: it
+        may come after at any time, so that what friction can explain is no part of what the gripper may go further.
 
         Args:
             shares: of the wanted force that the filtered estimate has. settled: whether it is there.
             needed: deflection [m] that the wanted force needs.
+            across: force across the direction, as a share of the wanted one.
         """
         if len(shares) != len(self._ways) or not self._recent:
             self._ways = []
             return
-        for way, share, there, whole in zip(self._ways, shares, settled, needed, strict=True):
-            way.deflection = min(max(share, 0.0), _HALF) * whole
+        for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
+            way.deflection = min(max(share - _RUBS * rubs, 0.0), _HALF) * whole
             if share < _OVER:
                 way.best = 0.0
             risen = share >= _HALF and share > way.best + _RISE
             if risen:
                 way.best = share
-            if risen or there:
+            if risen or (there and share >= _HALF):  # below 0.6 N no force at all is near the wanted one
                 way.start, way.time, way.first = self._recent[0][1], 0.0, max(share, 0.0) * whole
 
     def step(self, p_WC: Vector3, normals: Array, dt: float) -> str:
@@ -85,7 +88,9 @@ class FreeTravel:
             speed = 0.0 if abs(moved) > _LEAST else moved / dt
             way.last = p_WC
             gone = dot(along, minus(p_WC, way.start))  # what is no number is not within the bound either
-            if not max(abs(gone), abs(gone + _STOPS * speed)) <= self._bound + way.deflection - way.first:
+            ahead = (abs(speed) * dt + self._stopping(abs(speed))) if speed else 0.0  # one more step, and to rest
+            rests = gone + (ahead if speed > 0.0 else -ahead)
+            if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - way.first:
                 return (
                     f"no contact within max_free_travel = {1e3 * self._bound:.0f} mm along {_words(along)} of the "
                     "base: start nearer to the surface, or check the force's sign (what the tool does to it) and the "

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the arm may move: it is enabled, and nothing has made it hold since."""
 
+from collections.abc import Callable
 from math import degrees, inf
 
 import numpy as np
@@ -27,13 +28,17 @@ class Guard:
         free_travel: how far the arm has gone without the force that is wanted.
     """
 
-    def __init__(self, parameters: ControllerParameters, counting: Counting) -> None:
+    def __init__(
+        self, parameters: ControllerParameters, counting: Counting, stopping: Callable[[float], float]
+    ) -> None:
+        """stopping: the way [m] in which the command comes to rest from a speed [m/s]."""
         self.parameters, self._counting = parameters, counting
         self._latch = HoldLatch(inf)
         self.enabled = False
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
-        self.free_travel, self._arm = FreeTravel(parameters.max_free_travel), ArmFollows(parameters.max_tracking_error)
+        self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
+        self._arm = ArmFollows(parameters.max_tracking_error)
 
     @property
     def held(self) -> str:

@@ -45,6 +45,16 @@ class VectorLimiter:
             cap = speed
         return self._towards(scaled(way, gain if wanted <= cap else cap / distance), dt)
 
+    def stopping(self, speed: float) -> float:
+        """Way [m], at most, in which the point comes to rest from a speed [m/s] at which it may yet be gaining speed.
+
+        The jerk takes a time to take the acceleration back, and another to turn it round; then the point brakes at the
+        full acceleration, and its last part at the rate of the smoothing.
+        """
+        turning = self.acceleration / self.jerk
+        fastest = speed + 0.5 * self.acceleration * turning
+        return fastest * (0.5 * fastest / self.acceleration + 1.5 * turning + 0.5 / self.bandwidth)
+
     def stop(self, dt: float) -> Vector3:
         """Step (3,) of the point in dt [s] while it comes to rest."""
         return self._towards(ZERO, dt)

@@ -136,10 +136,18 @@ class PublishedLaw:
         deviation = self.wrench_estimator.mean_stiffness * m.variance**0.5
         return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation)
 
-    def shares(self) -> tuple[list[float], list[bool], list[float]]:
-        """By force direction: share of the wanted force that there is, whether it is there, deflection it needs [m]."""
-        shares, settled = shares_of(self.plan.normals @ self.tool.on_environment.force, self.plan.wanted)
-        return shares, settled, [abs(w) / self.wrench_estimator.mean_stiffness for w in self.plan.wanted.tolist()]
+    def shares(self) -> tuple[list[float], list[bool], list[float], list[float]]:
+        """By force direction: share of the wanted force that there is, whether it is there, deflection it needs [m].
+
+        And what there is across it, as a share of the same force.
+        """
+        force, wanted = self.tool.on_environment.force, [abs(w) for w in self.plan.wanted.tolist()]
+        along = self.plan.normals @ force
+        shares, settled = shares_of(along, self.plan.wanted)
+        needed = [w / self.wrench_estimator.mean_stiffness for w in wanted]
+        squares = (float(force @ force) - along**2).tolist()
+        across = [max(s, 0.0) ** 0.5 / w if w else 0.0 for s, w in zip(squares, wanted, strict=True)]
+        return shares, settled, needed, across
 
     def touches(self, i: int) -> bool:
         """Whether the tool touches along force direction i."""

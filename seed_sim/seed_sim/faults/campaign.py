@@ -24,7 +24,8 @@ def campaign(runs: int, seed: int, kinds: Sequence[str] = KINDS, law: str = "see
 
 def failed(outcome: Outcome) -> bool:
     """Whether a run is beyond what it may be."""
-    return outcome.excess > MOST_EXCESS or outcome.travel > MOST_TRAVEL or outcome.silent
+    worst = max(outcome.excess, outcome.norm)
+    return worst > MOST_EXCESS or outcome.travel > MOST_TRAVEL or outcome.silent
 
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -35,12 +36,13 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _row(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    worst = sorted(outcomes, key=lambda o: (failed(o), o.excess), reverse=True)[:_WORST]
+    worst = sorted(outcomes, key=lambda o: (failed(o), max(o.excess, o.norm)), reverse=True)[:_WORST]
     return {
         "runs": len(outcomes),
         "held": sum(bool(o.held) for o in outcomes),
         "served": sum(o.served for o in outcomes),
         "excess": max(o.excess for o in outcomes),
+        "norm": max(o.norm for o in outcomes),
         "peak": max(o.peak for o in outcomes),
         "travel_mm": 1e3 * max(o.travel for o in outcomes),
         "silent": sum(o.silent for o in outcomes),
@@ -52,16 +54,16 @@ def _row(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def table(result: dict[str, Any]) -> str:
     """The summary as text, a line per kind."""
     lines = [
-        f"{'fault':28s} runs  held served  excess N  peak N  free mm  no reason  failed  worst seeds",
+        f"{'fault':28s} runs  held served  excess N  by norm  peak N  free mm  no reason  failed  worst seeds",
     ]
     for name, r in [*result["kinds"].items(), ("all", result["all"])]:
         seeds = " ".join(map(str, r["worst_seeds"])) if name != "all" else ""
         lines.append(
-            f"{name:28s}{r['runs']:5d}{r['held']:6d}{r['served']:7d}{r['excess']:10.2f}{r['peak']:8.2f}"
+            f"{name:28s}{r['runs']:5d}{r['held']:6d}{r['served']:7d}{r['excess']:10.2f}{r['norm']:9.2f}{r['peak']:8.2f}"
             f"{r['travel_mm']:9.1f}{r['silent']:11d}{r['failed']:8d}  {seeds}"
         )
     lines.append(
-        f"excess: of the true force over the wanted one, lasting 0.1 s (at most {MOST_EXCESS:g} N); free: way along a "
-        f"force direction without contact (at most {1e3 * MOST_TRAVEL:g} mm)"
+        f"excess: of the true force over the wanted one and along it, by norm: of its size, lasting 0.1 s (each at most "
+        f"{MOST_EXCESS:g} N); free: way along a force direction without contact (at most {1e3 * MOST_TRAVEL:g} mm)"
     )
     return "\n".join(lines)

@@ -78,8 +78,8 @@ def draw(kind: str, seed: int) -> Fault:
         told=bool(rng.random() < 0.5),
         shift=float(rng.uniform(0.03, 0.25)) * (1.0 if rng.random() < 0.5 else -1.0),
         edge=float(rng.uniform(0.02, 0.08)) if kind == "cliff" else 2.0,
-        amplitude=float(rng.uniform(2e-3, 6e-3)),
-        frequency=float(rng.uniform(0.3, 1.5)),
+        amplitude=float(rng.uniform(2e-3, 8e-3)),
+        frequency=float(rng.uniform(0.3, 2.0)),
         share=float(rng.uniform(0.1, 0.9)) if rng.random() < 0.5 else 1.0,
         bias=np.array((*(np.deg2rad(5.0) * rng.standard_normal(3)), *way)),
     )

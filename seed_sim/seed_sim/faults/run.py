@@ -33,7 +33,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         excess: [N] by which the true force along the wanted one was above it for longer than 0.1 s at a time, at most.
-        peak: [N] the same, however shortly.
+        norm: [N] the same of the force's size, whatever its direction: friction and side forces count as well.
+        peak: [N] as `excess`, however shortly.
         travel: [m] free way of the tip along a force direction, at most.
         served: the force was the wanted one at the end.
         reason: what the state told at the end; held: why it held first.
@@ -41,6 +42,7 @@ class Outcome(NamedTuple):
 
     fault: Fault
     excess: float
+    norm: float
     peak: float
     travel: float
     served: bool
@@ -54,7 +56,7 @@ class Outcome(NamedTuple):
 
     def told(self) -> dict[str, Any]:
         """The run as an object of JSON."""
-        f, numbers = self.fault, ("excess", "peak", "travel", "served", "reason", "held")
+        f, numbers = self.fault, ("excess", "norm", "peak", "travel", "served", "reason", "held")
         wanted = [round(v, 3) for v in f.force.tolist()]
         return {"kind": f.kind, "seed": f.seed, "force": wanted, **{n: getattr(self, n) for n in numbers}}
 
@@ -143,7 +145,7 @@ class _Run:
         n = round(_WINDOW * rate)
         size = float(np.linalg.norm(wanted))
         over = forces @ wanted / size - size
-        lasting = np.lib.stride_tricks.sliding_window_view(over, n + 1).min(axis=1)
+        excess, norm = (_lasting(o, n) for o in (over, np.linalg.norm(forces, axis=1) - size))
         last = slice(-round(rate), None)
         along = [i for i in range(3) if wanted[i]]
         error = float(np.sqrt(np.mean((forces[last][:, along] - wanted[along]) ** 2, axis=0).max()))
@@ -153,7 +155,12 @@ class _Run:
         starts = round(SETTLE * rate), round(self._again_at * rate), len(forces)
         parts = [slice(a, b) for a, b in pairwise(starts) if b > a]
         travel = max(_free_way(forces[p, i] / wanted[i], places[p, i]) for i in along for p in parts)
-        return Outcome(self._fault, float(lasting.max()), float(over.max()), travel, served, told, self._held)
+        return Outcome(self._fault, excess, norm, float(over.max()), travel, served, told, self._held)
+
+
+def _lasting(over: Array, n: int) -> float:
+    """What is exceeded for longer than n samples in a row, at most."""
+    return float(np.lib.stride_tricks.sliding_window_view(over, n + 1).min(axis=1).max())
 
 
 def _free_way(share: Array, place: Array) -> float:
