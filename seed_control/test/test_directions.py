@@ -47,3 +47,14 @@ def test_a_jump_or_another_number_of_directions_starts_anew() -> None:
     assert not force_directions(up + side, before)[1]
     assert force_directions(up, before)[1]
     assert force_directions(np.zeros((3, 3)), np.zeros((0, 3)))[1]
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_a_new_start_has_the_signs_of_the_task_frame_at_every_angle(rank: int) -> None:
+    """In the world's axes a direction at -45 degrees would change its sign from one noisy image to the next."""
+    P = np.diag([0.0, 1.0, float(rank > 1)])
+    for angle in np.deg2rad(np.arange(-180.0, 180.0, 7.5)):
+        for off in (-1e-3, 1e-3):
+            R = rotation_from_rpy((0.0, 0.0, angle + off))
+            n, _ = force_directions(R @ P @ R.T, None, R)
+            assert_allclose(n, R.T[1 : 1 + rank], atol=1e-12)

@@ -34,7 +34,7 @@ def test_an_approach_that_goes_too_far_or_nowhere_known_is_held(z: float) -> Non
 
 
 def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
-    for share, settled, anew in ((1.0, True, True), (0.6, False, True), (0.4, False, False)):
+    for share, settled, anew in ((1.0, True, True), (0.8, False, True), (0.6, False, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05))
         travel.image([share], [settled], [0.0], [0.0])

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.tasks import load_task
 from seed_core.bushing import Stiffness
 from seed_sim import evaluate
 from seed_sim.closed_loop.command import main
-from seed_sim.closed_loop.recording import scored_phase
+from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.sweep import column_summary, summary
 from seed_sim.scenario import load_scenario
 
@@ -119,6 +120,32 @@ def test_welded_tool_presses_unevenly_where_the_grasp_gives_way(held, swept):
     assert welded["contact"]["made"]
     assert welded["seed"] == held["seed"]
     assert welded["torque_x"]["rmse"] > 5.0 * held["torque_x"]["rmse"]
+
+
+def test_a_bolted_tool_keeps_no_force_error_on_a_slope(swept):
+    for run in swept["runs"]:
+        assert_allclose(run["force_z"]["mean"], -8.0, atol=0.1)  # a pure integrator would be off by 0.46
+
+
+@pytest.mark.parametrize(("axes", "roll"), [((False, False, False), 10.0), ((True, False, False), 0.0)])
+def test_roll_is_lean_where_no_torque_turns_it(axes, roll):
+    n = 10
+    rows = {
+        "t": np.arange(n, dtype=float),
+        "phase": np.zeros(n, dtype=int),
+        "lean": np.tile((np.deg2rad(10.0), 0.0, 0.0), (n, 1)),
+        **{name: np.zeros((n, 3)) for name in ("torque_T", "wanted_torque_T", "tip", "reference")},
+        **{name: np.tile((0.0, 0.0, -8.0), (n, 1)) for name in ("force", "wanted_force")},
+    }
+    recording = Recording(["wipe"], axes, {name: list(row) for name, row in rows.items()})
+    assert_allclose(score(recording, "wipe")["lean_deg"]["max"], roll, atol=1e-9)
+
+
+def test_a_task_without_torque_turns_no_axis():
+    task = load_task("squeegee")
+    assert torque_axes_of(task) == (True, False, False)
+    without = [replace(p, control=replace(p.control, torque_axes=()) if p.control else None) for p in task.phases]
+    assert torque_axes_of(replace(task, phases=tuple(without))) == (False, False, False)
 
 
 def test_sweep_reports_every_seed_and_summaries(swept):

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
 
-_HALF = 0.5  # share of the wanted force from which on a rise of it shows that the way is not free
+_REACHED = 0.7  # share of the wanted force from which on a rise shows that the way is not free: half, and the noise
 _RISE = 0.1  # share by which it has to rise
 _OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
+_UNSEEN = 1.5e-3  # [m] of the tip's way that noise and lean as contact ended may hide
 _RUBS = 1.0  # friction, at most, that a force across a direction may make along it
 _SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
 _LONG = 2.0  # [s] without the wanted force, which is told
@@ -59,13 +60,13 @@ class FreeTravel:
             self._ways = []
             return
         for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
-            way.deflection = min(max(share - _RUBS * rubs, 0.0), _HALF) * whole
+            way.deflection = min(max(share - _RUBS * rubs, 0.0), _REACHED) * whole
             if share < _OVER:
                 way.best = 0.0
-            risen = share >= _HALF and share > way.best + _RISE
+            risen = share >= _REACHED and share > way.best + _RISE
             if risen:
                 way.best = share
-            if risen or (there and share >= _HALF):  # below 0.6 N no force at all is near the wanted one
+            if risen or (there and share >= _REACHED):  # below 0.6 N no force at all is near the wanted one
                 way.start, way.time, way.first = self._recent[0][1], 0.0, max(share, 0.0) * whole
 
     def step(self, p_WC: Vector3, normals: Array, dt: float) -> str:
@@ -88,7 +89,9 @@ class FreeTravel:
             speed = 0.0 if abs(moved) > _LEAST else moved / dt
             way.last = p_WC
             gone = dot(along, minus(p_WC, way.start))  # what is no number is not within the bound either
-            ahead = (abs(speed) * dt + self._stopping(abs(speed))) if speed else 0.0  # one more step, and to rest
+            ahead = (
+                0.0 if not speed else abs(speed) * dt + self._stopping(abs(speed)) + _UNSEEN
+            )  # a step more, and to rest
             rests = gone + (ahead if speed > 0.0 else -ahead)
             if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - way.first:
                 return (

@@ -5,17 +5,21 @@ import numpy as np
 
 from seed_core.spatial import Array
 
+WORLD = np.eye(3)
+_ALIKE = 9  # decimals to which equal shares of two axes are equal
 _SAME = 0.7  # square of the cosine: a direction that has turned further than 33 degrees is another one
 
 
-def force_directions(P: Array, before: Array | None) -> tuple[Array, bool]:
+def force_directions(P: Array, before: Array | None, axes: Array = WORLD) -> tuple[Array, bool]:
     """Orthonormal basis (m, 3) of the range of a projector, and whether it goes on from the one before.
 
     Each direction follows its own former one as a task frame turns, so that none changes its sign or swaps its place.
+    New ones point along positive axes of the task frame, so that they are the same however it stands in the world.
 
     Args:
         P: (3, 3) projector, of rank m.
         before: the basis in use (any size), or None to start anew.
+        axes: (3, 3) of the task frame.
     """
     m = round(float(P[0, 0] + P[1, 1] + P[2, 2]))
     if before is not None and len(before) == m:
@@ -24,8 +28,9 @@ def force_directions(P: Array, before: Array | None) -> tuple[Array, bool]:
             return _orthonormal(turned, m), True
     if m == 3:
         return np.eye(3), False
-    order = np.argsort(-np.diag(P), kind="stable")
-    return _orthonormal(P[order], m), False
+    in_task = axes.T @ P @ axes
+    order = np.argsort(-np.diag(in_task).round(_ALIKE), kind="stable")
+    return _orthonormal(in_task[order], m) @ axes.T, False
 
 
 def _orthonormal(rows: Array, m: int) -> Array:

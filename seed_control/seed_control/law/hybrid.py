@@ -12,7 +12,7 @@ from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.setpoints import Flags, HybridSetpoint
+from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
@@ -58,7 +58,10 @@ class HybridLaw(PublishedLaw):
         self._upright = 1.0  # share of the grasp's turn that is fed forward
 
     def image(self, m: Measurement, loop_time: float) -> None:
-        self.deflection.update(m, loop_time, self._tipping_gain, self._yielding())
+        s = self.setpoint
+        R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
+        x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
+        self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
         super().image(m, loop_time)
 
     def release(self) -> None:

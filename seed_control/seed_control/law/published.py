@@ -87,7 +87,7 @@ class PublishedLaw:
             and np.array_equal(before.force_projector, setpoint.force_projector)
         )
         R_W_task, P = self._task_axes(setpoint)
-        normals, going_on = force_directions(P, self.plan.normals if same else None)
+        normals, going_on = force_directions(P, self.plan.normals if same else None, R_W_task)
         if not going_on:
             self.reference.undeflected = as_vector3(np.array(p_WC) + self.tool.R_WT @ self.p_Ttip)
             self.contact.reset()
@@ -123,7 +123,7 @@ class PublishedLaw:
         self.X_W_tip = m.X_WT @ self.wrench_estimator.tool.X_Ttip
         if self.setpoint is not None:
             R_W_task, P = self._task_axes(self.setpoint)
-            normals, going_on = force_directions(P, self.plan.normals)
+            normals, going_on = force_directions(P, self.plan.normals, R_W_task)
             if not going_on:
                 self.contact.reset()
             self._solve(self.setpoint, R_W_task, P, normals)
@@ -144,10 +144,19 @@ class PublishedLaw:
         force, wanted = self.tool.on_environment.force, [abs(w) for w in self.plan.wanted.tolist()]
         along = self.plan.normals @ force
         shares, settled = shares_of(along, self.plan.wanted)
-        needed = [w / self.wrench_estimator.mean_stiffness for w in wanted]
+        needed = [w * c for w, c in zip(wanted, self._compliances(), strict=True)]
         squares = (float(force @ force) - along**2).tolist()
         across = [max(s, 0.0) ** 0.5 / w if w else 0.0 for s, w in zip(squares, wanted, strict=True)]
         return shares, settled, needed, across
+
+    def _compliances(self) -> list[float]:
+        """Of the grasp along each force direction [m/N]."""
+        m, N = self.measured, self.plan.normals
+        if m is None or not len(N):
+            return [0.0] * len(N)
+        K = self.wrench_estimator.bushing.translation_stiffness(m.X_TC[:3, :3])
+        in_T = m.X_WT[:3, :3].T @ N.T
+        return np.sum(in_T * np.linalg.solve(K, in_T), axis=0).tolist()  # type: ignore[no-any-return]
 
     def touches(self, i: int) -> bool:
         """Whether the tool touches along force direction i."""

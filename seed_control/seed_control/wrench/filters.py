@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Low-passes of what the images say, each with the time constant of its purpose."""
 
+from collections import deque
 from math import inf
 
 import numpy as np
@@ -9,6 +10,7 @@ from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
 from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
 
+_NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
 SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
 
 
@@ -64,15 +66,26 @@ class DeflectionFilter:
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
         self._stamp = -inf
+        self._turn = WantedTurn(parameters.max_angular_speed)
         self.q, self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3), np.zeros(3)
 
-    def update(self, m: Measurement, loop_time: float, tipping_gain: float, yielding: Array | None = None) -> None:
+    def update(
+        self,
+        m: Measurement,
+        loop_time: float,
+        tipping_gain: float,
+        yielding: Array | None = None,
+        R_WT_des: Array | None = None,
+        held: tuple[bool, bool, bool] = (True, True, True),
+    ) -> None:
         """Take in one image, whose answer takes loop_time [s].
 
         What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
         winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting.
 
         yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel.
+        R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None: nothing
+            is followed.
         """
         p, dt = self._parameters, m.stamp - self._stamp
         self._stamp = m.stamp
@@ -80,7 +93,10 @@ class DeflectionFilter:
         fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
         slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
         self.q = self.q + fast * (rpy_from_rotation(m.X_TC[:3, :3]) - self.q)
-        self.tip_to_C = self.tip_to_C + slow * (m.X_WC[:3, 3] - m.tip - self.tip_to_C)
+        seen = m.X_WC[:3, 3] - m.tip
+        if self._turn.update(R_WT_des, held, m.stamp, loop_time):
+            self.tip_to_C, seen = self._turn.step @ self.tip_to_C, self._turn.since @ seen
+        self.tip_to_C = self.tip_to_C + slow * (seen - self.tip_to_C)
         if yielding is None:
             self.yielded = np.zeros(3)
             return
@@ -89,6 +105,53 @@ class DeflectionFilter:
         gentle = share_of(dt, SIDE_LOOPS * max(p.position_feedforward, least) * gain)
         deflection = m.X_WT[:3, :3] @ m.X_TC[:3, 3]
         self.yielded = self.yielded + gentle * (yielding @ deflection - self.yielded)
+
+
+class WantedTurn:
+    """How a wanted rotation has turned: a tool that tilts about its tip takes the gripper with it at once.
+
+    Attributes:
+        step: (3, 3) in W, since the last image. since: (3, 3) in W, since the newest image was taken.
+    """
+
+    def __init__(self, speed: float) -> None:
+        """speed: [rad/s] at which the gripper turns at most."""
+        self._speed = speed
+        self._answers: deque[tuple[float, Array]] = deque()  # [s] when the arm is there, and the rotation
+        self.step = self.since = np.eye(3)
+
+    def update(self, R: Array | None, held: tuple[bool, bool, bool], stamp: float, loop_time: float) -> bool:
+        """Take in what is wanted as an image of that stamp [s] is answered loop_time [s] later; whether it turns."""
+        answers = self._answers
+        if R is None:
+            answers.clear()
+            return False
+        now = stamp + loop_time
+        if not answers:
+            answers.append((now, R))
+            return False
+        at, before = answers[-1]
+        if now <= at:
+            return False
+        R = R if R is before else self._towards(R, before, held, now - at)
+        answers.append((now, R))
+        while len(answers) > 2 and answers[1][0] <= stamp:
+            answers.popleft()
+        if all(old is R for _, old in answers):
+            return False
+        (early, first), (late, second) = answers[0], answers[1]
+        share = min(max((stamp - early) / (late - early), 0.0), 1.0)
+        then = first @ so3_exp(share * so3_log(first.T @ second))
+        self.step, self.since = R @ before.T, R @ then.T
+        return True
+
+    def _towards(self, R: Array, before: Array, held: tuple[bool, bool, bool], dt: float) -> Array:
+        """As far as the gripper gets in dt [s], about the axes that are held; `before` itself where that is nowhere."""
+        turn = so3_log(before.T @ R) * held
+        size = float(np.sqrt(turn @ turn))
+        if size < _NO_TURN:
+            return before
+        return np.asarray(before @ so3_exp(turn * min(self._speed * dt / size, 1.0)))
 
 
 def _mixed(a: Wrench, b: Wrench, share: float) -> Wrench:

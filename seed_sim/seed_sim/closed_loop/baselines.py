@@ -16,6 +16,7 @@ DT = 0.004  # [s] of a control step
 _TOUCH = -1e-4  # [m] depth of the taught path: the arm's repeatability
 _APPROACH = 0.03  # [m/s]
 _ADMITTANCE = 1.5e-3  # [m/s per N] of the welded tool along z
+_SLOPE_TIME = 0.5  # [s] in which the speed is learnt at which a slope has to be followed, that no force error stays
 _ROLL_ADMITTANCE, _MAX_ROLL_RATE = 0.3, 0.3  # [rad/s per N m], [rad/s] of the welded tool about x, with roll control
 
 
@@ -28,6 +29,7 @@ class BaselineSteering:
         self.plant, self.kind = plant, kind
         self.X_work = task.frame.pose
         self._z: float | None = None  # [m] of the tip over the nominal table, while force is controlled
+        self._slope = 0.0  # [m/s] along z, learnt from the force error
         self._roll = 0.0  # [rad] about x_T, with roll control
         self._settled_steps = 0
 
@@ -55,7 +57,7 @@ class BaselineSteering:
             self._z = self._taught_height(self._z) if self.kind == "open_loop" else self._force_height(self._z, s)
             X_W_tip[:3, 3] += normal * (self._z - normal @ (X_W_tip[:3, 3] - self.X_work[:3, 3]))
         else:
-            self._z = None
+            self._z, self._slope = None, 0.0
         X_WT = X_W_tip @ inverse_pose(self.plant.tool.X_Ttip)
         if self.kind == "welded_roll":
             tip = X_W_tip[:3, 3]
@@ -80,11 +82,14 @@ class BaselineSteering:
         return z
 
     def _force_height(self, z: float, s: HybridSetpoint) -> float:
-        """Up or down in proportion to the force error."""
+        """Up or down in proportion to the force error and, in contact, to its integral."""
         load, normal = self.plant.contact_wrench, self.X_work[:3, 2]
         pressed, wanted = -float(normal @ load.force), -float(normal @ s.R_W_task @ s.wrench.force)
         if self.kind == "welded_roll":
             torque = float(self.plant.X_WT[:3, 0] @ load.torque)
             self._roll -= DT * float(np.clip(_ROLL_ADMITTANCE * torque, -_MAX_ROLL_RATE, _MAX_ROLL_RATE))
         self._settled_steps = self._settled_steps + 1 if abs(pressed - wanted) < 0.1 * wanted else 0
-        return z + DT * float(np.clip(_ADMITTANCE * (pressed - wanted), -_APPROACH, _APPROACH))
+        rise = _ADMITTANCE * (pressed - wanted)
+        if self._settled_steps or self._slope:  # an approach says nothing of the surface
+            self._slope = float(np.clip(self._slope + DT / _SLOPE_TIME * rise, -_APPROACH, _APPROACH))
+        return z + DT * float(np.clip(rise + self._slope, -_APPROACH, _APPROACH))

@@ -57,10 +57,10 @@ class Recording:
 
 
 def torque_axes_of(task: Task) -> tuple[bool, bool, bool]:
-    """Which of T's axes count as turned by the task, in its score: the last control's that has any; x if none has."""
+    """Which of T's axes the task turns by torque: the last control's that has any. All others count as lean."""
     controls = [p.control for p in task.phases] + [task.draw.control if task.draw else None]
     turning = [c.flags(c.torque_axes) for c in controls if c is not None and c.torque_axes]
-    return turning[-1] if turning else (True, False, False)
+    return turning[-1] if turning else (False, False, False)
 
 
 def lean_of(R_ref: Array, R_WT: Array) -> Array:

@@ -63,7 +63,7 @@ def table(result: dict[str, Any]) -> str:
             f"{r['travel_mm']:9.1f}{r['silent']:11d}{r['failed']:8d}  {seeds}"
         )
     lines.append(
-        f"excess: of the true force over the wanted one and along it, by norm: of its size, lasting 0.1 s (each at most "
-        f"{MOST_EXCESS:g} N); free: way along a force direction without contact (at most {1e3 * MOST_TRAVEL:g} mm)"
+        f"excess: of the true force over the wanted one and along it, by norm: of its size, lasting 0.1 s (each at "
+        f"most {MOST_EXCESS:g} N); free: way along a force direction without contact (at most {1e3 * MOST_TRAVEL:g} mm)"
     )
     return "\n".join(lines)

@@ -21,7 +21,7 @@ class Case(NamedTuple):
 CASES = (
     Case("SEED, tactile images", "seed", "rigid_fit", "tab:blue"),
     Case("SEED, exact pose", "seed", "truth"),
-    Case("Algorithm 2 as published, exact pose", "published", "truth"),
+    Case("Algorithm 2 as published, exact pose", "published", "truth", "tab:green"),
     Case("open loop", "open_loop", "truth", "tab:gray"),
     Case("welded", "welded", "truth", "tab:red"),
     Case("welded with roll control", "welded_roll", "truth"),
