@@ -111,7 +111,7 @@ class Controller:
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place at which it came to hold
         self._setpoint: Setpoint | None = None
-        self._now = -inf
+        self._now, self._step = -inf, 1.0 / p.rate  # [s]
         self._state = self._describe(-inf)
 
     def add_kinematics(self, stamp: float, X_WE: Array) -> bool:
@@ -275,8 +275,9 @@ class Controller:
                 guard.hold(stale)
             command = self._command
             X_WC = self._inputs.history.newest() @ self._X_EC
-            guard.check_motion(command.p_WC, law.plan, X_WC, command.lead, dt)
+            guard.check_motion(command.p_WC, law.plan, X_WC, command.lead, self._step)  # the last one's motion
         limits = self._move(t, dt)
+        self._step = dt
         self._state = self._describe(t, limits)
         return ControlOutput(self._command.X_WE, self._state)
 
