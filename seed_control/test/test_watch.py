@@ -52,8 +52,8 @@ def test_soft_environment_is_not_taken_for_a_wrong_clock(k_table: float) -> None
     bench.press(10.0)
     bench.run(2.0)
     late = bench.controller.watch.late
-    assert late.error is not None
-    assert abs(late.error) < 0.015
+    assert late.error is None or abs(late.error) < 0.015  # None: contact came too gradually to tell
+    assert not late.reason
 
 
 @pytest.mark.parametrize("error", [0.085, -0.085])

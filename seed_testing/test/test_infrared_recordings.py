@@ -13,6 +13,7 @@ import pytest
 from seed_core.config import load_file
 from seed_core.hand import Hand
 from seed_estimation import EstimatorParameters, TactileImages
+from seed_estimation.contact import membrane
 from seed_estimation.contact.membrane import membrane_at_rest
 from seed_estimation.contact.patch import PatchFinder
 from seed_testing.recordings import infrared as real_ir
@@ -24,6 +25,12 @@ DATA = Path(os.environ.get("SEED_DATA", ROOT.parent / "shared" / "data"))
 PRESS, INFRARED = DATA / "uiuc_punyo_d405_dev.npz", DATA / "picoflexx_ir_dev.npz"
 needs_press = pytest.mark.skipif(not PRESS.exists(), reason=f"no recorded press at {PRESS}; set SEED_DATA")
 needs_infrared = pytest.mark.skipif(not INFRARED.exists(), reason=f"no infrared images at {INFRARED}; set SEED_DATA")
+
+
+@pytest.fixture(autouse=True)
+def plane(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plane stands for the membrane on which a real image moves: it would be refused as a reference."""
+    monkeypatch.setattr(membrane, "FLAT", 0.0)
 
 
 @pytest.fixture(scope="module")

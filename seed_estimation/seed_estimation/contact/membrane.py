@@ -18,7 +18,7 @@ from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Array32, Image, Mask
 from seed_estimation.parameters import EstimatorParameters
 
-FLAT = 0.0005  # [m] of relief that every bubble has in view
+FLAT = 1e-3  # [m] of relief that every bubble has in view
 PATTERN_BLUR = 20.0  # [px] a membrane at rest is a parabola over so short a way
 
 

@@ -94,7 +94,8 @@ def READERS() -> tuple[Reader, ...]:
 
 def _launch_files() -> tuple[bytes, ...]:
     """Those that include no other."""
-    return _share("seed_bringup", "launch/perception*.xml") + _share("seed_driver", "launch/*.xml")
+    files = _share("seed_bringup", "launch/*.xml") + _share("seed_driver", "launch/*.xml")
+    return tuple(f for f in files if b"<include" not in f)
 
 
 def _identification(file: Path) -> Any:
