@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shared memory hands over whole values only, leaves nothing behind, and survives a writer that dies."""
 
+import mmap
 import os
 import signal
 import time
@@ -20,6 +21,19 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     state = State(*head, command, 4.0, 5, 6, 0.7, 0.1, 0.2, 0.3, *words)
     memory.write_state(state)
     assert memory.read_state() == state
+    memory.close()
+
+
+def test_a_value_of_which_one_part_is_old_is_not_read() -> None:
+    memory = SharedMemory.create()
+    memory.write_target(TargetSlot(7, 7.0, (7.0, 7.0, 7.0), (0.0, 0.0, 0.0, 1.0)))
+    with mmap.mmap(memory.fd, 0) as other:
+        whole = other[:80]
+        for i in range(16, 72):  # behind the number and the time
+            other[i] ^= 0x40
+            assert memory.read_target(0) is None
+            other[:80] = whole
+    assert memory.read_target(0) is not None
     memory.close()
 
 

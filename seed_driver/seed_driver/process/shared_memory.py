@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory shared by the node and the servo process: the newest target one way, the robot's state the other.
 
-An anonymous memory file (memfd) that vanishes with its last user: nothing can be left behind. Each half is a
-sequence lock: one writer, a counter that is odd while it writes; a reader takes a copy and tries again when the
-counter was odd or has changed. Nobody ever waits for anybody.
+An anonymous memory file (memfd) that vanishes with its last user: nothing can be left behind. Each half has one
+writer and ends with a checksum; a reader takes a copy and tries again when the checksum is not that of the copy.
+Nobody ever waits for anybody, and nothing depends on the order in which a processor writes.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+import zlib
 from enum import IntEnum
 from itertools import islice
 from typing import Any, NamedTuple
@@ -20,7 +21,8 @@ from seed_core.vector3 import ZERO, Vector3
 
 _TARGET = struct.Struct("<Qd 3d 4d")  # the fields of TargetSlot in their order
 _STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s256s")  # the fields of State in their order
-_COUNTER = struct.Struct("<Q")
+_NUMBER = struct.Struct("<Q")  # the first field of TargetSlot
+_CHECK = struct.Struct("<I")
 _HALF = 4096
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes of the servo process
 
@@ -116,7 +118,7 @@ class SharedMemory:
 
     def read_target(self, after: int) -> TargetSlot | None:
         """Servo process: the newest target if its number is above `after`, None while one is being written."""
-        if _COUNTER.unpack_from(self._map, 8)[0] <= after:
+        if _NUMBER.unpack_from(self._map)[0] <= after:
             return None
         data = self._read(0, _TARGET.size)
         if data is None:
@@ -151,17 +153,13 @@ class SharedMemory:
         return State._make((heartbeat, sample_time, Stage(stage), armed, linked, sample, command, *numbers, *texts))
 
     def _write(self, at: int, data: bytes) -> None:
-        (count,) = _COUNTER.unpack_from(self._map, at)
-        count += count & 1  # a writer that died in the middle left it odd
-        _COUNTER.pack_into(self._map, at, count + 1)
-        self._map[at + 8 : at + 8 + len(data)] = data
-        _COUNTER.pack_into(self._map, at, count + 2)
+        whole = data + _CHECK.pack(zlib.crc32(data))
+        self._map[at : at + len(whole)] = whole
 
     def _read(self, at: int, size: int) -> bytes | None:
         for _ in range(20):
-            (before,) = _COUNTER.unpack_from(self._map, at)
-            data = self._map[at + 8 : at + 8 + size]
-            (after,) = _COUNTER.unpack_from(self._map, at)
-            if before == after and not before & 1:
+            whole = self._map[at : at + size + _CHECK.size]
+            data = whole[:size]
+            if zlib.crc32(data) == _CHECK.unpack_from(whole, size)[0]:
                 return data
         return None

@@ -33,6 +33,7 @@ from seed_ur.standin.recorder import Recorder
 
 _SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0, SAFETY_FAULT: 0x200}
 _SET_VOLTAGE = re.compile(r"set_tool_voltage\((\d+)\)")
+UPTIME = 600.0  # [s] what a controller's clock shows when we meet it: it has been on for a while
 TOOL_BIT = 16  # of the tool's digital outputs in actual_digital_output_bits
 
 
@@ -66,7 +67,7 @@ class Controller:
         self.wrench_E: tuple[float, ...] = (0.0,) * 6  # environment on flange, (force, torque) in E
         self.zero_W: tuple[float, ...] = (0.0,) * 6  # what zero_ftsensor subtracts
         self.now = self.stopped_at = self.register_written_at = self.watchdog_armed_at = 0.0
-        self.boot: float | None = None  # [s] when the clock showed 0; None: it will at the first cycle
+        self.boot: float | None = None  # [s] when the clock showed 0; None: UPTIME before the first cycle
         self.uploads = 0  # programs that were taken
         self.held_back = 0.0  # [s] that a plant has kept the robot's clock behind the wall's
         self.owners: dict[str, object] = {}  # the connection that may write an input
@@ -243,7 +244,7 @@ class Controller:
     def tick(self, now: float) -> None:
         """One cycle: program, motion, watchdog, values."""
         self.now = now
-        self.boot = now if self.boot is None else self.boot
+        self.boot = now - UPTIME if self.boot is None else self.boot
         if self.pending is not None and now >= self.pending[0]:
             self.program, self.pending = self.pending[1], None
             self.runtime_state = PLAYING
