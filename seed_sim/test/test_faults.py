@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop with something wrong in it: the short form of `./seed validate faults`."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from seed_sim.faults.campaign import campaign, failed, summary, table
@@ -22,6 +25,17 @@ def test_a_tool_that_rubs_is_held_within_the_free_way(seed: int) -> None:
 
 def test_a_run_is_its_seeds_alone() -> None:
     assert run_fault("cliff", 1)[1:] == run_fault("cliff", 1)[1:]
+
+
+def test_a_campaign_goes_on_from_what_it_kept(tmp_path: Path) -> None:
+    kept = tmp_path / "runs.jsonl"
+    first = campaign(1, 7, ["cliff"], keep=kept)
+    line = json.loads(kept.read_text())
+    kept.write_text(json.dumps(line | {"excess": 99.0}) + "\n" + '{"law": "seed", "kind": "cl')  # cut off by an interrupt
+    again = campaign(1, 7, ["cliff"], keep=kept)
+    assert [o.excess for o in again] == [99.0]
+    assert again[0][2:] == first[0][2:]
+    assert kept.read_text().count("\n") == kept.read_text().count("cliff") == 1
 
 
 def test_the_table_has_a_line_for_each_kind_that_ran() -> None:

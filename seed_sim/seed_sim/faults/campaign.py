@@ -1,25 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many runs with faults, of every kind in turn, and the table of what they came to."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
 
-from seed_sim.faults.draw import KINDS
+from seed_sim.faults.draw import KINDS, draw
 from seed_sim.faults.run import Outcome, run_fault
 
 MOST_EXCESS, MOST_TRAVEL = 5.0, 0.06  # [N], [m] that no run may be beyond
 _WORST = 3  # seeds that are named
 
 
-def campaign(runs: int, seed: int, kinds: Sequence[str] = KINDS, law: str = "seed", jobs: int = 1) -> list[Outcome]:
-    """So many runs of the kinds in turn, the first of each kind drawn from `seed`."""
-    return list(
-        Parallel(n_jobs=jobs)(
-            delayed(run_fault)(kinds[i % len(kinds)], seed + i // len(kinds), law) for i in range(runs)
-        )
+def campaign(
+    runs: int, seed: int, kinds: Sequence[str] = KINDS, law: str = "seed", jobs: int = 1, keep: Path | None = None
+) -> list[Outcome]:
+    """So many runs of the kinds in turn, the first of each kind drawn from `seed`.
+
+    keep: file with a line for each run as it ends; runs that it holds already are not made again.
+    """
+    wanted = [(kinds[i % len(kinds)], seed + i // len(kinds)) for i in range(runs)]
+    known = {} if keep is None or not keep.is_file() else _kept(keep, law)
+    made = Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        delayed(run_fault)(*one, law) for one in wanted if one not in known
     )
+    for outcome in made:
+        known[outcome.fault.kind, outcome.fault.seed] = outcome
+        if keep is not None:
+            with keep.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"law": law} | outcome.told()) + "\n")
+    return [known[one] for one in wanted]
+
+
+def _kept(file: Path, law: str) -> dict[tuple[str, int], Outcome]:
+    """Runs of that law in a file, by kind and seed; a line that an interrupt cut off is taken out of it."""
+    found, text = {}, file.read_text(encoding="utf-8")
+    lines, _, rest = text.rpartition("\n")
+    if rest:
+        file.write_text(text.removesuffix(rest), encoding="utf-8")
+    for line in lines.splitlines():
+        run = json.loads(line)
+        if run["law"] == law:
+            found[run["kind"], run["seed"]] = Outcome(
+                draw(run["kind"], run["seed"]), *(run[name] for name in Outcome._fields[1:])
+            )
+    return found
 
 
 def failed(outcome: Outcome) -> bool:

@@ -56,9 +56,8 @@ class Outcome(NamedTuple):
 
     def told(self) -> dict[str, Any]:
         """The run as an object of JSON."""
-        f, numbers = self.fault, ("excess", "norm", "peak", "travel", "served", "reason", "held")
-        wanted = [round(v, 3) for v in f.force.tolist()]
-        return {"kind": f.kind, "seed": f.seed, "force": wanted, **{n: getattr(self, n) for n in numbers}}
+        f, wanted = self.fault, [round(v, 3) for v in self.fault.force.tolist()]
+        return {"kind": f.kind, "seed": f.seed, "force": wanted, **{n: getattr(self, n) for n in self._fields[1:]}}
 
 
 def run_fault(kind: str, seed: int, law: str = "seed") -> Outcome:

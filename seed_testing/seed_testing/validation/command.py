@@ -106,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     four.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
     four.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
     four.add_argument("--law", choices=LAWS, default="seed", help="which control law")
+    four.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
     four.set_defaults(run=_faults)
     for either in (one, two, three, four):
         either.add_argument(
@@ -164,7 +165,7 @@ def _map(options: argparse.Namespace) -> int:
 
 
 def _faults(options: argparse.Namespace) -> int:
-    outcomes = campaign(options.runs, options.seed, options.kind or KINDS, options.law, options.jobs)
+    outcomes = campaign(options.runs, options.seed, options.kind or KINDS, options.law, options.jobs, options.out)
     result = summary(outcomes)
     runs = [o.told() for o in outcomes]
     print(to_json({"seed": options.seed, **result, "each": runs}) if options.json else table(result))
