@@ -14,11 +14,13 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from seed_msgs.msg import RelativePose
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_control_node import FREE, Cell
 from unique_identifier_msgs.msg import UUID
 
+from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import COMMAND, LATCHED
 from seed_ros.testing import Bench
 
@@ -141,6 +143,14 @@ def test_a_task_ends_when_nobody_listens_to_it_any_more(make: Callable[..., Cell
     assert cell.bench.until(lambda: cell.state.tip.position.z > 0.13)
 
 
+def test_an_operator_that_must_be_heard_and_says_nothing_is_gone(make: Callable[..., Cell]) -> None:
+    """It listens to the feedback as long as the middleware believes it to be alive."""
+    cell = make(operator_beats=True)
+    cell.enabled()
+    silent = cell.play(FREE)
+    assert "it never said on /controller/operator" in cell.bench.result(silent).result.message
+
+
 def test_an_operator_may_go_where_that_is_set(make: Callable[..., Cell]) -> None:
     cell = make(operator_timeout=0.0)
     cell.enabled()
@@ -166,6 +176,37 @@ def test_what_does_not_fit_is_refused_before_it_begins(
     cell.enabled()
     assert words in cell.bench.result(cell.play(task, overrides)).result.message
     assert cell.state.mode == "idle"
+
+
+def test_an_estimator_whose_clock_is_off_is_refused_and_held_and_told(make: Callable[..., Cell]) -> None:
+    """It answers at once; only its clock is another one."""
+    cell, ahead = make(), 0.0
+    client = cell.bench.client
+    answers = client.create_publisher(TimeReference, "clock_answer", COMMAND)
+
+    def answer(question: TimeReference) -> None:
+        message = TimeReference(time_ref=question.header.stamp)
+        message.header.stamp = stamp_from_seconds(cell.now() + ahead)
+        answers.publish(message)
+
+    client.create_subscription(TimeReference, "clock_question", answer, COMMAND)
+    cell.enabled()
+    skew = cell.node._estimator_clock.skew
+    assert cell.bench.until(lambda: skew.known)
+    assert not skew.problem
+    assert abs(skew.offset) <= skew.within
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: cell.state.mode == "position")
+    ahead = 0.5  # more than a busy test machine can be late by
+    assert cell.bench.until(lambda: cell.state.mode == "holding", 15.0)
+    assert "the clock of the estimator's computer is" in cell.state.reason
+    assert "ahead of the controller's, more than clock.max_skew = 10 ms" in cell.state.reason
+    assert cell.node._readiness.missing(cell.now())["estimate"] == skew.problem
+    refused = enable(cell)
+    assert not refused.success
+    assert "synchronise the two" in refused.message
+    ahead = 0.0
+    assert cell.bench.until(lambda: enable(cell).success, 15.0)
 
 
 def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell]) -> None:

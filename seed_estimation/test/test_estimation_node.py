@@ -16,7 +16,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from rclpy.serialization import serialize_message
 from seed_msgs.msg import ContactPatches, RelativePose
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, TimeReference
 from std_srvs.srv import Trigger
 
 from seed_core.clocks import save_clocks
@@ -367,6 +367,19 @@ def test_the_method_changes_live_and_nonsense_is_refused(bench: Bench, renderer:
     assert rig.reason("no grasp")
     assert rig.call("initialize_grasp").success
     assert bench.until(lambda: rig.poses[-1].valid and rig.poses[-1].method == "published")
+
+
+def test_it_answers_what_time_it_is(bench: Bench) -> None:
+    bench.add(EstimatorNode)
+    answers: list[TimeReference] = []
+    bench.client.create_subscription(TimeReference, "clock_answer", answers.append, COMMAND)
+    questions = bench.client.create_publisher(TimeReference, "clock_question", COMMAND)
+    question = TimeReference()
+    question.header.stamp = bench.client.get_clock().now().to_msg()
+    bench.every.append(lambda: questions.publish(question))
+    assert bench.until(lambda: answers)
+    assert answers[0].time_ref == question.header.stamp
+    assert 0.0 < seconds(answers[0].header.stamp) - seconds(question.header.stamp) < 30.0
 
 
 def test_a_clock_of_the_cameras_that_is_set_back_is_gone_along_with(bench: Bench, renderer: Any) -> None:

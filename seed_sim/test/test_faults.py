@@ -23,6 +23,13 @@ def test_a_tool_that_rubs_is_held_within_the_free_way(seed: int) -> None:
     assert not failed(run_fault("missing wall", seed))
 
 
+@pytest.mark.parametrize("seed", [18, 33])
+def test_a_frozen_pose_is_told_in_a_slow_approach(seed: int) -> None:
+    """From one image to the next the arm goes less than what tells; from the first frozen one it goes further."""
+    assert not failed(outcome := run_fault("frozen poses", seed))
+    assert "frozen" in outcome.held
+
+
 def test_a_run_is_its_seeds_alone() -> None:
     assert run_fault("cliff", 1)[1:] == run_fault("cliff", 1)[1:]
 
@@ -31,7 +38,9 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path: Path) -> None:
     kept = tmp_path / "runs.jsonl"
     first = campaign(1, 7, ["cliff"], keep=kept)
     line = json.loads(kept.read_text())
-    kept.write_text(json.dumps(line | {"excess": 99.0}) + "\n" + '{"law": "seed", "kind": "cl')  # cut off by an interrupt
+    kept.write_text(
+        json.dumps(line | {"excess": 99.0}) + "\n" + '{"law": "seed", "kind": "cl'
+    )  # cut off by an interrupt
     again = campaign(1, 7, ["cliff"], keep=kept)
     assert [o.excess for o in again] == [99.0]
     assert again[0][2:] == first[0][2:]

@@ -28,25 +28,28 @@ class Frozen:
     def restart(self) -> None:
         """What was seen is over."""
         self.warning, self._since = "", inf
+        self._from: Array | None = None  # flange pose at the first of the poses that are the same
 
     def check(self, estimate: RelativePoseEstimate, last: RelativePoseEstimate | None, history: PoseHistory) -> str:
         """Why an estimate cannot be new; '' if it can.
 
-        It is the last one (of the good ones) bit by bit, though the arm has moved between the two images.
+        It is the last one (of the good ones) bit by bit, though the arm has moved since the first that was so: by
+        whole millimetres or by many small steps.
         """
         if last is None or estimate.X_CT.tolist() != last.X_CT.tolist():
             self.restart()
             return ""
-        self._since = min(self._since, last.stamp)
+        if self._since == inf:
+            self._since, self._from = last.stamp, history.at(last.stamp)
         if estimate.stamp - self._since > _LONG:
             self.warning = (
                 f"the pose in the grasp is the same to the last bit for {estimate.stamp - self._since:.1f} s: see "
                 "whether the cameras still send"
             )
-        before, now = history.at(last.stamp), history.at(estimate.stamp)
-        if before is None or now is None:
+        now = history.at(estimate.stamp)
+        if self._from is None or now is None:
             return ""
-        way, turn = now[:3, 3] - before[:3, 3], abs(now[:3, :3] - before[:3, :3]).max()
+        way, turn = now[:3, 3] - self._from[:3, 3], abs(now[:3, :3] - self._from[:3, :3]).max()
         moved = float(way @ way) ** 0.5
         if moved <= _MOVED[0] and turn <= _MOVED[1]:
             return ""

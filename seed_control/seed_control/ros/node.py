@@ -19,9 +19,11 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from seed_control.controller import AWAY, Controller, ControlRefusedError
+from seed_control.monitor.clock_skew import SkewSettings
 from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
+from seed_control.ros.estimator_clock import EstimatorClock
 from seed_control.ros.follow_setpoints import FollowServer
 from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.readiness import Readiness
@@ -70,6 +72,11 @@ class NodeSettings:
         doc="a task ends when its operator was not heard for so long (~/operator, or the listener to its feedback); "
         "0: it goes on",
     )
+    operator_beats: bool = field(
+        False,
+        doc="every task ends whose operator is not heard on ~/operator: that a client was killed is else noticed "
+        "after the middleware's 20 s",
+    )
     operator_lost: str = field("lift", choices=("lift", "hold"), doc="how a task ends whose operator is lost")
     realtime_priority: int = field(40, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
 
@@ -89,6 +96,7 @@ class ControllerNode(SeedNode):
         schedule = self.declare(ScheduleSettings(), "grip")
         wrench = self.declare(WrenchSettings(), "wrench")
         references = self.declare(ReferenceSettings(), "reference")
+        skew = self.declare(SkewSettings(), "clock")
         self.refuse_unknown()
 
         model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
@@ -126,12 +134,16 @@ class ControllerNode(SeedNode):
         self._arm_holds = ""  # why
         self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
         StiffnessScheduleInput(self, schedule, self._on_stiffness)
+        self._estimator_clock = EstimatorClock(self, skew)
 
         self.serve(SetBool, "~/enable", self._enable)
-        operator = Operator(self, "~/follow_setpoints", self.settings.operator_timeout)
+        operator = Operator(
+            self, "~/follow_setpoints", self.settings.operator_timeout, must_beat=self.settings.operator_beats
+        )
         self.follow = FollowServer(self, self.core, self._why_not, operator, self.settings.operator_lost)
         self.payload = PayloadIdentification(self, self.core, lambda: self.follow.busy)
-        self._readiness = Readiness(self, self.core, lambda: self._arm_holds)
+        skewed = self._estimator_clock.skew
+        self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)
         self.diagnose("controller", self._report)
 
     # in
@@ -217,13 +229,14 @@ class ControllerNode(SeedNode):
 
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""
-        return "the tool is being weighed: wait for ~/weigh_tool to answer" if self.payload.busy else self._arm_holds
+        weighing = "the tool is being weighed: wait for ~/weigh_tool to answer" if self.payload.busy else ""
+        return weighing or self._arm_holds or self._estimator_clock.skew.problem
 
     def _enable(self, on: bool) -> str:
         if on:
             self.loop.take()  # what came before it must not be taken for news afterwards; nor must the clock be old
-            if self._arm_holds:
-                raise ControlRefusedError(f"cannot enable: {self._arm_holds}")
+            if why := self._arm_holds or self._estimator_clock.skew.problem:
+                raise ControlRefusedError(f"cannot enable: {why}")
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"
         self.core.disable(self.now(), "disabled by ~/enable")
@@ -232,6 +245,9 @@ class ControllerNode(SeedNode):
     # the step
     def _step(self) -> None:
         now = self.now()
+        self._estimator_clock.look(now)
+        if skewed := self._estimator_clock.skew.problem:
+            self.core.hold(now, skewed)
         self.follow.before_step(now)
         self.payload.before_step(now)
         self._output = output = self.core.step(now)
@@ -294,11 +310,12 @@ class ControllerNode(SeedNode):
         values |= state.counters._asdict() | {"mode": state.mode, "law": self.parameters.law}
         if len(self.loop.periods) > 10:
             values |= diagnostics.percentiles_ms("period", self.loop.periods, 3) | {"overruns": self.loop.overruns}
-        values["clocks"] = self.clocks.remark
+        skew = self._estimator_clock.skew
+        values |= self._estimator_clock.values() | {"clocks": self.clocks.remark}
         late = self.core.watch.late
         if late.error is not None:
             values |= {"stamp_error_ms": 1e3 * late.error, "stamp_error_deviation_ms": 1e3 * late.deviation}
-        doubts = "; ".join(filter(None, (late.warning, *state.contradictions, state.doubt)))
+        doubts = "; ".join(filter(None, (skew.problem or skew.doubt, late.warning, *state.contradictions, state.doubt)))
         holding = state.mode == "holding"
         level = diagnostics.WARN if holding or doubts else diagnostics.OK
         return level, (state.reason if holding else doubts or state.reason) or state.mode, values

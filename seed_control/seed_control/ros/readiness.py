@@ -15,9 +15,17 @@ EVERY = 0.5  # [s] between two looks
 class Readiness:
     """Publishes when what is missing changes; latched, so that whoever asks later is told as well."""
 
-    def __init__(self, node: SeedNode, core: Controller, arm_holds: Callable[[], str]) -> None:
-        """arm_holds: why what moves the arm follows nothing; '' while it follows."""
-        self._core, self._arm_holds, self._name = core, arm_holds, node.get_fully_qualified_name()
+    def __init__(
+        self, node: SeedNode, core: Controller, arm_holds: Callable[[], str], skewed: Callable[[], str]
+    ) -> None:
+        """Publish from now on.
+
+        Args:
+            arm_holds: why what moves the arm follows nothing; '' while it follows.
+            skewed: what is wrong with the estimator's clock; '' for nothing.
+        """
+        self._core, self._arm_holds, self._skewed = core, arm_holds, skewed
+        self._name = node.get_fully_qualified_name()
         self._publisher = node.publisher(DiagnosticStatus, "~/ready", LATCHED)
         self._looked = -inf  # [s]
         self._told: tuple[str, ...] | None = None
@@ -36,6 +44,7 @@ class Readiness:
     def missing(self, now: float) -> dict[str, str]:
         """What is missing, by the part that is to deliver it; '' for what is there."""
         state, parts = self._core.state, {"arm": self._arm_holds(), **self._core.missing(now)}
+        parts["estimate"] = self._skewed() or parts["estimate"]
         if not state.enabled:
             parts["controller"] = "not enabled: call ~/enable"
         else:

@@ -4,7 +4,8 @@
 An action tells its server nothing of a client that dies. `./seed play` says ten times a second on `~/operator` that it
 is there, with the number of its goal; such a task ends when that stops. Of other clients it is only known that they
 listen to the action's feedback: their task ends when nobody does, which the middleware finds out at once where they
-ended by themselves, and by its own patience (20 s) where they were killed.
+ended by themselves, and by its own patience (20 s) where they were killed. Where every operator must be heard on
+`~/operator` (`operator_beats`), that is noticed as early of these.
 """
 
 from unique_identifier_msgs.msg import UUID
@@ -12,14 +13,21 @@ from unique_identifier_msgs.msg import UUID
 from seed_ros import COMMAND, SeedNode
 
 LOOK = 0.1  # [s] between two looks at who listens
+FIRST = 1.0  # [s] for the first word of an operator that must be heard
 
 
 class Operator:
     """`begin` with each task; `gone` says why it must end."""
 
-    def __init__(self, node: SeedNode, action: str, timeout: float) -> None:
-        """timeout: [s]; 0: an operator may go."""
-        self._node, self._timeout = node, timeout
+    def __init__(self, node: SeedNode, action: str, timeout: float, *, must_beat: bool) -> None:
+        """Look after the operators of an action.
+
+        Args:
+            timeout: [s]; 0: an operator may go.
+            must_beat: one that says nothing on ~/operator is gone.
+        """
+        self._node, self._timeout, self._must_beat = node, timeout, must_beat
+        self._began = 0.0  # [s]
         self._feedback = f"{node.resolve_service_name(action)}/_action/feedback"
         self._goal = b""
         self._heard: float | None = None  # [s]; None: this one says nothing
@@ -30,6 +38,7 @@ class Operator:
     def begin(self, goal: bytes, now: float) -> None:
         """A task begins at now [s]."""
         self._goal, self._heard = goal, None
+        self._began = now
         self._listened = self._looked = now
         self._listens = False
 
@@ -44,6 +53,10 @@ class Operator:
         if self._heard is not None:
             silent = now - self._heard
             return f"the operator is gone: not heard for {silent:.2f} s" if silent > self._timeout else ""
+        if self._must_beat:
+            silent = now - self._began > max(FIRST, self._timeout)
+            topic = self._node.resolve_topic_name("~/operator")
+            return f"the operator is gone: it never said on {topic} that it is there" if silent else ""
         if now - self._looked >= LOOK or now < self._looked:
             self._looked = now
             if self._node.count_subscribers(self._feedback):

@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from seed_msgs.msg import ContactPatch as PatchMsg
 from seed_msgs.msg import ContactPatches, RelativePose
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, TimeReference
 from std_srvs.srv import Trigger
 
 from seed_core.config import field
@@ -80,6 +80,8 @@ class EstimatorNode(SeedNode):
         self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
         self.inputs = ImageInputs(self, inputs, self.bubbles, self._on_images, self._publish_invalid, self._restart)
         self.create_timer(0.1, self._watch)
+        self._clock_answers = self.publisher(TimeReference, "clock_answer", COMMAND)
+        self.loop.poll(TimeReference, "clock_question", self._on_clock_question, COMMAND)
 
         waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
         self.serve(Trigger, "~/capture_reference", self._capture_reference, group=waiting)
@@ -120,6 +122,12 @@ class EstimatorNode(SeedNode):
         self._publish_patches(stamp)
         if self._debug.get_subscription_count():
             self._debug.publish(image_message(self.core.debug_image(), "bgr8", stamp, self.frames.compliance))
+
+    def _on_clock_question(self, message: TimeReference) -> None:
+        """What time it is here: the controller may run on another computer, and compares."""
+        answer = stamped(TimeReference, self.now(), "")
+        answer.time_ref = message.header.stamp
+        self._clock_answers.publish(answer)
 
     # out
     def _publish(self, estimate: RelativePoseEstimate) -> None:
