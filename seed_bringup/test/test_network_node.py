@@ -83,6 +83,25 @@ def test_nodes_are_bound_to_this_computer_unless_told_otherwise_and_that_is_said
     assert all("listen beyond this computer" in message for message in found.messages)
 
 
+def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {"address": "192.168.9.1", "peers": "192.168.9.2"}
+    camera, robot = (
+        described(monkeypatch, ROOT / f"seed_bringup/launch/{which}_host_launch.xml", SEEDS, **given)
+        for which in ("camera", "robot")
+    )
+    assert [n.name for n in camera.nodes] == ["estimator"]
+    assert {"estimator", "bubbles"}.isdisjoint(n.name for n in robot.nodes)
+    assert "controller" in {n.name for n in robot.nodes}
+    for found in (camera, robot):
+        assert len(found.messages) == 1
+        assert "at 192.168.9.1, and look for 192.168.9.2" in found.messages[0]
+        for node in found.nodes:
+            assert Path(node.environment[PROFILE]).name == "hosts.xml"
+            assert node.environment[RANGE] == "LOCALHOST"
+            assert node.environment["ROS_STATIC_PEERS"] == "192.168.9.2"
+            assert node.environment["SEED_ADDRESS"] == "192.168.9.1"
+
+
 @pytest.mark.skipif(
     os.environ.get("RMW_IMPLEMENTATION") not in (None, "rmw_fastrtps_cpp"), reason="profiles are Fast DDS's"
 )

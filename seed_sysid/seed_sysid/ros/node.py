@@ -39,6 +39,7 @@ from seed_sysid.run.procedure import Command
 
 LINES = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FEEDBACK = 0.5  # [s]
+REACH = 10.0  # [m] no arm reaches so far
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,8 @@ class SysidNode(SeedNode):
     def _on_pose(self, message: PoseStamped) -> None:
         check_frame(message.header.frame_id, (self.frames.base,), "current_pose")
         X_WE = pose_to_matrix(message.pose, "current_pose")
+        if (away := float(np.abs(X_WE[:3, 3]).max())) > REACH:
+            raise LiveError(f"current_pose lies {away:.3g} m from the base: no arm reaches {REACH:g} m")
         self.streams.X_WE, self.streams.pose_stamp = X_WE, self.now()
         if self._moving is not None:
             X_TC = inverse_pose(self._moving.live.X_WT) @ X_WE @ self.hand.X_EC

@@ -24,6 +24,7 @@ LONG = {  # commands with arguments of their own
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
     "fuzz": "seed_testing.bench.fuzz",
+    "hosts": "seed_testing.two_hosts.command",
 }
 
 

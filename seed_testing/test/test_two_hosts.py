@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bad network of `./seed bench hosts`, and what its table calls wrong."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from seed_testing.two_hosts import network
+from seed_testing.two_hosts.command import CASES, line, wrong
+from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, Way
+
+ROW = {"age_ms": 64.1, "age_p99_ms": 133.0, "skew_ms": "0.1", "within_ms": "3.8", "ended": "", "force_rms_n": 0.05}
+ROW |= {"force_max_n": 10.2}
+CASE = {c.name: c for c in CASES}
+
+
+def test_packets_are_late_as_asked_and_keep_their_order() -> None:
+    way, quality = Way(3), Quality(0.01, 0.005)
+    sent = np.arange(0.0, 10.0, 0.01)
+    for i, t in enumerate(sent):
+        way.put(str(i).encode(), t, quality)
+    came: list[tuple[float, int]] = []
+    while way.next < np.inf:
+        came += [(at, int(packet)) for at in [way.next] for packet in way.take(at)]
+    assert [number for _, number in came] == list(range(len(sent)))
+    late = np.array([at for at, _ in came]) - sent
+    assert late.min() >= 0.0
+    assert 0.009 < np.median(late) < 0.012
+    assert 0.003 < late.std() < 0.006
+
+
+@pytest.mark.parametrize(
+    ("loss", "cut", "low", "high"), [(0.05, False, 0.03, 0.07), (0.0, True, 1.0, 1.0), (0.0, False, 0.0, 0.0)]
+)
+def test_packets_are_lost_as_asked(loss: float, cut: bool, low: float, high: float) -> None:
+    way = Way(1)
+    for i in range(2000):
+        way.put(b"", 0.001 * i, Quality(0.0, 0.0, loss, cut))
+    assert low <= way.lost / 2000 <= high
+    assert len(way.take(10.0)) == 2000 - way.lost
+
+
+def test_the_table_tells_what_is_not_as_it_should_be() -> None:
+    assert wrong(CASE["2 ms"], ROW) == ""
+    assert wrong(CASE["2 ms"], {}) == "not run"
+    assert wrong(CASE["2 ms"], ROW | {"ended": "arm holds"}) == "arm holds"
+    assert "measured as 0.1 +- 3.8 ms" in wrong(CASE["2 ms, clock +5 ms"], ROW)
+    assert wrong(CASE["2 ms, clock +50 ms"], ROW) == "a clock that is off was accepted"
+    cut = ROW | {"ended": "arm holds", "hold": "stale", "enable_while_cut": "stale", "enabled_after_s": 0.2}
+    cut |= {"held_after_s": 0.18, "travel_mm": 7.3}
+    assert wrong(CASE["2 ms, cut"], cut) == ""
+    assert wrong(CASE["2 ms, cut"], cut | {"enable_while_cut": "granted"}) == "enabled without estimates"
+    assert wrong(CASE["2 ms, cut"], cut | {"enabled_after_s": "not within 20 s"}) == "no cause, or no way back"
+    assert "held 0.18 s after the cut (7.3 mm): stale" in line(CASE["2 ms, cut"], cut)
+
+
+def test_without_the_rights_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    assert "rights of root" in network.why_not()
+
+
+ANSWER = """
+import socket, sys, time
+here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+here.bind((sys.argv[1], 5000))
+print("ready", flush=True)
+words, sender = here.recvfrom(100)
+here.sendto(words, sender)
+"""
+ASK = """
+import socket, sys, time
+here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+here.settimeout(5.0)
+began = time.monotonic()
+here.sendto(b"what time is it", (sys.argv[1], 5000))
+assert here.recv(100) == b"what time is it"
+print(time.monotonic() - began)
+"""
+
+
+@pytest.mark.skipif(bool(network.why_not()), reason=network.why_not() or "it can")
+def test_two_computers_reach_each_other_over_the_slow_link_alone() -> None:
+    try:
+        hosts = TwoHosts().__enter__()
+    except Exception as error:  # in a container without the right to make namespaces
+        pytest.skip(str(error))
+    try:
+        hosts.quality = Quality(0.05)
+        answers = hosts.inside(0, [sys.executable, "-c", ANSWER, ADDRESSES[0]])
+        with subprocess.Popen(answers, stdout=subprocess.PIPE, text=True) as answering:
+            assert answering.stdout is not None
+            assert answering.stdout.readline() == "ready\n"
+            asks = hosts.inside(1, [sys.executable, "-c", ASK, ADDRESSES[0]])
+            took = float(subprocess.run(asks, capture_output=True, text=True, check=True).stdout)
+        assert 0.1 <= took < 3.0
+    finally:
+        hosts.__exit__()
