@@ -20,7 +20,6 @@ RADIUS = 0.012  # [m] of that handle
 _DECAY = 0.0085  # [m] over which an imprint decays by e beside the tool
 _BULGE = 0.6  # share of an imprint's volume that comes out beside it
 _NEAR, _FAR = 0.4, 1.6  # a depth of less or more than these shares of the dome's at rest is none
-_RINGS, _SECTORS = 16, 48
 SIDES = {"left": 1.0, "right": -1.0}  # which way along y_C each lies; the domes point at each other
 
 
@@ -30,22 +29,23 @@ class Bubble:
     Args:
         finger: 'left' or 'right'.
         rim: [m] from C to the plane of the rim.
+        rings, sectors: of the dome's points; fewer make a smaller file.
 
     Attributes:
         mesh: at rest, closed by a flat back in the plane of the rim. Inside, behind the dome, sits the camera; outside,
             towards C, the tool.
     """
 
-    def __init__(self, finger: str, rim: float = RIM) -> None:
-        self.side = SIDES[finger]
-        r = np.linspace(0.0, 1.0, _RINGS)[:, None] ** 0.9
+    def __init__(self, finger: str, rim: float = RIM, rings: int = 16, sectors: int = 48) -> None:
+        self.side, self._sectors = SIDES[finger], sectors
+        r = np.linspace(0.0, 1.0, rings)[:, None] ** 0.9
         r[0] = 0.02
-        angle = 2.0 * np.pi * np.arange(_SECTORS) / _SECTORS * self.side
+        angle = 2.0 * np.pi * np.arange(sectors) / sectors * self.side
         x, z = RIM_X * r * np.cos(angle), RIM_Z * r * np.sin(angle)
         y = self.side * (rim - HEIGHT * np.sqrt(np.maximum(1.0 - r**2, 0.0)) + 0.0 * angle)
         self.mesh = loft(np.stack([x, y, z], axis=-1)[::-1])
-        n = _RINGS * _SECTORS
-        self._n, self._rim = n, np.arange(len(self.mesh.vertices)) < _SECTORS
+        n = rings * sectors
+        self._n, self._rim = n, np.arange(len(self.mesh.vertices)) < sectors
         flat = self.mesh.vertices[:n, ::2]
         apart = np.linalg.norm(flat[:, None] - flat[None], axis=2)
         self._fall = np.exp(apart.astype(np.float32) / np.float32(-_DECAY))
@@ -103,7 +103,7 @@ class Bubble:
 
     def _closed(self, dome: Array) -> Array:
         """The dome's vertices with those of back and apex."""
-        return np.concatenate([dome, self.mesh.vertices[-2:-1], dome[-_SECTORS:].mean(axis=0, keepdims=True)])
+        return np.concatenate([dome, self.mesh.vertices[-2:-1], dome[-self._sectors :].mean(axis=0, keepdims=True)])
 
     def _imprint(self, points: Array, X_CT: Array, radius: float) -> Array:
         """How far (n,) [m] points (n, 3) lie beyond the handle's surface, along y_C."""

@@ -9,11 +9,11 @@ from seed_core.meshes.shapes import SECTORS, Mesh, Part, box, capsule, cylinder,
 from seed_core.spatial import Array, make_pose
 
 BLADE = 0.2  # [m] length of a squeegee's blade, along y of its tip
-STEEL, DARK, BLUE, RUBBER, PAPER = (150, 158, 170), (58, 64, 74), (31, 111, 235), (38, 42, 48), (238, 240, 244)
-BUBBLE, WOOD = (236, 226, 205), (196, 164, 122)
+STEEL, DARK, BLUE = (168, 176, 188), (96, 104, 118), (31, 111, 235)
+RUBBER, PAPER = (52, 56, 64), (238, 240, 244)
+BUBBLE, WOOD = (246, 205, 120), (196, 164, 122)
 _WALL = 0.004  # [m] around the rim
 _BEHIND = 0.014  # [m] of a case behind its camera
-_CLEAR = 0.022  # [m] of a handle above the grasp's centre that is free to be seen
 
 
 def hand_parts(hand: Hand | None = None, rim: float = RIM) -> list[Part]:

@@ -14,6 +14,7 @@ from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
 from seed_sim.plant.plant import Plant
+from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario, load_scenario, on_membrane, shipped_scenarios
 
 LAWS = (*CONTROL_LAWS, *BASELINES)
@@ -53,7 +54,7 @@ def evaluate(
     seed: int = 0,
     scenario: str | Path | Scenario | None = None,
     membrane: int | None = None,
-    meshcat: Any = None,
+    film: Film | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
     """Play a task once in closed loop and score it; deterministic per seed but for `real_time_factor`.
@@ -66,7 +67,7 @@ def evaluate(
         seed: draws the table, the arm's errors and all noise.
         scenario: name, file or scenario; default: the task's own.
         membrane: draws two membranes with mechanics in place of the scenario's grasp, see `scenario.on_membrane`.
-        meshcat: a pydrake.geometry.Meshcat to draw in, or None.
+        film: keeps moments of the run to look at, or None.
         progress: is told the share of the task and the name of its phase.
 
     Returns:
@@ -88,7 +89,7 @@ def evaluate(
     check_task(task, scenario, law)
     began = time.perf_counter()
     X_WE = start_pose(scenario, task)
-    plant = Plant(scenario, seed, task.frame.pose, X_WE, welded=law in WELDED, meshcat=meshcat)
+    plant = Plant(scenario, seed, task.frame.pose, X_WE, welded=law in WELDED, film=film)
     steering: Steering
     if law in BASELINES:
         steering, estimator = BaselineSteering(plant, task, law), "none"

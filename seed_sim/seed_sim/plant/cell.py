@@ -35,7 +35,6 @@ from seed_sim.scenario import Scenario
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
 _WALL = 0.02  # [m] thickness of a hole's or slot's wall
 _HARD = 1e7  # [N/m] of a contact point of the tool, and of a wall
-_WOOD, _STEEL, _BLUE, _BUBBLE = (0.76, 0.6, 0.42, 1), (0.35, 0.4, 0.45, 1), (0.1, 0.45, 0.7, 1), (0.85, 0.85, 0.9, 0.6)
 
 
 class Cell:
@@ -51,7 +50,6 @@ class Cell:
         inertia: of the tool; None welds it to the gripper.
         grip: constants of the bushing; None: there is none, the grasp's load comes from outside.
         step: [s].
-        meshcat: a pydrake.geometry.Meshcat to draw in, or None.
     """
 
     def __init__(
@@ -62,13 +60,12 @@ class Cell:
         inertia: ToolInertia | None,
         grip: Grip | None,
         step: float,
-        meshcat: Any,
     ) -> None:
         self._surface, self._dissipation = surface, scenario.table.dissipation
         self.bushing: Any = None
         self._inertia = inertia
         builder = DiagramBuilder()
-        self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, step)
+        self.plant, _ = dp.AddMultibodyPlantSceneGraph(builder, step)
         self.plant.SetUseSampledOutputPorts(False)
         self.plant.set_contact_model(dp.ContactModel.kPoint)
         self.plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kTamsi)
@@ -84,10 +81,6 @@ class Cell:
             self._add_hole(float(np.abs(shape.points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE)
         if scenario.tool_kind == "torque_driver":
             self._add_screw(POINT_RADIUS + SLOT_CLEARANCE)
-        if meshcat is not None:
-            self._draw(shape)
-            parameters = dg.MeshcatVisualizerParams(publish_period=1 / 30)
-            dg.MeshcatVisualizer.AddToBuilder(builder, scene, meshcat, parameters)
         self.plant.Finalize()
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
@@ -177,7 +170,6 @@ class Cell:
     ) -> None:
         X, box = RigidTransform(X_body @ make_pose(None, centre)), dg.Box(*size)
         self._add_contact(body, X, box, name, _HARD)
-        self.plant.RegisterVisualGeometry(body, X, box, f"{name}_look", _STEEL)
 
     def _add_hole(self, half: float) -> None:
         """Four walls around a square hole on the table."""
@@ -201,19 +193,3 @@ class Cell:
         for name, side in (("slot_left", 1.0), ("slot_right", -1.0)):
             centre = (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH)
             self._add_wall(screw, np.eye(4), centre, (0.03, _WALL, SLOT_DEPTH), name)
-
-    def _draw(self, shape: ToolShape) -> None:
-        """The looks of table, tool and gripper."""
-        finger, bubble = dg.Box(0.09, 0.03, 0.1), dg.Ellipsoid(0.04, 0.02, 0.03)
-        looks: list[tuple[Any, tuple[float, float, float], Any, str, tuple[float, ...]]] = [
-            (self.gripper, (0.0, 0.0, -0.12), dg.Box(0.09, 0.2, 0.06), "palm", _STEEL),
-            (self.gripper, (0.0, 0.03, 0.0), bubble, "left", _BUBBLE),
-            (self.gripper, (0.0, -0.03, 0.0), bubble, "right", _BUBBLE),
-            (self.gripper, (0.0, 0.066, -0.03), finger, "left_finger", _STEEL),
-            (self.gripper, (0.0, -0.066, -0.03), finger, "right_finger", _STEEL),
-            *((self.tool, centre, dg.Box(*size), f"tool{i}", _BLUE) for i, (size, centre) in enumerate(shape.boxes)),
-        ]
-        for body, centre, form, name, colour in looks:
-            self.plant.RegisterVisualGeometry(body, RigidTransform(list(centre)), form, name, colour)
-        X_top = RigidTransform(self._surface.X_WS @ make_pose(None, (0.12, 0.0, -0.01)))
-        self.plant.RegisterVisualGeometry(self.plant.world_body(), X_top, dg.Box(0.6, 0.5, 0.02), "table_top", _WOOD)

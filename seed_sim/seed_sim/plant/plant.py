@@ -5,8 +5,6 @@ LinearBushingRollPitchYaw acts with frame A = T and frame C = C, the convention 
 takes its place as a `GraspForce`, which is asked at every (sub-)step.
 """
 
-from typing import Any
-
 import numpy as np
 
 from seed_core.arm.quaternion import as_quaternion
@@ -21,10 +19,10 @@ from seed_sim.plant.grip import Grip, PlantError
 from seed_sim.plant.membrane_grip import MembraneGrip
 from seed_sim.plant.table import draw_surface
 from seed_sim.plant.tools import ToolInertia, ToolShape, inertia_of, shape_of
+from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario
 
 DT = 1e-3  # [s] of a plant step
-_FRAME = 0.1  # [s] between pictures of a replay
 _ZERO = np.zeros(3)
 
 
@@ -37,7 +35,7 @@ class Plant:
         X_W_work: (4, 4) frame of the nominal table's place of work.
         X_WE: (4, 4) flange pose at the start.
         welded: the tool is bolted to the gripper (the baseline).
-        meshcat: a pydrake.geometry.Meshcat to draw in, or None.
+        film: what keeps moments of it to look at, or None.
         grasp_force: what the grasp does to the tool, with its damping; None: what the scenario's `grasp.kind` says.
 
     Attributes:
@@ -57,7 +55,7 @@ class Plant:
         X_WE: Array,
         *,
         welded: bool = False,
-        meshcat: Any = None,
+        film: Film | None = None,
         grasp_force: GraspForce | None = None,
     ) -> None:
         try:
@@ -79,8 +77,8 @@ class Plant:
         else:
             self.grip = grip = Grip(scenario.grasp, inertia, DT, scenario.name)
             bushing = grip if grasp_force is None else None
-        self._meshcat, self._grasp_force = meshcat, None if welded else grasp_force
-        self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self.grip.substeps, meshcat)
+        self._film, self._grasp_force = film, None if welded else grasp_force
+        self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self.grip.substeps)
         self._X_EC, self._p_Ttip = self.hand.X_EC, self.tool.X_Ttip[:3, 3]
         self._X_WC: Array = X_WE @ self._X_EC
         self._X_WT: Array | None = None  # until it is asked for
@@ -152,12 +150,11 @@ class Plant:
                 self._before = state
                 state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
             self._steps += 1
-            if self._meshcat is not None and self.time >= self._drawn + _FRAME:
-                self._state = state
-                self._publish()
         self._state, self._X_WT = state, None
         if not np.isfinite(state).all():
             raise FailedError(f"the simulation of scenario '{self.scenario.name}' diverged before {self.time:.3f} s")
+        if self._film is not None:
+            self._film.look(self)
 
     def _place_gripper(self, state: Array, motion: Array) -> None:
         """Write pose and velocity (13,) of the gripper into the state."""
@@ -169,14 +166,14 @@ class Plant:
         """Everything as it was built, at time 0: fingers and screw too; the arm at X_WE (default: where it is)."""
         if X_WE is not None:
             self.arm.reset(X_WE)
-        self._steps, self._drawn = 0, -np.inf
+        self._steps = 0
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._initial.copy()
         self.set_gripper_width(self.scenario.grasp.nominal_width)
         self._place_gripper(self._state, _pose_and_velocity(self._X_WC, _ZERO, _ZERO))
         self.grasp()
-        if self._meshcat is not None:
-            self._publish()
+        if self._film is not None:
+            self._film.look(self)
 
     def grasp(self, p_CT: Array = _ZERO) -> None:
         """Take the tool anew: T coincides with C, or lies at p_CT (3,) [m] in it, and rests relative to it."""
@@ -191,13 +188,6 @@ class Plant:
             self._state[v : v + 6] = 0.0
         self._cell.context.SetDiscreteState(self._state)
         self._before = self._state
-
-    def _publish(self) -> None:
-        self._drawn = self.time
-        self._cell.root.SetTime(self.time)
-        self._cell.context.SetDiscreteState(self._state)
-        self._cell.diagram.ForcedPublish(self._cell.root)
-        self._cell.context.SetDiscreteState(self._before)
 
     @property
     def X_WE(self) -> Array:

@@ -18,16 +18,12 @@ PEG_HALF, PEG_GUIDE = 0.009, 0.012  # [m] half the peg's width between contact p
 HOLE_CLEARANCE, HOLE_DEPTH = 3e-4, 0.015  # [m] on each side of the peg; of the hole
 
 
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # size, centre [m]
-
-
 @dataclass(frozen=True)
 class ToolShape:
-    """Contact points (n, 3) [m] in T, gyration radii (3,) [m] about the centre of mass, and boxes to draw."""
+    """Contact points (n, 3) [m] in T, and gyration radii (3,) [m] about the centre of mass."""
 
     points: Array
     gyration: Array
-    boxes: tuple[Box, ...]
 
     @property
     def touching(self) -> int:
@@ -38,21 +34,16 @@ class ToolShape:
 def shape_of(kind: str, tool: Tool) -> ToolShape:
     """Shape of a tool of the given kind whose tip frame is tool.T_tip."""
     x, y, z = tool.T_tip.position
-    length = float(np.linalg.norm((x, y, z)))
-    middle = (0.0, 0.0, 0.5 * length - 0.02)
-    handle: Box = ((0.02, 0.02, length + 0.04), middle)
-    blade: Box = ((0.008, BLADE, 0.03), (x, y, z - 0.015))
-    pen: Box = ((0.009, 0.009, length + 0.03), middle)
     along_blade = [(0.0, s * BLADE, 0.0) for s in np.linspace(-0.5, 0.5, POINTS)]
     sides = (-PEG_HALF, PEG_HALF)
     peg_ends = [(a, b, -c) for c in (0.0, PEG_GUIDE) for a in sides for b in sides]
-    points, gyration, boxes = {
-        "squeegee": (along_blade, (0.062, 0.035, 0.058), (handle, blade)),
-        "pen": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.004), (pen,)),
-        "torque_driver": ([(BIT_REACH, 0.0, 0.0), (-BIT_REACH, 0.0, 0.0)], (0.04, 0.04, 0.012), (handle,)),
-        "peg": (peg_ends, (0.04, 0.04, 0.01), (handle,)),
+    points, gyration = {
+        "squeegee": (along_blade, (0.062, 0.035, 0.058)),
+        "pen": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.004)),
+        "torque_driver": ([(BIT_REACH, 0.0, 0.0), (-BIT_REACH, 0.0, 0.0)], (0.04, 0.04, 0.012)),
+        "peg": (peg_ends, (0.04, 0.04, 0.01)),
     }[kind]
-    return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration), boxes)
+    return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration))
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from seed_sim.plant.grip import PlantError
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.plant_time import PlantTime
 from seed_sim.plant.tool_holder import ToolHolder
+from seed_sim.replay import Film, replay_of
 from seed_sim.ros.outputs import Outputs
 from seed_sim.scenario import load_scenario
 from seed_ur.models import MODELS
@@ -76,8 +77,8 @@ class SimNode(SeedNode):
         self.scenario = load_scenario(settings.scenario)
         task = load_task(settings.task)
         self._X_WE_start = start_pose(self.scenario, task)
-        self._meshcat, self._saved = _meshcat(settings.replay) if settings.replay else None, 0.0
-        self.plant = Plant(self.scenario, settings.seed, task.frame.pose, self._X_WE_start, meshcat=self._meshcat)
+        self._film, self._saved = _film(settings.replay) if settings.replay else None, 0.0
+        self.plant = Plant(self.scenario, settings.seed, task.frame.pose, self._X_WE_start, film=self._film)
         self.holder = ToolHolder(self.plant)
         self._latch = HoldLatch(settings.target_timeout)
         self._reason_told: str | None = None
@@ -106,8 +107,6 @@ class SimNode(SeedNode):
         self.create_service(SetGripperWidth, "~/set_gripper_width", self._set_width)
         self.create_timer(1.0, self._measure, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.diagnose(f"scenario {self.scenario.name}", self._report)
-        if self._meshcat is not None:
-            self._meshcat.StartRecording(frames_per_second=10.0, set_visualizations_while_recording=False)
         self.time = PlantTime(self.plant, self.holder, self._robot, settings.clock, time.monotonic(), self.now())
 
     def now(self) -> float:
@@ -229,17 +228,16 @@ class SimNode(SeedNode):
         return f"fingers {1e3 * width:.1f} mm apart"
 
     def _save_replay(self) -> str:
-        if self._meshcat is None:
+        if self._film is None:
             raise PlantError("nothing was recorded: start with the parameter replay:=FILE")
-        self._meshcat.PublishRecording()  # all since the start; it is recorded on
         file = Path(self.settings.replay)
-        file.write_text(self._meshcat.StaticHtml(), encoding="utf-8")
+        file.write_text(replay_of(self.plant, self._film, self.settings.model), encoding="utf-8")
         self._saved = self.plant.time
         return str(file)
 
     def destroy_node(self) -> None:
         """Write what was recorded since it was saved last."""
-        if self._meshcat is not None and abs(self.plant.time - self._saved) > UNSAVED:
+        if self._film is not None and abs(self.plant.time - self._saved) > UNSAVED:
             with self.counters.refusing("replay_not_saved"):
                 self._save_replay()
         super().destroy_node()
@@ -261,15 +259,13 @@ class SimNode(SeedNode):
         return diagnostics.OK, "following target_frame", values
 
 
-def _meshcat(replay: str) -> Any:
+def _film(replay: str) -> Film:
     """Raises SeedError: the replay could not be written."""
-    from pydrake.geometry import Meshcat, MeshcatParams
-
     try:
         Path(replay).touch()
     except OSError as error:
         raise PlantError(f"replay = {replay}: cannot be written: {error.strerror}") from error
-    return Meshcat(MeshcatParams(host="localhost"))
+    return Film()
 
 
 main = SimNode.main
