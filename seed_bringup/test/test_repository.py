@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "seed_core": NUMERIC,
     "seed_ur": NUMERIC | {"seed_core"},
     "seed_control": NUMERIC | {"seed_core", "HersheyFonts"},
-    "seed_estimation": NUMERIC | {"seed_core", "cv2"},
+    "seed_estimation": NUMERIC | {"seed_core", "cv2", "pyrealsense2"},
     "seed_driver": NUMERIC | {"seed_core", "seed_ur", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client"},
     "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
     "seed_sim": NUMERIC

@@ -15,6 +15,7 @@ from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
 from seed_driver.ros.node import DriverNode
 from seed_driver.ros.target_guard import GuardNode
+from seed_estimation.ros.cameras import CamerasNode
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.testing import Bench
 from seed_sim.ros.identification_cell import CellNode
@@ -25,6 +26,7 @@ from seed_sysid.ros.node import SysidNode
 # Each node, and the parameters with which it offers everything it can.
 NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "estimator": (EstimatorNode, {}),
+    "cameras": (CamerasNode, {}),
     "controller": (ControllerNode, {}),
     "driver": (DriverNode, {"robot_ip": "127.0.0.254"}),  # nobody is there; what it offers does not depend on that
     "guard": (GuardNode, {}),

@@ -4,10 +4,12 @@
 import os
 import shutil
 import subprocess
+from ctypes.util import find_library
 from pathlib import Path
 
 from progress import SetupError, say
 
+OPTIONAL = {"usb-1.0": "libusb-1.0-0"}  # of RealSense cameras: library, and the package that brings it
 TOOLS = ("cmake", "make", "g++", "gcc")  # each in the package of its name
 PROBE = """
 import importlib.util as u, os, sys, sysconfig
@@ -18,6 +20,7 @@ print('%d.%d' % sys.version_info[:2], all(u.find_spec(m) for m in ('venv', 'ensu
 
 def require_system_packages(python: Path) -> None:
     """Compiler, CMake, the venv module and Python's headers."""
+    _wish_for_optional_packages()
     missing = _missing(python)
     if not missing:
         return
@@ -33,6 +36,16 @@ def require_system_packages(python: Path) -> None:
     missing = _missing(python)
     if missing:
         raise SetupError(f"{line} went through, yet {' '.join(missing)} is still not usable with {python}")
+
+
+def _wish_for_optional_packages() -> None:
+    """What a few commands need, which say so themselves where it is missing: installed where that is easy."""
+    missing = [package for library, package in OPTIONAL.items() if find_library(library) is None]
+    if missing and os.geteuid() == 0 and shutil.which("apt-get"):
+        for arguments in (["update"], ["install", "-y", "--no-install-recommends", *missing]):
+            env = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
+            quiet = subprocess.DEVNULL
+            subprocess.run(["apt-get", "-q", *arguments], env=env, stdin=quiet, stdout=quiet, stderr=quiet)
 
 
 def _missing(python: Path) -> list[str]:

@@ -54,16 +54,34 @@ def camera_info(values: Intrinsics, t: float, frame_id: str) -> CameraInfo:
 class CameraPublisher:
     """Publishes depth and infrared images of a finger, and the calibration of both."""
 
-    def __init__(self, node: SeedNode, finger: str, frame_id: str, intrinsics: Intrinsics) -> None:
-        """finger: 'left' or 'right'; frame_id: of the optical frame."""
-        depth, ir = (node.publisher(Image, f"bubble_{finger}/{topic}", SENSOR) for topic in IMAGES.values())
-        self._depth, self._ir = ImageWriter(depth, "32FC1", frame_id), ImageWriter(ir, "mono16", frame_id)
-        self._info = node.publisher(CameraInfo, f"bubble_{finger}/{INFO}", SENSOR)
-        self._calibration = camera_info(intrinsics, 0.0, frame_id)
+    def __init__(
+        self, node: SeedNode, finger: str, frame_id: str, intrinsics: Intrinsics | None = None, ir: str = "mono16"
+    ) -> None:
+        """A publisher of one finger.
 
-    def publish(self, depth: NDArray[np.float32], ir: NDArray[np.floating], t: float) -> None:
+        Args:
+            finger: 'left' or 'right'.
+            frame_id: of the optical frame.
+            intrinsics: of both images; where they are not known yet, `calibrate` comes before the first images.
+            ir: encoding of infrared images, mono16 or mono8.
+        """
+        depth, gray = (node.publisher(Image, f"bubble_{finger}/{topic}", SENSOR) for topic in IMAGES.values())
+        self._depth, self._ir = ImageWriter(depth, "32FC1", frame_id), ImageWriter(gray, ir, frame_id)
+        self._kind = np.uint16 if ir == "mono16" else np.uint8
+        self._info = node.publisher(CameraInfo, f"bubble_{finger}/{INFO}", SENSOR)
+        self._frame_id = frame_id
+        if intrinsics is not None:
+            self.calibrate(intrinsics)
+
+    def calibrate(self, intrinsics: Intrinsics) -> None:
+        """The intrinsics of both images from now on."""
+        self._calibration = camera_info(intrinsics, 0.0, self._frame_id)
+
+    def publish(
+        self, depth: NDArray[np.float32], ir: NDArray[np.floating] | NDArray[np.unsignedinteger], t: float
+    ) -> None:
         """Publish depth (H, W) [m] and infrared (H, W) [counts], whole numbers, taken at t [s]."""
         self._calibration.header.stamp = stamp_from_seconds(t)
         self._info.publish(self._calibration)
         self._depth.publish(depth, t)
-        self._ir.publish(ir.astype(np.uint16), t)
+        self._ir.publish(ir.astype(self._kind, copy=False), t)
