@@ -30,6 +30,7 @@ COMMANDS = (
     Command("play", "seed_bringup.commands.play", "play a task on a running cell"),
     Command("cancel", "seed_bringup.commands.cancel", "end the task that a running cell plays"),
     Command("bag", "seed_bringup.commands.bag", "record, play or describe a bag"),
+    Command("access", "seed_bringup.access.command", "keys and permissions of every node, for SROS 2"),
     Command("ur-sim", "seed_ur.ur_sim", "a simulated UR controller that speaks RTDE"),
     Command("shell", DEVELOPERS, "a shell with the environment set up", "shell"),
     Command("build", DEVELOPERS, "build the workspace again", "build"),

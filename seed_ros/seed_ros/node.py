@@ -155,6 +155,25 @@ class TransformBroadcaster:
         self._fixed.publish(TFMessage(transforms=list(self._kept.values())))
 
 
+def no_security(error: Exception) -> str:
+    """What it means that the middleware cannot do what ROS_SECURITY_ENABLE asks for; '' for another error."""
+    if os.environ.get("ROS_SECURITY_ENABLE") != "true":  # rcl takes no other word
+        return ""
+    if "security libraries" in str(error):
+        return (
+            "ROS_SECURITY_ENABLE is set, and this Fast DDS was built without its security libraries, as the wheels' "
+            "is: take ROS 2 from apt (SEED_ROS=/opt/ros/jazzy), or unset it"
+        )
+    if "failed to initialize rcl" in str(error) or "SECURITY ERROR" in str(error):
+        store = os.environ.get("ROS_SECURITY_KEYSTORE", "")
+        enclave = os.environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE", "/")
+        return (
+            f"ROS_SECURITY_ENABLE is set, and the keystore ROS_SECURITY_KEYSTORE='{store}' has no enclave {enclave} "
+            "that can be used: make one with ./seed access FOLDER"
+        )
+    return ""
+
+
 def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
     """Create a node, run its loop until the end, and say in one line why it could not start.
 
@@ -165,7 +184,7 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
     try:
         rclpy.init(args=argv)
     except RuntimeError as error:  # a file of parameters that cannot be read, a remapping that is none
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {no_security(error) or error}", file=sys.stderr)
         return 1
     node: SeedNode | None = None
     try:
@@ -175,7 +194,10 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         node.loop.run()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RuntimeError:  # an interrupt in the middle of taking or publishing a message; RCLError is one
+    except RuntimeError as error:  # an interrupt in the middle of taking or publishing a message; RCLError is one
+        if why := no_security(error):
+            print(f"error: {why}", file=sys.stderr)
+            return 1
         if rclpy.ok():
             raise
     except SeedError as error:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from pathlib import Path
 
 from seed_bringup.launching import reaper
 from seed_bringup.launching.description import Node, describe
+from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.process import NodeProcess, Output, exit_text
 
 TERM_AFTER = 3.0  # [s] after the interrupt
@@ -61,6 +63,11 @@ class Launch:
 
     def start(self) -> Launch:
         """Start every node; when one cannot start, stop those that did."""
+        if os.environ.get("ROS_SECURITY_ENABLE") == "true" and os.environ.get("SEED_ROS") == "wheels":
+            raise LaunchError(
+                "ROS_SECURITY_ENABLE is set, and the wheels' Fast DDS was built without its security libraries: take "
+                "ROS 2 from apt (SEED_ROS=/opt/ros/jazzy), or unset it"
+            )
         self._folder = Path(self._running.enter_context(tempfile.TemporaryDirectory(prefix="seed-launch-")))
         command = [sys.executable, "-I", "-S", reaper.__file__]
         self._reaper = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, start_new_session=True)

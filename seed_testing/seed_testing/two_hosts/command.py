@@ -56,7 +56,9 @@ def _parser() -> argparse.ArgumentParser:
     names = [c.name for c in CASES]
     p.add_argument("--cases", nargs="+", choices=names, default=names, metavar="CASE", help=f"of {', '.join(names)}")
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")
-    p.add_argument("--out", type=Path, default=Path("results/hosts.json"), help="file of rows; goes on from there")
+    p.add_argument(
+        "--out", type=Path, default=Path("results/hosts.json"), help="file of rows; what was well is not run again"
+    )
     return p
 
 
@@ -69,10 +71,10 @@ def main(argv: list[str]) -> int:
     o.out.parent.mkdir(parents=True, exist_ok=True)
     rows: dict[str, Any] = json.loads(o.out.read_text(encoding="utf-8")) if o.out.is_file() else {}
     wanted = [c for c in CASES if c.name in o.cases]
-    to_do = [c for c in wanted if c.name not in rows]
+    to_do = [c for c in wanted if wrong(c, rows.get(c.name, {}))]
     print(HEAD, flush=True)
     for case in wanted:
-        if case.name in rows:
+        if case not in to_do:
             print(line(case, rows[case.name]), flush=True)
     with claimed(OWN, "seed bench hosts"):
         for skew in dict.fromkeys(c.skew for c in to_do):

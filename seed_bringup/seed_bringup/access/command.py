@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed access: keys and least-privilege permissions of every node of a cell, for SROS 2."""
+
+import argparse
+from pathlib import Path
+
+from seed_bringup.access.keystore import make_keystore
+from seed_bringup.access.policy import read_policy
+from seed_bringup.launching.packages import package_share
+from seed_core.program.command_line import Help, command
+
+
+@command("seed access")
+def main(argv: list[str]) -> int:
+    """Make the keystore."""
+    p = argparse.ArgumentParser(prog="seed access", description=__doc__, formatter_class=Help)
+    p.add_argument("keystore", type=Path, metavar="FOLDER", help="the keystore, made or brought up to date")
+    p.add_argument("--policy", type=Path, metavar="FILE", help="other rights than those of the suite's cell.policy.xml")
+    p.add_argument("--namespace", default="", help="of the cell, as it is given to the launch")
+    options = p.parse_args(argv)
+    policy = options.policy or package_share("seed_bringup") / "config" / "access" / "cell.policy.xml"
+    rights = read_policy(policy, options.namespace)
+    folder = options.keystore.resolve()
+    make_keystore(folder, rights)
+    print(f"enclaves {', '.join(rights)} in {folder}")
+    print(f"export ROS_SECURITY_KEYSTORE={folder} ROS_SECURITY_ENABLE=true ROS_SECURITY_STRATEGY=Enforce")
+    print("then launch the cell there; for commands: export ROS_SECURITY_ENCLAVE_OVERRIDE=/operator")
+    print(f"{folder / 'private'} signs new rights: keep it where the robot's computers are not")
+    return 0
