@@ -29,12 +29,14 @@ COMMANDS = (
     Command("call", "seed_bringup.commands.call", "call a service of a running cell, or list them"),
     Command("play", "seed_bringup.commands.play", "play a task on a running cell"),
     Command("cancel", "seed_bringup.commands.cancel", "end the task that a running cell plays"),
+    Command("watch", "seed_bringup.commands.watch", "print a topic of a running cell, or list them"),
     Command("bag", "seed_bringup.commands.bag", "record, play or describe a bag"),
     Command("access", "seed_bringup.access.command", "keys and permissions of every node, for SROS 2"),
     Command("ur-sim", "seed_ur.ur_sim", "a simulated UR controller that speaks RTDE"),
     Command("shell", DEVELOPERS, "a shell with the environment set up", "shell"),
     Command("build", DEVELOPERS, "build the workspace again", "build"),
     Command("lint", DEVELOPERS, "ruff and mypy", "lint"),
+    Command("docs", DEVELOPERS, "build the site of the documents, links checked", "docs"),
 )
 USAGE = """\
 usage: ./seed COMMAND [ARGUMENTS]     (./seed COMMAND --help for one command)

@@ -95,3 +95,17 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     assert gone.returncode == 1
     assert "is the cell running" in gone.stderr
     assert cell.poll() is None
+
+
+@pytest.mark.usefixtures("cell")
+def test_a_topic_is_watched_without_a_ros_installation() -> None:
+    listed = seed("watch").stdout
+    assert "/controller/state  (seed_msgs/msg/ControllerState)" in listed
+    once = seed("watch", "current_pose", "--once", "--for", "30")
+    assert once.returncode == 0, once.stderr
+    assert once.stdout.count("/current_pose: message 1") == 1
+    assert "frame_id: base" in once.stdout
+    assert "orientation: roll pitch yaw " in once.stdout
+    missing = seed("watch", "nobody", "--for", "1")
+    assert missing.returncode == 1
+    assert "nobody publishes /nobody" in missing.stderr

@@ -243,6 +243,18 @@ def test_a_namespace_is_every_nodes_once() -> None:
         assert all(apart <= {*n.remappings} for n in nodes if n.name != "ur_controller")
 
 
+def test_an_arm_of_ones_own_has_the_guard_in_front_and_the_controller_listens_to_both() -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    arguments = {"arm_target": "/mine/go", "arm_pose": "/mine/is", "base": "panda_link0"}
+    nodes = {n.name: n for n in describe(ROOT / "seed_bringup/launch/own_arm_launch.xml", arguments).nodes}
+    assert set(nodes) == {"controller", "estimator", "guard"}
+    controller, guard = nodes["controller"], nodes["guard"]
+    assert {("current_pose", "/mine/is"), ("arm_hold_reason", "guard/hold_reason")} <= {*controller.remappings}
+    assert {("current_pose", "/mine/is"), ("guarded_frame", "/mine/go")} <= {*guard.remappings}
+    assert {"frames.base": "panda_link0"} in controller.parameters
+    assert {"base_frame": "panda_link0"} in guard.parameters
+
+
 @pytest.mark.parametrize("argument", ["links", "use_sim_time"])
 @pytest.mark.parametrize("file", ["cell", "demo", "perception"])
 def test_what_is_neither_true_nor_false_is_refused_before_anything_starts(file: str, argument: str) -> None:

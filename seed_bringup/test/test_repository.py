@@ -213,7 +213,7 @@ def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
 
 
 def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
-    pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
+    pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
     anchors = {page: {_anchor(h) for h in re.findall(r"^#+ (.*)$", page.read_text(), re.M)} for page in pages}
     links, commands = 0, set()
     for page, text in ((page, page.read_text()) for page in pages):

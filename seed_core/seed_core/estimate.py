@@ -26,7 +26,7 @@ class MembraneMotion:
     Attributes:
         finger: 'left' or 'right'.
         X_CM: (4, 4) rigid motion of the patch's material: a point p in C of it has moved to X_CM p.
-        covariance: (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
+        covariance: (6, 6) of rotation vector in C and translation in C, in rad^2, rad m and m^2.
         observed: whether its x, y, z, roll, pitch, yaw are seen, as in RelativePoseEstimate.
         deformation: (9,) [m] motion along x and z of C beyond X_CM, over (u, v) = (x, z) from the patch's middle at the
             grasp in units of its root mean square distance from there: stretch (u, 0), stretch (0, v), shear (v, u);
@@ -53,7 +53,7 @@ class RelativePoseEstimate:
     Attributes:
         stamp: when the images were taken [s].
         X_CT: (4, 4).
-        covariance: (6, 6) of [rotation vector in C, translation in C] [rad^2, rad m, m^2].
+        covariance: (6, 6) of rotation vector in C and translation in C, in rad^2, rad m and m^2.
         observed: whether the estimator sees each of AXES (x, y, z, roll, pitch, yaw): translation first, unlike the
             covariance. Read it by `observed_translation` and `observed_rotation`.
         valid: False means: do not use the pose; `reason` says why.

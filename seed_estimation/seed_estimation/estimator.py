@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from seed_core.config import checked
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
@@ -73,8 +74,9 @@ class Estimator:
 
         Raises:
             EstimatorError: no camera, a finger of another name, or a calibration of images of another size.
-            ConfigError: the calibration file cannot be used.
+            ConfigError: a parameter is out of its bounds, or the calibration file cannot be used.
         """
+        parameters = checked(parameters, "EstimatorParameters")
         unknown = [f for f in cameras if f not in FINGERS]
         if unknown or not cameras:
             raise EstimatorError(f"cameras of {sorted(cameras) or 'no finger'}: give 'left', 'right' or both")
@@ -102,8 +104,12 @@ class Estimator:
         self._patch_method: PublishedMethod | None = None  # with a grasp and a method of PATCH_METHODS
 
     def reconfigure(self, parameters: EstimatorParameters) -> None:
-        """New parameters; reference and grasp are kept where they do not depend on what changed."""
-        before, self.parameters = self.parameters, parameters
+        """New parameters; reference and grasp are kept where they do not depend on what changed.
+
+        Raises:
+            ConfigError: a parameter is out of its bounds.
+        """
+        before, self.parameters = self.parameters, checked(parameters, "EstimatorParameters")
         if before.decimate != parameters.decimate or before.method != parameters.method:
             self._forget_grasp()
         if before.decimate != parameters.decimate:

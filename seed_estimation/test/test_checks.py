@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rendered import PERIOD, held
 
+from seed_core.config import ConfigError
 from seed_core.hand import Hand
 from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
 from seed_sim.tactile.parameters import TactileParameters
@@ -121,3 +122,29 @@ def test_no_image_whatsoever_raises(grasp: tuple[Estimator, TactileRenderer], da
         assert estimate.reason
     else:
         assert np.linalg.norm(estimate.X_CT[:3, 3]) < 5e-3
+
+
+@pytest.mark.parametrize(("per_metre", "named"), [(1e3, "millimetres"), (1e4, "tenths of a millimetre")])
+def test_depth_that_is_not_in_metres_is_recognised(
+    grasp: tuple[Estimator, TactileRenderer], per_metre: float, named: str
+) -> None:
+    estimator, bubbles = grasp
+    now = next(stamps)
+    images = bubbles.render(np.eye(4), now)
+    wrong = {f: replace(i, depth=np.nan_to_num(i.depth * per_metre).astype(np.uint16)) for f, i in images.items()}
+    reason = estimator.update(wrong, now).reason
+    assert f"look like {named}: divide depth by {per_metre:g}" in reason
+    far = {f: replace(i, depth=7e5 * i.depth) for f, i in images.items()}
+    assert "look like" not in estimator.update(far, now).reason
+
+
+@pytest.mark.parametrize(("name", "value"), [("method", "nonsense"), ("near", -1.0), ("decimate", 0)])
+def test_parameters_out_of_bounds_are_refused_wherever_they_come_from(
+    grasp: tuple[Estimator, TactileRenderer], name: str, value: object
+) -> None:
+    estimator, bubbles = grasp
+    wrong = replace(EstimatorParameters(), **{name: value})
+    with pytest.raises(ConfigError, match=name):
+        Estimator(wrong, Hand(), bubbles.cameras)
+    with pytest.raises(ConfigError, match=name):
+        estimator.reconfigure(wrong)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated arm, grasp, tool, table and tactile cameras; evaluation in closed loop without ROS.
 
-from seed_sim import evaluate
+    from seed_sim import evaluate
 
-run = evaluate("squeegee", estimator="rigid_fit", seed=7)
-print(run.result["force_z"]["rmse"], "N")
+    run = evaluate("squeegee", estimator="rigid_fit", seed=7)
+    print(run.result["force_z"]["rmse"], "N")
 
 Each name is imported when it is first asked for: a command that wants scenarios alone waits for no renderer.
 """

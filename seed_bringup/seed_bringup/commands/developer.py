@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""./seed test, lint, shell and build: what developers run inside the environment."""
+"""./seed test, lint, docs, shell and build: what developers run inside the environment."""
 
+import argparse
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import command
@@ -87,6 +90,56 @@ def cores(root: Path) -> list[Path]:
 def is_edge(file: Path) -> bool:
     """Whether a module may know ROS: ros/, bags/, seed_ros, and modules named after a node or a bag."""
     return bool({"ros", "bags", "seed_ros"} & set(file.parts[-3:-1])) or file.stem.split("_")[-1] in ("node", "bag")
+
+
+DOCS_HELP = """\
+usage: ./seed docs [--out FOLDER] [--serve]
+
+Build the site of docs/, strictly: a link, an anchor or a page that leads nowhere fails. Links to other servers are
+listed, not fetched, and the site itself asks nothing of any.
+
+  --out FOLDER   default: build/site; open index.html in it
+  --serve        show it on http://127.0.0.1:8000, built again at every change"""
+
+
+@command("seed docs")
+def docs(argv: list[str]) -> int:
+    """Build the site with MkDocs, or serve it on loopback."""
+    parser = argparse.ArgumentParser(prog="seed docs", add_help=False)
+    parser.error = _misused  # type: ignore[method-assign]
+    parser.add_argument("-h", "--help", action="store_true")
+    parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--serve", action="store_true")
+    options = parser.parse_args(argv)
+    if options.help:
+        print(DOCS_HELP)
+        return 0
+    root = checkout()
+    out = (options.out or root / "build" / "site").resolve()
+    words = ["serve", "--dev-addr", "127.0.0.1:8000"] if options.serve else ["build", "--site-dir", str(out)]
+    # Not --quiet, which hides warnings from --strict too. Material announces its successor at every build.
+    mkdocs = [sys.executable, "-P", "-m", "mkdocs", *words, "--strict", "--config-file", "mkdocs.yml"]
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    if options.serve:
+        return subprocess.run(mkdocs, cwd=root, env=environment).returncode
+    done = subprocess.run(mkdocs, cwd=root, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        print("\n".join(x for x in done.stderr.splitlines() if not x.startswith("INFO")), file=sys.stderr)
+        return 1
+    outside = external_links(root)
+    print(f"seed docs: {out / 'index.html'}; {len(outside)} links to other servers, not fetched:")
+    print("\n".join(f"  {link}" for link in outside))
+    return 0
+
+
+def _misused(message: str) -> NoReturn:
+    raise SeedError(message)
+
+
+def external_links(root: Path) -> list[str]:
+    """Addresses of other servers that the documents link to."""
+    pages = [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").glob("**/*.md"))]
+    return sorted({link for page in pages for link in re.findall(r"\]\((https?://[^)\s]+)\)", page.read_text())})
 
 
 @command("seed shell")

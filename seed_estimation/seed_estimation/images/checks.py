@@ -12,6 +12,10 @@ from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Image, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 
+_UNITS = (
+    ("millimetres", 1e3),
+    ("tenths of a millimetre", 1e4),
+)  # of depth; how many a metre has
 Frame = Mapping[str, TactileImages]  # images of one time by finger
 
 
@@ -68,8 +72,17 @@ def _depth_problem(depth: Image, shape: tuple[int, int], p: EstimatorParameters)
     if share < p.least_valid:
         return (
             f"only {share:.0%} of the depth image lies within {p.near:g} and {p.far:g} m; "
-            f"at least {p.least_valid:.0%} must"
+            f"at least {p.least_valid:.0%} must{_other_unit(some, p)}"
         )
+    return ""
+
+
+def _other_unit(depth: Image, p: EstimatorParameters) -> str:
+    """What to do about a depth image that would be good if its numbers were millimetres, or tenths of them."""
+    for name, per_metre in _UNITS:
+        low, high = p.near * per_metre, p.far * per_metre
+        if cv2.countNonZero(cv2.inRange(depth, low, high)) / depth.size >= p.least_valid:
+            return f". Its numbers look like {name}: divide depth by {per_metre:g}, it must be in metres"
     return ""
 
 
