@@ -229,6 +229,12 @@ def test_documents_link_to_what_is_there_and_name_commands_that_exist() -> None:
     assert commands >= {"demo", "test", "launch", "call", "play"}
 
 
+def test_every_page_is_in_the_menu_of_the_site() -> None:
+    menu = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
+    made = {"commands.md", "contributing.md", "changelog.md"}
+    assert {str(f.relative_to(ROOT / "docs")) for f in ROOT.glob("docs/**/*.md")} == menu - made, "mkdocs.yml: nav"
+
+
 def test_architecture_names_the_file_that_has_each_part_of_the_paper() -> None:
     """A file says in its own words what the table says of it."""
     page = (ROOT / "docs/architecture.md").read_text()
