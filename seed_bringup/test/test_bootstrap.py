@@ -132,6 +132,29 @@ def test_missing_tools_are_named_in_one_line_to_paste(
         system.require_system_packages(Path(sys.executable))
 
 
+def test_a_browser_is_installed_for_root_alone_and_its_lack_stops_nothing(
+    load: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system: ModuleType = load("system")  # type: ignore[operator]
+    calls, apt = tmp_path / "calls", tmp_path / "bin" / "apt-get"
+    apt.parent.mkdir()
+    apt.write_text(f'#!/bin/sh\necho "$@" >> {calls}\nexit 100\n')
+    apt.chmod(0o755)
+    monkeypatch.setenv("PATH", str(apt.parent))
+    for user, wish in ((1000, ""), (0, "none")):
+        monkeypatch.setattr(os, "geteuid", lambda user=user: user)
+        monkeypatch.setenv("SEED_BROWSER", wish)
+        system.offer_browser()
+    assert not calls.exists()
+    monkeypatch.setenv("SEED_BROWSER", "")
+    system.offer_browser()
+    assert calls.read_text() == "-q update\n"
+    assert "the tests of the page in a browser are skipped" in capsys.readouterr().err
+    (apt.parent / "chromium").touch(mode=0o755)
+    system.offer_browser()
+    assert calls.read_text() == "-q update\n"
+
+
 def test_failed_command_shows_the_end_of_its_log(load: object, tmp_path: Path) -> None:
     progress: ModuleType = load("progress")  # type: ignore[operator]
     command = ["sh", "-c", "seq 100; echo the disk is full; exit 3"]

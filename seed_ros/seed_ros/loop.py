@@ -153,7 +153,9 @@ class FixedRateLoop:
         """Time that periods are counted in [s]."""
         return self.node.get_clock().now().nanoseconds * 1e-9 if self._simulated else time.monotonic()
 
-    def poll(self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False) -> None:
+    def poll(
+        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False
+    ) -> Subscription:
         """As create_subscription; the callback runs at the beginning of a period.
 
         Raw messages stay serialized, and the callback gets what is known of each besides (MessageInfo as a dict).
@@ -163,6 +165,12 @@ class FixedRateLoop:
             kind, topic, receive, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
         )
         self._callbacks[subscription] = receive
+        return subscription
+
+    def leave(self, subscription: Subscription) -> None:
+        """Poll one no more."""
+        del self._callbacks[subscription]
+        self.node.destroy_subscription(subscription)
 
     @property
     def streams(self) -> Mapping[Subscription, Callable[[Any, Any], None]]:

@@ -11,6 +11,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
+from seed_bringup.page.ros.node import PageNode
 from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
 from seed_driver.ros.node import DriverNode
@@ -35,6 +36,7 @@ NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "sysid": (SysidNode, {}),
     "identification_cell": (CellNode, {}),
     "link_frames": (LinkFramesNode, {}),
+    "page": (PageNode, {"port": 0}),
 }
 HEADING = "## Parameters\n"
 COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these

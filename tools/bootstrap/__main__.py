@@ -16,6 +16,7 @@ import command_table  # noqa: E402
 
 from environment import ready_environment  # noqa: E402
 from progress import SetupError, UsageError, say  # noqa: E402
+from system import offer_browser  # noqa: E402
 from workspace import ready_workspace  # noqa: E402
 
 
@@ -47,6 +48,8 @@ def start(arguments: list[str]) -> None:
     pins = _pins_asked_for(arguments)
     environment = ready_environment(ROOT, pins)
     builds = arguments[0] == "build" and arguments[1:2] not in (["-h"], ["--help"])
+    if arguments == ["test"]:  # every test
+        offer_browser()
     variables = ready_workspace(ROOT, environment, rebuild=arguments[1:] if builds else None)
     python = str(environment.python)
     os.execve(python, [python, "-P", "-m", "seed_bringup.commands.dispatch", *arguments], variables)

@@ -10,6 +10,8 @@ from pathlib import Path
 from progress import SetupError, say
 
 OPTIONAL = {"usb-1.0": "libusb-1.0-0"}  # of RealSense cameras: library, and the package that brings it
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")  # as the tests look for one
+BROWSER_PATIENCE = 180.0  # [s]
 TOOLS = ("cmake", "make", "g++", "gcc")  # each in the package of its name
 PROBE = """
 import importlib.util as u, os, sys, sysconfig
@@ -46,6 +48,30 @@ def _wish_for_optional_packages() -> None:
             env = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
             quiet = subprocess.DEVNULL
             subprocess.run(["apt-get", "-q", *arguments], env=env, stdin=quiet, stdout=quiet, stderr=quiet)
+
+
+def offer_browser() -> None:
+    """A browser for the tests of the operator page, where that costs nobody a question: as root, with apt-get.
+
+    Without one those tests are skipped and say so; nothing else needs it. SEED_BROWSER=none leaves the system alone.
+    """
+    if any(map(shutil.which, BROWSERS)) or os.environ.get("SEED_BROWSER") == "none":
+        return
+    if os.geteuid() != 0 or not shutil.which("apt-get"):
+        return
+    say("no browser here for the tests of the operator page; installing chromium with apt-get (SEED_BROWSER=none: not)")
+    env = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
+    for arguments in (["update"], ["install", "-y", "--no-install-recommends", "chromium"]):
+        command = ["apt-get", "-q", *arguments]
+        try:
+            done = subprocess.run(
+                command, env=env, stdin=subprocess.DEVNULL, capture_output=True, timeout=BROWSER_PATIENCE
+            )
+        except subprocess.TimeoutExpired:
+            done = None
+        if done is None or done.returncode != 0:
+            say(f"could not: {' '.join(command)}; the tests of the page in a browser are skipped")
+            return
 
 
 def _missing(python: Path) -> list[str]:

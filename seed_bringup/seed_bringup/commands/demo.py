@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         help="[Hz] of the simulated cameras; default: the scenario's, "
         f"or {SMALL_CAMERA_RATE:g} where there are fewer than {CORES} cores",
     )
+    p.add_argument("--no-view", action="store_true", help="do not serve the operator page meanwhile")
     p.add_argument("--verbose", action="store_true", help="show what the nodes say")
     p.add_argument(
         "robot",

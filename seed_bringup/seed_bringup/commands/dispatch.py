@@ -15,6 +15,7 @@ PIP_ONLY = {
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",
     "dashboard_client": "ur-rtde",
+    "viser": "viser",
 }
 
 

@@ -140,6 +140,7 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
         "seed": str(o.seed),
         "method": o.estimator,
         "law": o.law,
+        "view": str(not o.no_view).lower(),
         "replay": str(asked.folder / "replay.html"),
         "sim_rate": str(loop_rate),
         "camera_rate": str(float(o.camera_rate or camera_rate)),
@@ -206,6 +207,8 @@ class _NodeLog:
         if label == "launch" and "died" in line:
             name = line.split(" ")[0]
             self.death = f"{line.split(' (')[0]}: {self._last_lines.get(name, 'it said nothing')}"
+        if label == "page" and "http://" in line and not self._verbose:
+            say(line)
         self._last_lines[label] = line
         if self._verbose:
             print(f"[{label}] {line}", flush=True)

@@ -30,6 +30,7 @@ from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
+DEBUG_PERIOD = 0.09  # [s] between two debug images: eyes want no more
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class EstimatorNode(SeedNode):
 
         self._poses = self.publisher(RelativePose, "relative_pose", COMMAND)
         self._patches = self.publisher(ContactPatches, "contact_patches", COMMAND)
+        self._next_debug = 0.0  # [s]
         self._debug = self.publisher(Image, "~/debug_image", SENSOR)
         self._tf = TransformBroadcaster(self)
         if self.settings.publish_tf:
@@ -120,7 +122,13 @@ class EstimatorNode(SeedNode):
             estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
         self._publish(self.gathering.through(estimate))
         self._publish_patches(stamp)
-        if self._debug.get_subscription_count():
+        if stamp >= self._next_debug or stamp < self._next_debug - 1.0:  # or time was set back
+            self._next_debug = stamp + DEBUG_PERIOD
+            self._publish_debug(stamp)
+
+    def _publish_debug(self, stamp: float) -> None:
+        """Drawn only for somebody who looks, and after what the loop waits for."""
+        if self.core is not None and self._debug.get_subscription_count():
             self._debug.publish(image_message(self.core.debug_image(), "bgr8", stamp, self.frames.compliance))
 
     def _on_clock_question(self, message: TimeReference) -> None:

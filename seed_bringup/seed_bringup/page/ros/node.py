@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`page`: the operator page of a running cell. It listens and calls services and the action; it publishes no command.
+
+Of each stream it takes the newest message ten times a second, and none while no page is open, so that neither a second
+page nor a slow one costs the loop anything.
+"""
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
+
+from seed_bringup.page.panel import Panel
+from seed_bringup.page.ros.hands import CellHands
+from seed_bringup.page.ros.read import PICTURES, TOPICS, fixed_frames, read_state
+from seed_bringup.page.scene import Scene
+from seed_bringup.page.server import PORT, PageServer
+from seed_bringup.page.state import CellState, History
+from seed_control.tasks import shipped_tasks
+from seed_core.config import field
+from seed_core.spatial import Array
+from seed_ros import FixedRateLoop, SeedNode, diagnostics
+from seed_ros.node import run
+from seed_ur.models import MODELS
+
+RATE = 10.0  # [Hz] of the pictures
+PLOTS_EVERY = 3  # pictures, the plots are drawn anew
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """Parameters of the node."""
+
+    port: int = field(PORT, low=0, high=65535, doc="of the page on loopback; the next free one if it is taken; 0: any")
+    model: str = field("ur5e", choices=tuple(MODELS), doc="arm that is drawn")
+    tasks: tuple[str, ...] = field(("",), doc="files of own tasks, offered beside the shipped ones")
+
+
+class PageNode(SeedNode):
+    """See docs/interfaces.md."""
+
+    def __init__(self, name: str = "page", **arguments: Any) -> None:
+        super().__init__(name, **arguments)
+        settings = self.declare(PageSettings())
+        self.refuse_unknown()
+        self._newest: dict[str, Any] = {}
+        self._fixed: dict[tuple[str, str], Array] = {}
+        self._heard = time.monotonic()
+        self._count = 0
+        self.state = CellState()
+        self.history = History()
+        self.loop = FixedRateLoop(self, RATE, self._tick, steady=True, catch_up=False)
+        for topic in TOPICS.keys() - PICTURES:
+            self._listen(topic)
+        self._pictures: list[Subscription] = []
+        tasks = (*(t for t in settings.tasks if t), *shipped_tasks())
+        self.hands = CellHands(self.context, tasks, self.get_namespace(), f"{name}_hands")
+        self.server = PageServer(settings.port)
+        self.scene = Scene(self.server, settings.model)
+        self.panel = Panel(self.server, self.history, self.hands)
+        print(f"the operator page: {self.server.address}", flush=True)
+        self.diagnose(self.server.address, self._report)
+
+    def _listen(self, name: str) -> Subscription:
+        topic = TOPICS[name]
+        return self.loop.poll(topic.kind, name, lambda m, *_: self._on_message(name, m), topic.qos, raw=topic.raw)
+
+    def _look(self, viewers: int) -> None:
+        """Have pictures sent while somebody looks: the estimator draws its own only for listeners."""
+        if viewers and not self._pictures:
+            self._pictures = [self._listen(name) for name in PICTURES]
+        elif not viewers and self._pictures:
+            for subscription in self._pictures:
+                self.loop.leave(subscription)
+            self._pictures = []
+            self._newest = {t: m for t, m in self._newest.items() if t not in PICTURES}
+
+    def _on_message(self, topic: str, message: Any) -> None:
+        self._newest[topic] = message
+        self._heard = time.monotonic()
+        if topic == "/tf_static":
+            self._fixed = self._fixed | dict(fixed_frames(message))
+
+    def _tick(self) -> None:
+        viewers = len(self.server.get_clients())
+        self._count += 1
+        self.hands.saw(viewers)
+        self._look(viewers)
+        self.state = read_state(self._newest, self._fixed, time.monotonic() - self._heard, self.hands.tool)
+        self.history.add(self.state.control)
+        self.beats.add()
+        if viewers:
+            self.scene.show(self.state)
+            self.panel.show(self.state, viewers, plots=self._count % PLOTS_EVERY == 0)
+
+    def _report(self) -> diagnostics.Report:
+        viewers = len(self.server.get_clients())
+        return diagnostics.OK, f"{viewers} page(s) open at {self.server.address}", {"viewers": viewers}
+
+    def destroy_node(self) -> None:
+        """End the server and the hands as well."""
+        if hasattr(self, "panel"):
+            self.hands.close()
+            self.server.stop()
+        super().destroy_node()
+
+
+def serve(namespace: str, port: int, model: str, tasks: Sequence[str]) -> int:
+    """The page of the cell in a namespace, until Ctrl-C; the exit code. Several may run beside each other."""
+    given = {"port": port, "model": model, **({"tasks": list(tasks)} if tasks else {})}
+    parameters = [Parameter(name, value=value) for name, value in given.items()]
+
+    remaps = ["--ros-args", "-r", "/tf_static:=tf_static"]  # as the launch files have it
+    name = f"page_{os.getpid()}"
+    return run(lambda: PageNode(name, namespace=namespace, parameter_overrides=parameters, cli_args=remaps))
+
+
+main = PageNode.main

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the newest message of each topic to what the page shows; live and from a bag alike."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile
+from seed_msgs.msg import ContactPatches, ControllerState, RelativePose, WrenchEstimate
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Float32, String
+from tf2_msgs.msg import TFMessage
+
+from seed_bringup.page.state import CellState, Control, Depth, Grasp, Touch
+from seed_core.errors import SeedError
+from seed_core.hand import Tool
+from seed_core.spatial import Array, pose_from_quaternion
+from seed_ros import COMMAND, LATCHED, SENSOR
+from seed_ros.conversions import pose_to_matrix, seconds
+from seed_ros.images.arrays import depth_from_message, gray_from_message
+from seed_ros.images.cameras import IMAGES, INFO, intrinsics
+from seed_ros.images.serialized import read_image
+from seed_ur.models import JOINT_NAMES
+
+FINGERS = ("left", "right")
+DEBUG = "estimator/debug_image"
+NEWEST = QoSProfile(depth=1)  # of a reliable stream
+
+
+class Topic(NamedTuple):
+    """raw: kept as bytes until it is shown."""
+
+    kind: Any
+    qos: QoSProfile
+    raw: bool = False
+
+
+TOPICS: Mapping[str, Topic] = {
+    "current_pose": Topic(PoseStamped, NEWEST),
+    "relative_pose": Topic(RelativePose, COMMAND),
+    "wrench_estimate": Topic(WrenchEstimate, COMMAND),
+    "contact_patches": Topic(ContactPatches, COMMAND),
+    "joint_states": Topic(JointState, NEWEST),
+    "controller/state": Topic(ControllerState, NEWEST),
+    "controller/ready": Topic(DiagnosticStatus, LATCHED),
+    "driver/hold_reason": Topic(String, LATCHED),
+    "sim/hold_reason": Topic(String, LATCHED),
+    "sim/real_time_factor": Topic(Float32, NEWEST),
+    "sim/ground_truth/table_pose": Topic(PoseStamped, LATCHED),
+    "/tf_static": Topic(TFMessage, LATCHED),
+    DEBUG: Topic(Image, SENSOR, raw=True),
+    **{f"bubble_{f}/{IMAGES['depth']}": Topic(Image, SENSOR, raw=True) for f in FINGERS},
+    **{f"bubble_{f}/{IMAGES['ir']}": Topic(Image, SENSOR, raw=True) for f in FINGERS},
+    **{f"bubble_{f}/{INFO}": Topic(CameraInfo, SENSOR) for f in FINGERS},
+}
+PICTURES = frozenset(name for name, topic in TOPICS.items() if topic.raw)
+
+
+def read_state(
+    newest: Mapping[str, Any],
+    fixed: Mapping[tuple[str, str], Array],
+    silent: float = 0.0,
+    tool: Tool | None = None,
+) -> CellState:
+    """What the page shows of these messages, by topic; what cannot be read is left out.
+
+    Args:
+        newest: messages, raw ones as bytes.
+        fixed: poses of the fixed frames.
+        silent: [s] since the last message.
+        tool: what is held.
+    """
+    stamps = [seconds(m.header.stamp) for m in newest.values() if hasattr(m, "header")]
+    state: dict[str, Any] = {"now": max(stamps, default=nan), "fixed": fixed, "silent": silent, "tool": tool}
+    for name, topic, read in (
+        ("X_WE", "current_pose", lambda m: pose_to_matrix(m.pose)),
+        ("X_WS", "sim/ground_truth/table_pose", lambda m: pose_to_matrix(m.pose)),
+        ("joints", "joint_states", _joints),
+        ("control", "controller/state", _control),
+        ("grasp", "relative_pose", _grasp),
+        ("touch", "wrench_estimate", _touch),
+        ("contact", "contact_patches", lambda m: {p.finger: p.area for p in m.patches if p.in_contact}),
+        ("missing", "controller/ready", lambda m: {v.key: v.value for v in m.values if v.value}),
+        ("real_time_factor", "sim/real_time_factor", lambda m: float(m.data)),
+    ):
+        if topic in newest:
+            with suppress(SeedError, ValueError):
+                state[name] = read(newest[topic])
+    holds = (newest[t].data for t in ("driver/hold_reason", "sim/hold_reason") if t in newest)
+    state["arm_holds"] = next(filter(None, holds), "")
+    state["depths"] = dict(_depths(newest))
+    with suppress(SeedError, ValueError):
+        state["picture"] = _picture(newest)
+    return CellState(**state)
+
+
+def fixed_frames(message: Any) -> Iterator[tuple[tuple[str, str], Array]]:
+    """Pose of each frame in its parent, of a TFMessage."""
+    for t in message.transforms:
+        p, q = t.transform.translation, t.transform.rotation
+        with suppress(SeedError):
+            X = pose_from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z))
+            yield (t.header.frame_id, t.child_frame_id), X
+
+
+def _six(wrench: Any) -> Array:
+    f, m = wrench.force, wrench.torque
+    return np.array((f.x, f.y, f.z, m.x, m.y, m.z))
+
+
+def _joints(message: Any) -> Array:
+    angles = dict(zip(message.name, message.position, strict=False))
+    ends = [[a for n, a in angles.items() if n.endswith(name)] for name in JOINT_NAMES]
+    q = np.array([found[0] for found in ends if found], float)
+    if q.shape != (6,) or not np.isfinite(q).all():
+        raise ValueError("joint_states are not those of this arm")
+    return q
+
+
+def _control(m: Any) -> Control:
+    return Control(
+        seconds(m.header.stamp), m.enabled, m.mode, m.reason, m.in_contact, m.settled,
+        _six(m.desired), _six(m.estimated), _six(m.deviation),
+    )  # fmt: skip
+
+
+def _grasp(m: Any) -> Grasp:
+    return Grasp(pose_to_matrix(m.pose.pose), m.valid, m.reason, float(m.slip), m.gross_slip)
+
+
+def _touch(m: Any) -> Touch:
+    six = _six(m.wrench)
+    return Touch(six[:3], six[3:], np.array(m.covariance, float).reshape(6, 6), m.reason)
+
+
+def _depths(newest: Mapping[str, Any]) -> Iterator[tuple[str, Depth]]:
+    """Each membrane as its camera sees it; what little a lens distorts is not seen in a picture of the cell."""
+    for finger in FINGERS:
+        depth, info = newest.get(f"bubble_{finger}/{IMAGES['depth']}"), newest.get(f"bubble_{finger}/{INFO}")
+        if depth is None or info is None:
+            continue
+        with suppress(SeedError, ValueError):
+            k = intrinsics(info, rectified=False).k
+            yield finger, Depth(depth_from_message(read_image(depth)), (k[0], k[4], k[2], k[5]))
+
+
+def _picture(newest: Mapping[str, Any]) -> NDArray[np.uint8] | None:
+    """Both tactile images (H, W, 3) RGB: the estimator's, or, where that has none yet, the cameras'."""
+    if DEBUG in newest:
+        image = read_image(newest[DEBUG])
+        if image.encoding == "bgr8" and len(image.data) == image.step * image.height:
+            rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)[:, : 3 * image.width]
+            if rows.any():
+                return np.ascontiguousarray(rows.reshape(image.height, image.width, 3)[..., ::-1])
+    topics = (f"bubble_{f}/{IMAGES['ir']}" for f in FINGERS)
+    raw = [gray_from_message(read_image(newest[t])) for t in topics if t in newest]
+    if not raw or len({r.shape for r in raw}) > 1:
+        return None
+    both = np.concatenate(raw, axis=1)
+    top = max(float(np.percentile(both[::4, ::4], 99.5)), 1.0)
+    return np.repeat(np.clip(255.0 / top * both, 0.0, 255.0).astype(np.uint8)[..., None], 3, axis=-1)

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cell in 3-D: arm, hand, bubbles as measured, tool, table, named frames, and the wrench with its uncertainty."""
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+import viser
+
+from seed_bringup.page.state import CellState, Touch
+from seed_core.hand import Hand, Tool
+from seed_core.meshes import (
+    BUBBLE,
+    FORCE_SCALE,
+    PAPER,
+    TORQUE_SCALE,
+    Bubble,
+    Mesh,
+    Part,
+    arrow,
+    ellipsoid,
+    hand_parts,
+    slab,
+    tool_parts,
+    turning_arrow,
+)
+from seed_core.spatial import Array, quaternion_from_rotation
+from seed_ur.meshes import arm_parts, arm_poses
+
+LEAST_FORCE, LEAST_TORQUE = 0.2, 0.02  # [N], [N m] below which no arrow is drawn
+TRAIL, TRAIL_STEP = 400, 0.002  # points of the tip's path; [m] between two of them
+FORCE, TORQUE, PATH = (217, 85, 26), (118, 74, 188), (217, 85, 26)
+FINE, COARSE = (232, 234, 237), (214, 218, 223)  # lines of the floor
+BOX = 12  # vertices: a mesh with no more has edges to be seen
+NAMED = ("base", "tool0", "compliance", "tool", "tip")
+VIEW_FROM = (0.42, -0.62, 0.2)  # [m] from the middle between grasp and tip
+
+
+class Scene:
+    """`show` a state; everything hangs below the arm's base W."""
+
+    def __init__(self, server: viser.ViserServer, model: str = "ur5e") -> None:
+        self._server, self._scene, self._model = server, server.scene, model
+        self._hand, self._tool = Hand(), Tool()
+        self._trail: deque[Array] = deque(maxlen=TRAIL)
+        self._framed = False
+        self._scene.set_up_direction("+z")
+        self._scene.configure_environment_map("studio", environment_intensity=0.3)  # sent by this server
+        self._scene.configure_default_lights(cast_shadow=False)
+        self._scene.add_grid("/floor", 4.0, 4.0, cell_size=0.1, cell_color=FINE, section_color=COARSE, shadow_opacity=0)
+        self._links = self._groups("arm", arm_parts(model))
+        self._of_hand = self._groups("hand", hand_parts(self._hand))
+        self._of_tool = self._groups("held", tool_parts(self._tool))
+        self._table = self._add("/table", Part("table", "W", slab((0.55, 0.5), 0.02, (0.12, 0.0)), PAPER))
+        self._shapes = {finger: Bubble(finger) for finger in ("left", "right")}
+        self._bubbles = {
+            finger: self._add(f"/bubble_{finger}", Part(finger, "C", bubble.mesh, BUBBLE))
+            for finger, bubble in self._shapes.items()
+        }
+        self._frames = {name: self._add_frame(name) for name in NAMED}
+        self._path = self._scene.add_line_segments("/path", np.zeros((1, 2, 3)), PATH, thickness=0.0012)
+        self._force = _Arrow(self._scene, "force", FORCE, "N")
+        self._torque = _Arrow(self._scene, "torque", TORQUE, "N m")
+
+    def _add(self, name: str, part: Part) -> viser.MeshHandle:
+        mesh = _mesh(self._scene, name, part.mesh, part.colour, part.opacity if part.opacity < 1.0 else None)
+        mesh.visible = False
+        return mesh
+
+    def _groups(self, name: str, parts: list[Part]) -> dict[str | int, viser.FrameHandle]:
+        """The parts below one node for each frame that they are fixed in."""
+        groups = {p.frame: self._scene.add_frame(f"/{name}/{p.frame}", show_axes=False, visible=False) for p in parts}
+        for p in parts:
+            self._add(f"/{name}/{p.frame}/{p.name}", p).visible = True
+        return groups
+
+    def _add_frame(self, name: str) -> viser.FrameHandle:
+        frame = self._scene.add_frame(
+            f"/frame/{name}", axes_length=0.04, axes_radius=0.001, origin_radius=0.002, visible=False
+        )
+        label = self._scene.add_label(f"/frame/{name}/name", name, font_screen_scale=0.8, anchor="bottom-left")
+        if name == "tool":  # it nearly coincides with compliance
+            label.anchor = "top-right"
+        return frame
+
+    def show(self, state: CellState) -> None:
+        """Put everything where it is."""
+        self._learn(state)
+        poses = self._poses(state)
+        with self._server.atomic():
+            self._show_arm(state)
+            for name, frame in self._frames.items():
+                _place(frame, poses.get(name))
+            _place(self._table, state.X_WS)
+            for group, name in ((self._of_hand, "compliance"), (self._of_tool, "tool")):
+                for handle in group.values():
+                    _place(handle, poses.get(name))
+            self._show_bubbles(state, poses.get("compliance"))
+            self._show_wrench(state.touch, poses.get("tip"))
+            if "tip" in poses:
+                self._follow(poses["tip"][:3, 3])
+        self._frame(poses)
+
+    def clear_path(self) -> None:
+        """Begin the tip's path anew."""
+        self._trail.clear()
+
+    def _learn(self, state: CellState) -> None:
+        """What is held, once it is known."""
+        if state.tool is not None and state.tool != self._tool:
+            self._tool = state.tool
+            self._scene.remove_by_name("/held")
+            self._of_tool = self._groups("held", tool_parts(self._tool))
+
+    def _poses(self, state: CellState) -> dict[str, Array]:
+        """Poses in W of the frames that are known."""
+        poses = {"base": np.eye(4)} if state.alive else {}
+        if state.X_WE is None:
+            return poses
+        X_WC = state.X_WE @ state.fixed.get(("tool0", "compliance"), self._hand.X_EC)
+        poses |= {"tool0": state.X_WE, "compliance": X_WC}
+        if state.grasp is not None and (state.grasp.valid or state.grasp.gross_slip):
+            poses["tool"] = X_WC @ state.grasp.X_CT
+            poses["tip"] = poses["tool"] @ state.fixed.get(("tool", "tip"), self._tool.X_Ttip)
+        return poses
+
+    def _show_arm(self, state: CellState) -> None:
+        poses = None if state.joints is None or state.X_WE is None else arm_poses(self._model, state.joints)
+        for i, handle in self._links.items():
+            _place(handle, None if poses is None else poses[int(i)])
+
+    def _show_bubbles(self, state: CellState, X_WC: Array | None) -> None:
+        """As the cameras see them; without cameras as the tool's pose would press them."""
+        hand = self._hand
+        X_C = {"left": hand.X_CL, "right": hand.X_CR}
+        for finger, handle in self._bubbles.items():
+            shape, depth = self._shapes[finger], state.depths.get(finger)
+            if depth is not None:
+                camera = state.fixed.get(("compliance", f"bubble_{finger}_optical"), X_C[finger])
+                handle.vertices = shape.seen(depth.image, depth.intrinsics, camera).astype(np.float32)
+            elif state.grasp is not None and state.grasp.valid:
+                handle.vertices = shape.pressed(state.grasp.X_CT).astype(np.float32)
+            _place(handle, X_WC)
+
+    def _show_wrench(self, touch: Touch | None, tip: Array | None) -> None:
+        if touch is None or tip is None:
+            self._force.hide()
+            self._torque.hide()
+            return
+        self._force.show(tip[:3, 3], touch.force, touch.covariance[:3, :3])
+        self._torque.show(tip[:3, 3], touch.torque, touch.covariance[3:, 3:])
+
+    def _follow(self, p: Array) -> None:
+        if self._trail and np.linalg.norm(p - self._trail[-1]) < TRAIL_STEP:
+            return
+        self._trail.append(p.copy())
+        if len(self._trail) > 1:
+            points = np.array(self._trail, np.float32)
+            self._path.points = np.stack((points[:-1], points[1:]), axis=1)
+
+    def _frame(self, poses: dict[str, Array]) -> None:
+        """The first picture: hand, tool and table."""
+        if self._framed or "compliance" not in poses:
+            return
+        X_WC = poses["compliance"]
+        at = X_WC[:3, 3] + 0.5 * (X_WC @ self._tool.X_Ttip - X_WC)[:3, 3]
+        position = at + VIEW_FROM
+        camera = self._server.initial_camera
+        camera.position, camera.look_at, camera.fov = tuple(position), tuple(at), math.radians(45.0)
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at, client.camera.fov = position, at, math.radians(45.0)
+        self._framed = True
+
+
+class _Arrow:
+    """A force, or a torque as an arrow that turns, with its number and where the head of the force may lie."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, color: tuple[int, int, int], unit: str) -> None:
+        self._force = unit == "N"
+        self._unit, self._digits = unit, 1 if self._force else 2
+        self._least = LEAST_FORCE if self._force else LEAST_TORQUE
+        self._root = scene.add_frame(f"/wrench/{name}", show_axes=False, visible=False)
+        self._arrow = _mesh(scene, f"/wrench/{name}/arrow", self._shape(np.array((0.0, 0.0, 1.0))), color)
+        spread = ellipsoid(np.zeros(3), np.eye(3))
+        self._spread = _mesh(scene, f"/wrench/{name}/spread", spread, color, opacity=0.35)
+        self._spread.visible = False
+        self._label = scene.add_label(f"/wrench/{name}/number", "", font_screen_scale=1.1)
+
+    def _shape(self, vector: Array) -> Mesh:
+        return arrow(np.zeros(3), vector) if self._force else turning_arrow(np.zeros(3), vector)
+
+    def hide(self) -> None:
+        self._root.visible = False
+
+    def show(self, at: Array, vector: Array, covariance: Array) -> None:
+        """vector (3,) with its covariance (3, 3), from `at` (3,) [m]."""
+        size = float(np.linalg.norm(vector))
+        if not math.isfinite(size) or size < self._least:
+            self.hide()
+            return
+        along = vector / size
+        known = bool(np.isfinite(covariance).all())
+        deviation = math.sqrt(max(float(along @ covariance @ along), 0.0)) if known else math.nan
+        self._root.position, self._root.visible = at, True
+        self._arrow.vertices = self._shape(vector).vertices.astype(np.float32)
+        end = FORCE_SCALE * vector if self._force else (0.05 + TORQUE_SCALE) * along
+        self._label.position = end
+        spread = f" ± {deviation:.{self._digits}f}" if known else ""
+        self._label.text = f"{size:.{self._digits}f}{spread} {self._unit}"
+        self._spread.visible = known and self._force
+        if self._spread.visible:
+            self._spread.vertices = ellipsoid(end, covariance).vertices.astype(np.float32)
+
+
+def _mesh(
+    scene: viser.SceneApi, name: str, mesh: Mesh, color: tuple[int, int, int], opacity: float | None = None
+) -> viser.MeshHandle:
+    vertices, box = mesh.vertices.astype(np.float32), len(mesh.vertices) <= BOX
+    return scene.add_mesh_simple(name, vertices, mesh.faces, color=color, opacity=opacity, flat_shading=box)
+
+
+def _place(handle: Any, X: Array | None) -> None:
+    """Put a node to X (4, 4) in W; None hides it."""
+    if X is None:
+        handle.visible = False
+        return
+    x, y, z, w = quaternion_from_rotation(X[:3, :3])
+    handle.wxyz, handle.position, handle.visible = (w, x, y, z), X[:3, 3], True

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell's state, and what to do about a hold, in words."""
+
+from typing import NamedTuple
+
+from seed_bringup.page.state import CellState
+
+SILENT = 2.0  # [s] without a message, after which the cell counts as gone
+SLIPS, NEAR = 0.3, 0.15  # share of the tool's motion that the membrane does not follow: slips; near it
+
+
+class Headline(NamedTuple):
+    """`level`: good, busy, warn, bad or idle; `word`: one or two words; `text`: a sentence; `todo`: what to do."""
+
+    level: str
+    word: str
+    text: str = ""
+    todo: str = ""
+
+
+MODES = {
+    "idle": Headline("good", "Ready", "The controller holds the arm where it is and waits for a task."),
+    "position": Headline("busy", "Moves freely", "The tool follows positions; no force is wanted."),
+    "approach": Headline("busy", "Approaches", "The tool moves towards the surface until it touches."),
+    "contact": Headline("busy", "In contact", "The tool is pressed on the surface."),
+}
+
+
+SLIPPED = "The tool moves in the fingers. Take it again (Release, Grasp), press less or grip firmer; then Enable."
+# Words of a reason, and what helps against it. The first that is found counts; Enable ends every hold.
+REMEDIES = (
+    ("disabled by", "Nothing is wrong. Press Enable when the arm may move again."),
+    (
+        "slip",
+        SLIPPED,
+    ),
+    (
+        "slid",
+        SLIPPED,
+    ),
+    ("jumped", "Look whether tool and membranes are as they were. Take the tool again (Grasp), then Enable."),
+    ("frozen", "The cameras or the estimator stand still. See that the tactile pictures move, then Enable."),
+    ("track lost", "The pictures do not show the tool any more. Take it again (Release, then Grasp), then Enable."),
+    ("clock", "Compare the clocks of cameras and robot: ./seed identify --live. Then Enable."),
+    ("no reference", "Open the gripper and press Reference; then Grasp."),
+    ("reference", "Open the gripper and press Reference; then Grasp."),
+    ("no relative_pose", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
+    ("estimate", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
+    ("current_pose", "The arm's driver is silent: see that it runs and is connected. Then Enable."),
+    ("does not follow", "See on the pendant why the arm stands or is slowed down. Then Enable."),
+    ("protective", "Look at the arm, clear the cause, call driver/recover. Then Enable."),
+    ("no target_frame", "The controller was silent for a moment: is this computer too busy? Press Enable."),
+    ("target_frame", "The arm refused where it was sent: see the task's positions and the workspace. Then Enable."),
+    ("no contact within", "The surface is not where the task expects it: correct the task's frame. Then Enable."),
+    ("in its way", "Clear the way of the tool, then press Enable."),
+    ("beyond", "A bound was reached: clear the cause, then Enable. The arm begins from where it is."),
+    ("reset", "The arm was put at its start. Press Enable."),
+)
+OTHERWISE = "Clear the cause, then press Enable. The arm begins from where it is."
+
+
+def remedy(reason: str) -> str:
+    """What to do about the reason of a hold."""
+    found = (advice for words, advice in REMEDIES if words in reason)
+    return next(found, OTHERWISE) if reason else ""
+
+
+def headline(state: CellState) -> Headline:
+    """What the cell does, most urgent first."""
+    control = state.control
+    if not state.alive:
+        todo = "Start a cell in another terminal, for example with ./seed launch cell. This page joins it by itself."
+        return Headline("idle", "No cell yet", "Nothing is heard of a cell.", todo)
+    if state.silent > SILENT:
+        todo = "What is shown is old. See the terminal of the cell; this page joins it again by itself."
+        return Headline("bad", "Cell is silent", f"Nothing has been heard for {state.silent:.0f} s.", todo)
+    if control is None:
+        return Headline("warn", "No controller", "The cell runs, but nothing comes from its controller.")
+    if control.mode == "holding":
+        return Headline("bad", "Holds", _sentence(control.reason), remedy(control.reason))
+    if not control.enabled:
+        if state.arm_holds:
+            return Headline("warn", "Arm holds", _sentence(state.arm_holds), remedy(state.arm_holds))
+        return Headline("idle", "Not enabled", "The arm stands. " + _sentence(control.reason), _next_step(state))
+    found = MODES.get(control.mode, Headline("warn", control.mode))
+    if control.mode == "contact" and control.settled:
+        found = Headline("good", "In contact", "The tool presses with the force that is wanted.")
+    return found._replace(text=_sentence(control.reason) or found.text)
+
+
+def next_button(state: CellState) -> str:
+    """The button that leads on from here; empty: none."""
+    control, grasp = state.control, state.grasp
+    if not state.alive or control is None or (control.enabled and control.mode != "holding"):
+        return ""
+    lacks = " ".join((*state.missing.values(), grasp.reason if grasp is not None else ""))
+    if "reference" in lacks:
+        return "Reference"
+    return "Enable" if grasp is not None and grasp.valid else "Grasp"
+
+
+def _next_step(state: CellState) -> str:
+    """How to get from standing to playing."""
+    return {
+        "Reference": "Next: Reference, with nothing in the gripper. Then Grasp, Enable, Play.",
+        "Grasp": "Next: Grasp the tool. Then Enable, Play.",
+        "Enable": "Next: Enable. Then Play.",
+    }.get(next_button(state), "")
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) or not text else ".")
+
+
+def slip_words(state: CellState) -> Headline:
+    """How well the tool sticks."""
+    grasp = state.grasp
+    if grasp is None:
+        return Headline("idle", "unknown")
+    if grasp.gross_slip:
+        return Headline("bad", "has slid: grasp again")
+    if not grasp.valid:
+        return Headline("idle", "no pose of the tool")
+    margin = max(1.0 - grasp.slip / SLIPS, 0.0)
+    if grasp.slip >= SLIPS:
+        return Headline("bad", f"slips: {100.0 * grasp.slip:.0f} % of its motion")
+    return Headline("warn" if grasp.slip >= NEAR else "good", f"{100.0 * margin:.0f} % left before it slips")

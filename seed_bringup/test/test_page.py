@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the operator page says of a cell, what its plots hold, and to whom its server speaks."""
+
+import asyncio
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="needs viser (./seed test has it)")
+import viser
+import websockets
+
+from seed_bringup.page import style, words
+from seed_bringup.page.server import PageServer
+from seed_bringup.page.state import CellState, Control, Grasp, History
+
+HELD = Grasp(np.eye(4), True, "", 0.02, False)
+
+
+def control(mode: str, reason: str = "", enabled: bool = True, t: float = 1.0, force: float = 0.0) -> Control:
+    six = np.array((0.0, 0.0, force, 0.0, 0.0, 0.0))
+    return Control(t, enabled, mode, reason, mode == "contact", False, six, six + 0.1, np.full(6, 0.05))
+
+
+def test_before_a_cell_the_page_says_how_to_start_one() -> None:
+    found = words.headline(CellState())
+    assert found.word == "No cell yet"
+    assert "./seed launch cell" in found.todo
+    assert words.next_button(CellState()) == ""
+
+
+def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
+    found = words.headline(CellState(now=1.0, control=control("contact"), silent=7.0))
+    assert (found.level, found.word) == ("bad", "Cell is silent")
+    assert "7 s" in found.text
+
+
+@pytest.mark.parametrize(
+    ("reason", "remedy"),
+    [
+        ("deflection 14.1 mm is beyond 12.0 mm: the tool may slip", "Grasp"),
+        ("the arm does not follow: it is 31.0 mm from its command", "pendant"),
+        ("current_pose is 0.30 s old", "driver"),
+        ("track lost: the tool touches no bubble", "Grasp"),
+        ("no contact within max_free_travel = 30 mm along (0, 0, -1) of the base", "frame"),
+        ("something that nobody has thought of", "Clear the cause"),
+    ],
+)
+def test_a_hold_is_told_with_its_reason_and_what_to_do(reason: str, remedy: str) -> None:
+    found = words.headline(CellState(now=1.0, control=control("holding", reason), grasp=HELD))
+    assert (found.level, found.word) == ("bad", "Holds")
+    assert found.text[1:].startswith(reason[1:])
+    assert remedy in found.todo
+    assert "Enable" in found.todo
+
+
+def test_the_next_button_leads_from_reference_to_grasp_to_enable() -> None:
+    off = control("disabled", enabled=False)
+    nothing = Grasp(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
+    empty = Grasp(np.eye(4), False, "nothing is grasped", 0.0, False)
+    steps = [words.next_button(CellState(now=1.0, control=off, grasp=g)) for g in (nothing, empty, HELD)]
+    assert steps == ["Reference", "Grasp", "Enable"]
+    assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == ""
+
+
+def test_slip_is_told_as_what_is_left() -> None:
+    def told(slip: float, gross: bool = False) -> words.Headline:
+        return words.slip_words(CellState(now=1.0, grasp=HELD.__class__(np.eye(4), True, "", slip, gross)))
+
+    assert told(0.0).word.startswith("100 %")
+    assert [told(s).level for s in (0.0, 0.2, 0.4)] == ["good", "warn", "bad"]
+    assert told(0.0, gross=True).level == "bad"
+
+
+def test_words_of_a_cell_cannot_become_part_of_the_page() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    html = (
+        style.status(words.Headline("bad", "Holds", evil, evil))
+        + style.table([(evil, evil)])
+        + style.said([(True, evil)])
+    )
+    assert "<img" not in html
+    assert html.count("&lt;img") == 5
+
+
+def test_history_keeps_its_span_and_begins_anew_when_time_goes_back() -> None:
+    history = History(span=2.0)
+    for t in np.arange(0.0, 5.0, 0.5):
+        history.add(control("contact", t=float(t), force=-10.0))
+    ago, wanted, measured, low, high = history.series(2, 4.5)
+    np.testing.assert_allclose(ago, [-2.0, -1.5, -1.0, -0.5, 0.0])
+    np.testing.assert_allclose(wanted, -10.0)
+    np.testing.assert_allclose(high - low, 4 * 0.05)  # two deviations to either side
+    np.testing.assert_allclose(0.5 * (high + low), measured)
+    history.add(control("contact", t=1.0))
+    assert len(history.series(2, 1.0)[0]) == 1
+
+
+def test_the_plot_shows_the_axis_on_which_most_is_wanted() -> None:
+    history = History()
+    assert history.axis(slice(0, 3), 2) == 2
+    six = np.array((4.0, 0.0, -1.0, 0.0, 0.0, 0.0))
+    history.add(Control(0.0, True, "contact", "", True, True, six, six, np.zeros(6)))
+    assert history.axis(slice(0, 3), 2) == 0
+    assert history.axis(slice(3, 6), 3) == 3
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PageServer]:
+    server = PageServer(port=0)
+    yield server
+    server.stop()
+
+
+def test_the_server_listens_on_loopback_alone(server: PageServer) -> None:
+    listening = {
+        line.split()[1]
+        for line in open("/proc/net/tcp").read().splitlines()[1:]  # noqa: SIM115
+        if int(line.split()[1].split(":")[1], 16) == server.get_port() and line.split()[3] == "0A"
+    }
+    assert {address.split(":")[0] for address in listening} == {"0100007F"}  # 127.0.0.1
+
+
+def test_a_page_of_another_site_cannot_press_buttons(server: PageServer) -> None:
+    async def answer(origin: str | None) -> int:
+        port, protocol = server.get_port(), websockets.Subprotocol(f"viser-v{viser.__version__}")
+        try:
+            async with websockets.connect(f"ws://127.0.0.1:{port}", origin=origin, subprotocols=[protocol]):  # type: ignore[arg-type]
+                return 101
+        except websockets.InvalidStatus as error:
+            return error.response.status_code
+
+    own = f"http://127.0.0.1:{server.get_port()}"
+    origins = (own, own.replace("127.0.0.1", "localhost"), None, "http://evil.example", "http://127.0.0.1.evil.example")
+    assert [asyncio.run(answer(o)) for o in origins] == [101, 101, 101, 403, 403]
+
+
+def test_a_port_that_is_taken_is_left_to_whoever_has_it(server: PageServer) -> None:
+    second = PageServer(port=server.get_port())
+    try:
+        assert second.get_port() != server.get_port()
+        with socket.create_connection(("127.0.0.1", second.get_port()), timeout=2.0):
+            pass
+    finally:
+        second.stop()
+
+
+def test_the_page_is_not_shared_beyond_this_computer(server: PageServer) -> None:
+    assert server.request_share_url() is None

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The buttons of the operator page against nodes that answer, refuse or are silent; and the page of a bag."""
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("viser", reason="needs viser (./seed test has it)")
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from seed_msgs.msg import ControllerState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from seed_bringup.bags import BagError, qos
+from seed_bringup.bags.files import BagWriter, open_bag
+from seed_bringup.commands import view
+from seed_bringup.page.ros.hands import CellHands
+from seed_bringup.page.ros.playback import Recording
+from seed_bringup.page.ros.read import read_state
+from seed_bringup.page.state import History
+from seed_core.spatial import make_pose
+from seed_ros import COMMAND, QUEUE
+from seed_ros.conversions import pose_stamped, stamped
+
+pytestmark = pytest.mark.ros
+
+
+class SlowCell(Node):
+    """Offers what the buttons call; a reference takes until it is let go, and an arm as long as it is told to."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("slow_cell", context=context)
+        self.enabled, self.called, self.arm_time = False, [], 0.0
+        self.go_on = threading.Event()
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, "estimator/capture_reference", self._reference, callback_group=group)
+        self.create_service(Trigger, "sim/resend_robot_program", self._resume, callback_group=group)
+        self.create_service(SetBool, "controller/enable", self._enable, callback_group=group)
+
+    def _reference(self, _: Any, response: Any) -> Any:
+        self.called.append("reference")
+        self.go_on.wait(10.0)
+        response.success, response.message = False, "the left bubble touches something: open the gripper"
+        return response
+
+    def _resume(self, _: Any, response: Any) -> Any:
+        time.sleep(self.arm_time)
+        response.success, response.message = True, "following target_frame"
+        return response
+
+    def _enable(self, request: Any, response: Any) -> Any:
+        self.enabled = request.data
+        self.called.append("on" if request.data else "off")
+        response.success, response.message = True, "enabled" if request.data else "disabled"
+        return response
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    rclpy.init(args=[], context=context)
+    yield context
+    rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def cell(context: Context) -> Iterator[SlowCell]:
+    node, executor = SlowCell(context), MultiThreadedExecutor(4, context=context)
+    executor.add_node(node)
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    yield node
+    node.go_on.set()
+    executor.shutdown(timeout_sec=2.0)
+    thread.join(2.0)
+
+
+@pytest.fixture
+def hands(context: Context) -> Iterator[CellHands]:
+    hands = CellHands(context, ("squeegee",))
+    yield hands
+    hands.close()
+
+
+def until(condition: Any, patience: float = 10.0) -> None:
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def words(hands: CellHands) -> str:
+    return " | ".join(text for _, text in hands.said)
+
+
+def ready(hands: CellHands) -> None:
+    clients = (hands._enable, hands._triggers["estimator/capture_reference"], hands._triggers[RESUME])
+    until(lambda: all(c.service_is_ready() for c in clients))
+
+
+RESUME = "sim/resend_robot_program"
+
+
+def test_stop_is_served_at_once_while_another_button_waits(cell: SlowCell, hands: CellHands) -> None:
+    ready(hands)
+    cell.enabled = True
+    hands.press("Reference")
+    until(lambda: "reference" in cell.called)
+    pressed = time.monotonic()
+    hands.stop()
+    until(lambda: not cell.enabled)
+    assert time.monotonic() - pressed < 0.3
+    until(lambda: "comes to rest" in words(hands))
+
+
+def test_of_two_pages_that_ask_for_different_things_the_second_is_told_so(cell: SlowCell, hands: CellHands) -> None:
+    ready(hands)
+    hands.press("Reference")
+    until(lambda: "reference" in cell.called)
+    hands.press("Enable")
+    until(lambda: "Enable: not now, Reference is under way" in words(hands))
+    assert not cell.enabled
+    cell.go_on.set()
+    until(lambda: "Reference: the left bubble touches something" in words(hands))
+    hands.press("Enable")
+    until(lambda: cell.enabled)
+
+
+def test_a_stop_counts_more_than_an_enable_that_is_under_way(cell: SlowCell, hands: CellHands) -> None:
+    ready(hands)
+    cell.arm_time = 0.5
+    hands.press("Enable")
+    time.sleep(0.1)
+    hands.stop()
+    until(lambda: "Stop counts" in words(hands))
+    assert cell.called[-1] == "off"
+    assert not cell.enabled
+
+
+def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:
+    until(lambda: not any(c.service_is_ready() for c in (hands._enable, *hands._triggers.values())))
+    for button in ("Reference", "Grasp", "Enable", "Release", "Lift"):
+        hands.press(button)
+        until(lambda button=button: any(f"{button}:".replace("Lift", "Cancel") in text for _, text in hands.said))
+    hands.play("squeegee", None)
+    until(lambda: "Play squeegee" in words(hands))
+    hands.stop()
+    assert "emergency stop" in words(hands)
+    assert not any(good for good, _ in hands.said)
+    assert all("does the cell run" in text or "emergency" in text for _, text in hands.said)
+
+
+def test_a_message_that_is_nonsense_is_left_out_and_the_others_are_shown() -> None:
+    X = make_pose(None, (0.4, 0.1, 0.3))
+    good, bad = pose_stamped(X, 5.0, "base"), pose_stamped(X, 4.0, "base")
+    bad.pose.orientation.w = float("nan")
+    state = read_state({"current_pose": good, "sim/ground_truth/table_pose": bad, "bubble_left/depth/x": b"?"}, {})
+    np.testing.assert_allclose(state.X_WE, X, atol=1e-12)
+    assert state.X_WS is None
+    assert state.now == 5.0
+
+
+def write_bag(path: Path, prefix: str = "") -> Path:
+    """Ten seconds in which the flange rises by 1 mm a second, and the force by 1 N."""
+    with BagWriter(path) as bag:
+        poses = bag.add_topic(f"{prefix}/current_pose", "geometry_msgs/msg/PoseStamped", [qos.for_bag(QUEUE)])
+        states = bag.add_topic(f"{prefix}/controller/state", "seed_msgs/msg/ControllerState", [qos.for_bag(COMMAND)])
+        for t in np.arange(0.0, 10.0, 0.05):
+            pose: PoseStamped = pose_stamped(make_pose(None, (0.4, 0.0, 0.3 + 1e-3 * t)), 100.0 + t, "base")
+            state: ControllerState = stamped(ControllerState, 100.0 + t, "base")
+            state.mode, state.enabled = "contact", True
+            state.estimated.force.z = -t
+            for connection, message in ((poses, pose), (states, state)):
+                bag.write(connection, round(1e9 * (1000.0 + t)), serialize_message(message))
+    return path
+
+
+@pytest.mark.parametrize("prefix", ["", "/left"])
+def test_a_bag_is_shown_as_it_was_at_any_of_its_moments(tmp_path: Path, prefix: str) -> None:
+    with open_bag(write_bag(tmp_path / "bag.mcap", prefix)) as reader:
+        recording = Recording(reader)
+        assert recording.end - recording.start == pytest.approx(9.95, abs=0.01)
+        for t in (8.0, 2.0):
+            state, history = recording.at(recording.start + t), History(span=20.0)
+            assert state.X_WE is not None
+            assert state.control is not None
+            assert state.X_WE[2, 3] == pytest.approx(0.3 + 1e-3 * t, abs=2e-4)
+            assert state.control.mode == "contact"
+            recording.fill(history, recording.start + t)
+            ago, _, measured, _, _ = history.series(2, state.now)
+            np.testing.assert_allclose(measured, -(t + ago), atol=0.1)  # the force of every moment before
+
+
+def test_a_bag_without_anything_to_show_says_how_to_record_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "other.mcap"
+    with BagWriter(path) as bag:
+        topic = bag.add_topic("/chatter", "std_msgs/msg/String", [qos.for_bag(COMMAND)])
+        bag.write(topic, 1, serialize_message(String(data="hello")))
+    assert view.main([str(path)]) == 2
+    told = capsys.readouterr().err
+    assert "/chatter" in told
+    assert "./seed bag record --all" in told
+
+
+def test_a_bag_of_another_version_is_refused_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_bag(write_bag(tmp_path / "bag.mcap")) as reader:
+        changed = [c._replace(digest="RIHS01_" + "0" * 64) for c in reader.connections]
+        monkeypatch.setattr(type(reader), "connections", property(lambda _: changed))
+        with pytest.raises(BagError, match=r"another version of .*; look at it with the release"):
+            Recording(reader)
+
+
+def test_a_file_that_is_no_bag_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert view.main([str(tmp_path / "nothing.mcap")]) == 2
+    assert "not a readable bag" in capsys.readouterr().err
