@@ -17,7 +17,7 @@ from seed_bringup.page.browser import BROWSERS, FLAGS
 from seed_core.errors import FailedError
 from seed_core.program.command_line import command
 
-SIZE = {"width": 1440, "height": 860}  # [px]
+WIDTH, HEIGHT = 1440, 860  # [px]
 PATIENCE = 120.0  # [s] for the cell; for each thing that the page is to show
 ARGUMENTS = {"view": "true", "view_port": "0", "links": "false", "use_sim_time": "true", "camera_rate": "15.0"}
 
@@ -53,7 +53,7 @@ def _press_and_picture(address: str, program: str, file: Path, then: float) -> N
 
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport=SIZE)
+        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)
         for button, done in (("Reference", "Reference: "), ("Grasp", "grasped the"), ("Enable", "Ready")):
