@@ -8,21 +8,24 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from seed_bringup.commands.demo import _parser
 from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import _Conclusion
-from seed_bringup.demo.figures import force_and_torque, relative_pose, true_and_believed
+from seed_bringup.demo.figures import force_and_torque, path_on_table, relative_pose, true_and_believed
 from seed_bringup.demo.hidden import HIDDEN
 from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
 from seed_bringup.demo.score import Belief, Curve, Phase, deviations, score_of_belief
 from seed_bringup.demo.series import Series
+from seed_bringup.pictures.scene import Scene, bodies, setup_picture
 from seed_core.errors import SeedError
-from seed_core.spatial import pose_from_rpy
+from seed_core.hand import Hand, Tool
+from seed_core.spatial import make_pose, pose_from_rpy
 from seed_sim.closed_loop.recording import Recording
 from seed_sim.scenario import load_scenario
 
@@ -54,6 +57,9 @@ def report() -> Report:
         pictures=[Picture(PNG, "press")],
         details={"command": "./seed demo"},
         replay="replay.html",
+        asked="press <here>",
+        happened="It pressed.",
+        setup=PNG,
     )
 
 
@@ -80,6 +86,51 @@ def test_nothing_is_loaded_from_elsewhere(report: Report) -> None:
     assert any(link.startswith("data:image/png") for link in page.loads)
     assert all(link.startswith(("data:", "#")) for link in page.loads), page.loads
     assert not re.search(r"url\(\s*['\"]?https?:|@import|<script", html)
+
+
+def test_the_story_comes_first_with_a_picture_and_the_way_to_the_replay(report: Report) -> None:
+    html = replace(report, scores={"seed": a_score(0.1), "welded": a_score(0.2)}).html()
+    order = ["press &lt;here&gt;", "It pressed.", 'href="replay.html"', 'class="setup"', "force error rms", "<table>"]
+    places = [html.index(words) for words in order]
+    assert places == sorted(places)
+    assert html.index("bolted to the gripper") < html.index("<svg"), "welded is explained before it is drawn"
+    assert "blade" not in html
+
+
+def test_a_triangle_is_drawn_as_a_triangle() -> None:
+    corners = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.05, 0.08, 0.0), (0.0, 0.0, 0.0)])
+    s = np.linspace(0.0, 3.0, 301)
+    line = np.column_stack([np.interp(s, range(4), corners[:, i]) for i in range(3)])
+    n = len(s)
+    rows = {
+        "t": list(s + 5.0),
+        "phase": [0] * n,
+        "tip": list(line + 0.001),
+        "reference": list(line),
+        "force": list(np.tile((0.0, 0.0, -2.0), (n, 1))),
+    }
+    figure = path_on_table(Recording(["draw"], rows=rows), "draw")
+    dashed = re.findall(r'<path d="(M [^"]*)"[^>]*stroke-dasharray: 4', figure)
+    assert dashed, "the wanted path"
+    drawn = np.array([[float(v) for v in point.split()] for point in re.findall(r"[ML] ([-\d. ]+)", dashed[0])])
+    width, height = np.ptp(drawn, axis=0)
+    assert height / width == pytest.approx(0.8, abs=0.02)
+    top = drawn[drawn[:, 1].argmin()]  # in a picture y points down
+    assert top[0] == pytest.approx(0.5 * (drawn[:, 0].min() + drawn[:, 0].max()), abs=0.05 * width)
+
+
+def test_the_set_up_is_drawn_with_arm_hand_and_force() -> None:
+    hand, tool = Hand(), Tool()
+    X_WC = make_pose(np.diag((1.0, -1.0, -1.0)), (0.45, 0.0, 0.12))
+    path = np.array([(0.45 + 0.01 * i, 0.0, 0.0) for i in range(9)])
+    args = (hand, tool, "squeegee", X_WC, np.eye(4), make_pose(None, (0.45, 0.0, 0.0)))
+    scene = Scene(*args, path, np.arange(9) > 3, np.array((0.0, 0.0, 10.0)))
+    assert len(bodies(scene)) == len(bodies(Scene(*args))) + 3  # two stretches of the path, and an arrow
+    assert len(bodies(scene, arm=False)) < len(bodies(scene))
+    data = setup_picture(scene, (240, 128))
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels.shape == (128, 240, 3)
+    assert (pixels < 200).any(axis=2).mean() > 0.3, "the cell fills the picture"
 
 
 def test_the_figures_do_not_share_identifiers(report: Report) -> None:

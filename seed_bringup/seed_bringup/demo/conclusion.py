@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from seed_bringup.demo.baselines import Baseline
-from seed_bringup.demo.figures import force_and_torque, relative_pose, true_and_believed
+from seed_bringup.demo.figures import TOUCH, force_and_torque, path_on_table, relative_pose, true_and_believed
 from seed_bringup.demo.hidden import Findings
 from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import Plan
@@ -17,8 +17,9 @@ from seed_bringup.demo.report import Report, text_table
 from seed_bringup.demo.score import Phase, belief_of, curve_of, recording_of, score_of_belief, scored_stretch
 from seed_bringup.demo.series import Series
 from seed_bringup.demo.terminal import say
+from seed_bringup.pictures.scene import Scene, setup_picture
 from seed_core.program.command_line import to_json
-from seed_core.spatial import rpy_from_rotation
+from seed_core.spatial import inverse_pose, rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 
 BOUNDS, HIDDEN_BOUNDS = (0.5, 0.08), (1.0, 0.15)  # [N], [N m] rms, of a known and of a hidden world
@@ -157,7 +158,62 @@ class _Conclusion:
             pictures=self.live.pictures,
             details=self._details(),
             source="the true pose" if estimator == "truth" else f"tactile images ({estimator})",
+            asked=self._asked(wanted),
+            happened=self._happened(),
+            setup=setup_picture(self._scene()),
+            path_figure=path_on_table(self.recording, scored_phase(task)),
+            phase=scored_phase(task),
             replay="replay.html" if (self.asked.folder / "replay.html").is_file() else "",
+        )
+
+    def _asked(self, wanted: float) -> str:
+        """What was asked for, in a sentence."""
+        task, o = self.asked.task, self.asked.options
+        what = task.description.strip().rstrip(".") or f"the task '{task.name}'"
+        eyes = "the simulation's own truth" if o.estimator == "truth" else "two tactile cameras"
+        where = "in a hidden world" if self.asked.hidden else "in a known world"
+        return (
+            f"{what[:1].upper()}{what[1:]}, at {wanted:g} N, with a {self.asked.scenario.tool_kind.replace('_', ' ')} "
+            f"that is only grasped, seen by {eyes}, {where} (seed {o.seed})."
+        )
+
+    def _happened(self) -> str:
+        """What came of it, in a sentence."""
+        contact, phase = self.recording.contact_time, scored_phase(self.asked.task)
+        if contact is None:
+            return "The tool never touched the table."
+        force = self.score["force_z"]
+        held = "held" if self.held else "not held well enough"
+        words = (
+            f"The tool touched the table after {contact:.1f} s; over '{phase}' it pressed with {-force['mean']:.2f} N "
+            f"on average, {force['rmse']:.2f} N rms off, and the force counts as {held} (at most {self.bounds[0]:g} N)."
+        )
+        return f"{words} {self.live.early[:1].upper()}{self.live.early[1:]}." if self.live.early else words
+
+    def _scene(self) -> Scene:
+        """The cell in the middle of the scored stretch."""
+        scenario, begin = self.asked.scenario, self.live.phases[0].start
+        end = self.live.phases[-1].end
+        scored = np.flatnonzero(self.recording.scored(scored_phase(self.asked.task)))
+        t = self.recording["t"]
+        at = begin + float(t[scored[len(scored) // 2]] if scored.size else t[len(t) // 2])
+        names = ("true_tip", "true_relative", "true_wrench")
+        X_Wtip, X_CT, load = (self.series[name].nearest(np.array([at]))[0] for name in names)
+        X_WC = X_Wtip @ inverse_pose(X_CT @ scenario.tool.X_Ttip)
+        tips = self.series["true_tip"].between(begin, end)
+        forces = self.series["true_wrench"].nearest(tips.t)[:, 3:]
+        X_WS = self.asked.task.frame.pose
+        X_WS[:3, 3] += X_WS[:3, 2] * float(X_WS[:3, 2] @ (X_Wtip[:3, 3] - X_WS[:3, 3]))  # where the tip found it
+        return Scene(
+            scenario.hand,
+            scenario.tool,
+            scenario.tool_kind,
+            X_WC,
+            X_CT,
+            X_WS,
+            tips.values[::4, :3, 3],
+            np.linalg.norm(forces, axis=1)[::4] > TOUCH,
+            -load[3:],
         )
 
     def _hidden(self) -> str:

@@ -36,6 +36,12 @@ BELIEF = (
     "What the table felt, and what the controller took it for. The orange band is two standard deviations that the "
     "controller states, either way; the truth should lie in it for 95 % of the time. Shaded: the scored stretch."
 )
+PATH = "Seen from above, in the work frame: where the tip was to go, and where it went. Colour: how firmly it pressed."
+EXPLAINED = {
+    "open_loop": "For comparison, <b>open loop</b>: the arm follows the taught path and nobody looks at the force.",
+    "welded": "And <b>welded</b>: the tool is bolted to the gripper, without anything soft between, and the force is "
+    "controlled with an ideal force sensor; what is lost without the bubbles' softness shows in its torque.",
+}
 NAMES = {
     "seed": ("SEED", ""),
     "open_loop": ("open loop", "the taught path, barely touching the table where it should be"),
@@ -67,6 +73,11 @@ class Report:
     belief_figure: str = ""  # of true and believed force
     hidden: str = ""  # what was hidden and what was found, in words
     replay: str = ""  # name of the file beside this one
+    asked: str = ""  # in a sentence
+    happened: str = ""  # in another
+    setup: bytes = b""  # PNG of the cell
+    path_figure: str = ""
+    phase: str = "wipe"  # that is scored
     source: str = "tactile images"  # of the relative pose
 
     def html(self) -> str:
@@ -75,13 +86,15 @@ class Report:
         own = next(iter(self.scores.values()))
         cards = [(_number(own, c), c) for c in _columns(self.scores) if c.card]
         details = {name: escape(value) for name, value in self.details.items()}
-        if self.replay:
-            details["3-D replay"] = f'<a href="{escape(self.replay)}">{escape(self.replay)}</a>'
         return template.substitute(
             title=escape(self.title),
             subtitle=escape(self.subtitle),
             verdict="force held" if self.held else "force not held",
             verdict_class="" if self.held else "no",
+            story=self._story(),
+            phase=escape(self.phase),
+            compared=" ".join(EXPLAINED[name] for name in self.scores if name in EXPLAINED),
+            path=_section("Path on the table", PATH, self.path_figure) if self.path_figure else "",
             cards="".join(f'<div class="card"><b>{n} {c.unit}</b><span>{c.name}</span></div>' for n, c in cards),
             hidden=_section("A hidden world", escape(self.hidden)) if self.hidden else "",
             belief=_section("True and believed force", BELIEF, self.belief_figure) if self.belief_figure else "",
@@ -92,6 +105,19 @@ class Report:
             pictures="".join(_figure(p) for p in self.pictures) or "<p>None were taken.</p>",
             details="".join(f"<dt>{escape(name)}</dt><dd>{value}</dd>" for name, value in details.items()),
         )
+
+    def _story(self) -> str:
+        """What was asked, what happened, the set-up as a picture, and the way to the replay."""
+        words = "".join(f"<p><b>{name}</b> {escape(text)}</p>" for name, text in self._sentences() if text)
+        if self.replay:
+            words += f'<p><a class="play" href="{escape(self.replay)}">&#9654; Watch the run in 3-D</a></p>'
+        if self.setup:
+            data = base64.b64encode(self.setup).decode()
+            words += f'<img class="setup" alt="The cell during the task" src="data:image/png;base64,{data}">'
+        return f'<section class="story">{words}</section>' if words else ""
+
+    def _sentences(self) -> tuple[tuple[str, str], ...]:
+        return ("Asked:", self.asked), ("Happened:", self.happened)
 
 
 def _columns(scores: Mapping[str, Score]) -> list[Column]:

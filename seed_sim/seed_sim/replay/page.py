@@ -38,6 +38,7 @@ from seed_ur.meshes import arm_parts, arm_poses
 FORCE, TORQUE, PATH, BEFORE = (214, 48, 49), (136, 84, 208), (31, 111, 235), (150, 160, 176)
 TABLE = (0.6, 0.5)  # [m] that is drawn of the table
 TABLE_AT = (0.12, 0.0)  # [m] its middle from where the work begins
+BESIDE = 0.022  # [m] that the arrow of the force stands before the tool, to be seen
 _GRAIN = 2e-5  # [m] to which vertices are kept: the file is half as large
 _TOUCH = 0.3  # [N] from which the tip draws its path
 _RINGS, _SECTORS = 10, 32
@@ -126,6 +127,7 @@ class _Stage:
         """Camera on hand, tool and table from beside the arm; table and lights."""
         scene, at = self._scene, X_WS[:3, 3]
         out = np.array((at[0], at[1], 0.0)) / max(float(np.hypot(at[0], at[1])), 1e-6)
+        self._out = out
         side = np.array((out[1], -out[0], 0.0))
         middle = at + 0.05 * out + np.array((0.0, 0.0, 0.13))
         server.initial_camera.position = tuple(middle + 0.78 * out + 0.4 * side + np.array((0.0, 0.0, 0.2)))
@@ -193,7 +195,7 @@ class _Stage:
     def _load(self, moment: Moment, tip: Array) -> None:
         """Arrows of what the tool does to what it touches; the force ends where it acts."""
         torque, force = moment.wrench.torque, moment.wrench.force
-        beside = tip + np.array((0.0, 0.0, 0.004))
+        beside = tip + BESIDE * self._out + np.array((0.0, 0.0, 0.004))
         meshes = {"force": arrow(beside, -force), "torque": turning_arrow(tip, torque)}  # as the table pushes back
         size = {"force": float(np.linalg.norm(force)), "torque": float(np.linalg.norm(torque))}
         words = {"force": f"{size['force']:.1f} N", "torque": f"{size['torque']:.2f} N m"}

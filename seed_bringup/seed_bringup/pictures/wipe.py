@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The README's picture, from the headless evaluation.
 
-python -m seed_bringup.demo.readme_picture docs/images/demo.svg
+python -m seed_bringup.pictures.wipe docs/images/demo.svg
 """
 
 import sys
