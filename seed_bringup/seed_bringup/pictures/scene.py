@@ -167,8 +167,10 @@ def setup_picture(scene: Scene, size: tuple[int, int] = (1200, 640)) -> bytes:
     camera = camera_on(scene, size)
     middle = scene.X_WC[:3, 3]
     left = scene.X_WC[:3, 1]
+    way = _side(camera, middle, left)
     words = [
-        Word("soft bubble, a camera inside", middle + 0.07 * left, (-150.0 * _side(camera, middle, left), -70.0)),
+        Word("a camera inside", middle + 0.09 * left, (-130.0 * way, -75.0)),
+        Word("soft bubble", middle - 0.026 * left + 0.02 * scene.X_WC[:3, 0], (215.0 * way, -15.0)),
         Word(scene.kind.replace("_", " "), middle + 0.055 * scene.X_WC[:3, 2], (170.0, 24.0)),
         Word("position-controlled arm", (scene.X_WC @ inverse_pose(scene.hand.X_EC))[:3, 3], (190.0, -30.0)),
     ]
@@ -179,7 +181,7 @@ def setup_picture(scene: Scene, size: tuple[int, int] = (1200, 640)) -> bytes:
         total = float(np.linalg.norm(scene.force))
         rubs = abs(float(scene.force @ scene.X_WS[:3, 2])) < 0.97 * total
         text = f"{total:.1f} N on the tool" + (", with friction" if rubs else "")
-        words.append(Word(text, _force(scene).vertices[-1], (-175.0, 20.0), "#d63031", 13))
+        words.append(Word(text, _force(scene).vertices[-1], (-190.0, 30.0), "#d63031", 13))
     figure, _ = drawn(bodies(scene), camera, words)
     return png(figure)
 

@@ -38,7 +38,7 @@ from seed_ur.meshes import arm_parts, arm_poses
 FORCE, TORQUE, PATH, BEFORE = (214, 48, 49), (136, 84, 208), (31, 111, 235), (150, 160, 176)
 TABLE = (0.6, 0.5)  # [m] that is drawn of the table
 TABLE_AT = (0.12, 0.0)  # [m] its middle from where the work begins
-BESIDE = 0.022  # [m] that the arrow of the force stands before the tool, to be seen
+BESIDE = 0.045  # [m] that the arrow of the force stands before the tool, to be seen
 _GRAIN = 2e-5  # [m] to which vertices are kept: the file is half as large
 _TOUCH = 0.3  # [N] from which the tip draws its path
 _RINGS, _SECTORS = 10, 32
