@@ -2,6 +2,7 @@
 """The judges of a live cell: when an arm stood, what rises, what was lost; against tracks and counts made by hand."""
 
 import itertools
+import json
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,23 @@ def test_the_table_has_every_node_phase_and_fault_and_random_sequences_repeat() 
     drawn = [kills.table(parse(["--random", "20", "--seed", seed])) for seed in ("3", "3", "4")]
     assert drawn[0] == drawn[1] != drawn[2]
     assert len(drawn[0]) == 20
+
+
+def test_a_table_goes_on_from_the_sequences_that_were_made_whole(tmp_path: Path) -> None:
+    file = tmp_path / "kills.json"
+    wipe, lift, stop = (
+        ("sim", "controller", *rest) for rest in (("kill", "wipe"), ("kill", "lift"), ("restart", "wipe"))
+    )
+    sequences = [[wipe], [lift, stop], [stop]]
+    assert kills.kept(file, sequences, "truth") == []
+    names = ("robot", "node", "fault", "phase")
+    row = {"reached": True, "method": "truth"}
+    cases = [dict(zip(names, wipe, strict=True)) | row | {"sequence": 7}]
+    cases += [dict(zip(names, lift, strict=True)) | row | {"sequence": 8}]  # and its second fault was not made
+    cases += [dict(zip(names, stop, strict=True)) | row | {"sequence": 9, "reached": False}]
+    file.write_text(json.dumps({"cases": cases}))
+    assert [(r["sequence"], r["phase"]) for r in kills.kept(file, sequences, "truth")] == [(0, "wipe")]
+    assert kills.kept(file, sequences, "rigid_fit") == []
 
 
 def test_a_rise_is_told_from_noise_steps_and_warm_up() -> None:

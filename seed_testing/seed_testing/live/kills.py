@@ -7,6 +7,7 @@ import json
 import os
 import random
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,9 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")
     p.add_argument("--random", type=whole(0), default=0, help="so many random sequences of 1 to 3 faults instead")
     p.add_argument("--seed", type=seed_number, default=1, help="of the sequences")
-    p.add_argument("--out", type=Path, default=Path("results/kills.json"), help="file for the table")
+    p.add_argument(
+        "--out", type=Path, default=Path("results/kills.json"), help="file for the table; goes on from what it holds"
+    )
     return p
 
 
@@ -78,16 +81,21 @@ def main(argv: list[str]) -> int:
         f"{sum(map(len, sequences))} cases in {len(sequences)} sequences; load {os.getloadavg()[0]:.1f}\n{HEAD}",
         flush=True,
     )
-    rows: list[dict[str, Any]] = []
-    ended = False
+    rows = kept(o.out, sequences, o.method)
+    for row in rows:
+        print(line(row), flush=True)
+    to_do = {number: s for number, s in enumerate(sequences) if number not in {r["sequence"] for r in rows}}
+    ended, sequence = False, list[dict[str, Any]]()
     try:
         with claimed(OWN, "seed bench kills"):
-            for row in run(sequences, o.method, o.out.with_suffix(".log")):
-                rows.append(row)
+            for row in run(to_do, o.method, o.out.with_suffix(".log")):
+                sequence.append(row | {"method": o.method})
                 print(line(row), flush=True)
+                if len(sequence) == len(to_do[row["sequence"]]):
+                    rows, sequence = rows + sequence, []
+                    o.out.write_text(json.dumps({"cases": rows}, indent=1) + "\n", encoding="utf-8")
     except KeyboardInterrupt:
         ended = True
-    o.out.write_text(json.dumps({"ended_early": ended, "cases": rows}, indent=1) + "\n", encoding="utf-8")
     bad = [r for r in rows if r["wrong"]]
     missed = [r for r in rows if not r["reached"]]
     words = f"{len(rows)} cases, {len(bad)} not well, {len(missed)} not reached, load {os.getloadavg()[0]:.1f}; {o.out}"
@@ -97,13 +105,29 @@ def main(argv: list[str]) -> int:
     return 1 if bad or len(missed) == len(rows) else 0
 
 
-def run(sequences: list[list[Case]], method: str, log: Path) -> Any:
-    """Rows of the table as they come."""
+def kept(file: Path, sequences: list[list[Case]], method: str) -> list[dict[str, Any]]:
+    """Rows of those sequences that a file holds from start to end, every case reached; numbered as they are now."""
+    if not file.is_file():
+        return []
+    whole: dict[int, list[dict[str, Any]]] = {}
+    for row in json.loads(file.read_text(encoding="utf-8"))["cases"]:
+        whole.setdefault(row["sequence"], []).append(row)
+    there = {
+        tuple((r["robot"], r["node"], r["fault"], r["phase"]) for r in rows): rows
+        for rows in whole.values()
+        if all(r["reached"] and r.get("method") == method for r in rows)
+    }
+    found = ((number, there.get(tuple(s), [])) for number, s in enumerate(sequences))
+    return [row | {"sequence": number} for number, rows in found for row in rows]
+
+
+def run(sequences: Mapping[int, list[Case]], method: str, log: Path) -> Any:
+    """Rows of the table as they come; sequences: by their numbers."""
     from seed_testing.live.ros.fault_cell import FaultCell
 
     cell: FaultCell | None = None
     try:
-        for number, sequence in enumerate(sequences):
+        for number, sequence in sequences.items():
             for case in sequence:
                 for attempt in range(DISTURBED):
                     if cell is not None and (cell.spoiled or cell.robot != case[0]):

@@ -8,6 +8,7 @@ link, found by unicast discovery, as docs/network.md has it. Needs the rights of
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -68,6 +69,7 @@ def main(argv: list[str]) -> int:
     o = _parser().parse_args(argv)
     if why := why_not():
         raise FailedError(why)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # namespaces are taken down at either
     o.out.parent.mkdir(parents=True, exist_ok=True)
     rows: dict[str, Any] = json.loads(o.out.read_text(encoding="utf-8")) if o.out.is_file() else {}
     wanted = [c for c in CASES if c.name in o.cases]
