@@ -13,10 +13,14 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
 
+from geometry_msgs.msg import PoseStamped  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from seed_core.clocks import clocks, save_clocks  # noqa: E402
+from seed_core.spatial import make_pose  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
+from seed_ros.conversions import pose_stamped  # noqa: E402
+from seed_ros.qos import QUEUE  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
@@ -110,6 +114,16 @@ def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Pa
     bench.spin(0.3)
     np.testing.assert_array_equal(cell.X_WE, before)
     assert len(read(file).samples) >= 2
+
+
+def test_a_pose_that_no_arm_has_is_refused(bench: Bench) -> None:
+    node = bench.add(SysidNode, **SENSOR, **QUICK)
+    poses = bench.client.create_publisher(PoseStamped, "current_pose", QUEUE)
+    far = pose_stamped(make_pose(None, (0.4, 1e9, 0.3)), 0.0, "base")
+    bench.every.append(lambda: poses.publish(far))
+    assert bench.until(lambda: node.counters["poses_refused"])
+    assert "1e+09 m from the base: no arm reaches 10 m" in node.counters.last
+    assert node.streams.X_WE is None
 
 
 def test_without_a_sensor_the_goal_is_refused_in_words(bench: Bench, tmp_path: Path) -> None:
