@@ -21,6 +21,7 @@ COMMANDS = (
     Command("evaluate", "seed_sim.closed_loop.command", "a task in closed loop without ROS, scored"),
     Command("validate", "seed_testing.validation.command", "the estimators and maps against ground truth"),
     Command("recordings", "seed_testing.recordings.command", "the estimator against recorded images"),
+    Command("capture", "seed_bringup.ros.capture", "images for a calibration, step by step"),
     Command("calibrate", "seed_estimation.calibration.calibrate", "range and pose of the cameras"),
     Command("identify", "seed_bringup.identify", "the stiffness of a grasp, from data"),
     Command("reproduce", "seed_testing.reproduce.command", "the published experiments, side by side"),

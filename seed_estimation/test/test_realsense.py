@@ -216,3 +216,17 @@ def test_a_fitted_clock_counts_unless_it_says_nonsense() -> None:
     assert dating.clock == "global_time"
     assert_allclose(dating.date(1.0, "global_time", 0.002, 100.05), 100.048)  # not fitted yet
     assert "dated by arrival" in dating.clock
+
+
+@needs_library
+def test_a_pause_of_this_computer_is_no_silence_of_the_camera() -> None:
+    camera = Camera("left", software("1").device, SMALL)
+    camera.take(lambda _: None)
+    time.sleep(0.3)  # no turn of the loop meanwhile
+    camera.take(lambda _: None)
+    assert camera.silent_for <= 0.11
+    for _ in range(8):
+        time.sleep(0.05)
+        camera.take(lambda _: None)
+    assert camera.silent_for >= 0.3
+    camera.close()

@@ -3,9 +3,10 @@
 
     ./seed calibrate CAPTURE.npz --out calibration.yaml [--membrane membrane.yaml] [--radius 0.012]
 
-CAPTURE.npz holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,), `<finger>_no_contact` (n, H, W)
-depth [m] of the membrane touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses
-(at least three, tilted by 10 to 20 degrees against each other).
+`./seed capture` makes CAPTURE.npz. It holds per finger (left, right): `<finger>_K` (3, 3), `<finger>_D` (5,),
+`<finger>_model` of the distortion (plumb_bob without it), `<finger>_no_contact` (n, H, W) depth [m] of the membrane
+touching nothing, and `<finger>_grasped` (k, H, W) mean depth of a cylinder held in k poses (at least three, tilted by
+10 to 20 degrees against each other).
 
 Range: the membrane's shape at rest is known, so known - measured depth is the correction; its smooth part is stored.
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
@@ -23,9 +24,10 @@ from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.program.command_line import command
 from seed_core.program.npz import read_npz
+from seed_core.spatial import Array
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
-from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
+from seed_estimation.contact.membrane import Membrane, mean_depth, membrane_at_rest
 from seed_estimation.contact.surface import smooth_depth
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Image
@@ -36,6 +38,8 @@ FILL = 40.0  # [px] blur of what stands in for pixels without depth
 # How well the cylinder tells the cameras' poses to each other, per axis: docs/estimation.md has the captures
 MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD = 0.0012, 0.00015  # [rad], [m]
 NEAR, FAR = 0.03, 0.15  # [m] of a membrane; an uncalibrated range reads up to 20 mm far
+
+PARAMETERS = replace(EstimatorParameters(), near=NEAR, far=FAR)
 
 
 @dataclass(frozen=True)
@@ -80,21 +84,35 @@ def calibrate(
     Raises:
         SeedError: the captures do not show what they should.
     """
-    p = replace(EstimatorParameters(), near=NEAR, far=FAR)
     X, lines, nodes = {"left": hand.X_CL, "right": hand.X_CR}, {}, {}
     for finger, camera in cameras.items():
-        measured, _ = mean_depth(no_contact[finger], p.near, p.far)
-        offset = range_error(measured, shape.depth(camera))  # of every pixel: its fixed pattern would tilt the axis
+        offset, membrane = at_rest(finger, camera, X[finger], no_contact[finger], shape)
         smooth = smooth_depth(offset, np.ones(offset.shape, bool), SMOOTH)
         nodes[finger] = [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
-        membrane = membrane_at_rest(finger, camera, X[finger], [f + offset for f in no_contact[finger]], p)
-        lines[finger] = [seen_axis(membrane, frame + offset, radius, p) for frame in grasped.get(finger, ())]
+        lines[finger] = [seen_axis(membrane, frame + offset, radius, PARAMETERS) for frame in grasped.get(finger, ())]
     mutual = 0.0, 0.0
     if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
         X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
         mutual = MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD
     fingers = {f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()}
     return Calibration(fingers, *mutual)
+
+
+def at_rest(
+    finger: str, camera: PinholeCamera, X_CX: Array, frames: Sequence[Image], shape: MembraneShape
+) -> tuple[Image, Membrane]:
+    """Range error (H, W) [m] of every pixel, for a fixed pattern would tilt an axis, and the membrane without it.
+
+    Args:
+        X_CX: (4, 4) pose of the camera, as drawn.
+        frames: depth (H, W) [m] of the membrane touching nothing.
+
+    Raises:
+        SeedError: they do not show the membrane.
+    """
+    measured, _ = mean_depth(frames, NEAR, FAR)
+    offset = range_error(measured, shape.depth(camera))
+    return offset, membrane_at_rest(finger, camera, X_CX, [f + offset for f in frames], PARAMETERS)
 
 
 def range_error(measured: Image, known: Image) -> Image:
@@ -130,7 +148,8 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
             if f"{finger}_no_contact" in data:
                 no_contact[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
                 h, w = no_contact[finger][0].shape
-                cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"])
+                model = str(data.get(f"{finger}_model", "plumb_bob"))
+                cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"], model)
                 if f"{finger}_grasped" in data:
                     grasped[finger] = list(np.asarray(data[f"{finger}_grasped"], np.float32))
     except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -16,6 +16,7 @@ from seed_estimation.realsense.selection import describe, doubts, unfit
 from seed_estimation.realsense.settings import RealSenseSettings
 
 QUEUE = 16  # frames that may wait: a quarter of a second of both streams
+PAUSE = 0.05  # [s] a longer time between two calls of `take` is a pause of this computer, not a camera's silence
 SAME_MOMENT = 0.25  # [periods] within which two frames are of one exposure
 SAME_PIXELS = 0.5  # [px] by which the intrinsics of both images may differ
 
@@ -44,6 +45,7 @@ class Camera:
         doubts: what speaks against it, or ''.
         model: intrinsics of both images.
         depth_unit: [m] step of its depth.
+        silent_for: time without a pair of images while somebody asked for them [s].
         taken, lost: pairs of images, and those that its numbers tell of but that did not come whole.
     """
 
@@ -56,7 +58,8 @@ class Camera:
         if problem:
             raise CameraError(f"{finger}: {problem}")
         self.finger, self.taken, self.lost, self.dating = finger, 0, 0, Dating()
-        self._heard, self._number = time.monotonic(), -1
+        self._polled, self._number = time.monotonic(), -1
+        self.silent_for = 0.0
         self._streaming = False
         self._waiting: dict[bool, Any] = {}  # the newest frame without partner; by whether it is depth
         self._tolerance = 1e3 * SAME_MOMENT / settings.rate  # [ms]
@@ -102,13 +105,11 @@ class Camera:
         if self._sensor.supports(option) and not self._sensor.is_option_read_only(option):
             self._sensor.set_option(option, value)
 
-    @property
-    def silent_for(self) -> float:
-        """Time without a pair of images [s]."""
-        return time.monotonic() - self._heard
-
     def take(self, use: Callable[[Pictures], None]) -> None:
         """Give every pair of images that has come to `use`."""
+        now = time.monotonic()
+        self.silent_for += min(now - self._polled, PAUSE)
+        self._polled = now
         while frame := self._queue.poll_for_frame():
             self._add(frame, use)
 
@@ -126,7 +127,7 @@ class Camera:
             self.lost += number - self._number - 1
         self._number = number
         self.taken += 1
-        self._heard, arrival = time.monotonic(), time.time()
+        self.silent_for, arrival = 0.0, time.time()
         stamp = self.dating.date(
             1e-3 * depth.get_timestamp(), depth.get_frame_timestamp_domain().name, since_exposure(depth), arrival
         )

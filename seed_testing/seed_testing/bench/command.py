@@ -21,6 +21,7 @@ BENCHES = {
     "node": "seed_testing.bench.ros.pose_age",
 }
 LONG = {  # commands with arguments of their own
+    "cameras": "seed_testing.bench.ros.camera_rate",
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
     "fuzz": "seed_testing.bench.fuzz",
