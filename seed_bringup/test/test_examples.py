@@ -16,6 +16,7 @@ PRINTS = {
     "estimate_pose": "pose of the tool in the gripper, from images of (171, 224) pixels",
     "closed_loop": "squeegee: finished",
     "new_task": "polish: finished; force -",
+    "learning": "seed 2: wiped after",
 }
 WITHOUT_ROS = """
 import runpy, sys
@@ -44,6 +45,14 @@ def test_the_readme_s_python_runs(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["[", "0.", "0.", "10.]"]
+
+
+def test_the_python_of_the_page_on_learning_runs(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "docs/learning.md").read_text(), re.DOTALL)
+    command = [sys.executable, "-c", f"{code}\nprint(env.render().shape)"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[-2] == "(240, 480, 3)"
 
 
 def test_examples_are_listed_short_and_explained() -> None:

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "seed_sysid": NUMERIC | {"seed_core", "matplotlib"},
     "seed_sim": NUMERIC
     | {"seed_core", "seed_ur", "seed_control", "seed_estimation", "seed_sysid"}
-    | {"cv2", "pydrake", "tqdm", "joblib", "matplotlib", "viser"},
+    | {"cv2", "pydrake", "tqdm", "joblib", "matplotlib", "viser", "gymnasium"},
     "seed_bringup": None,  # puts everything together
 }
 

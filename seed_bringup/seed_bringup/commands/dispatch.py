@@ -10,6 +10,8 @@ from seed_core.program.command_line import command, leaving_at_once
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {
+    "foxglove": "foxglove-sdk",
+    "gymnasium": "gymnasium",
     "pydrake": "drake",
     "rosbags": "rosbags",
     "rtde_control": "ur-rtde",

@@ -9,7 +9,7 @@ from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
-from seed_estimation import METHODS, Estimator, EstimatorParameters
+from seed_estimation import METHODS, Estimator, EstimatorParameters, TactileImages
 from seed_sim.bubbles import renderer_of
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.plant import DT, Plant
@@ -95,7 +95,11 @@ class NoisyPoses(PoseSource):
 
 
 class PosesFromImages(PoseSource):
-    """Rendered images of both bubbles through an estimator of seed_estimation."""
+    """Rendered images of both bubbles through an estimator of seed_estimation.
+
+    Attributes:
+        images: the newest, by finger.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, method: str, hold: MembraneHold | None = None) -> None:
         """hold: the plant's membranes, which the images show; the tool is as it was grasped."""
@@ -107,13 +111,15 @@ class PosesFromImages(PoseSource):
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
         self.estimator.initialize_grasp([self.renderer.render(X_taken, t) for t in held])
+        self.images: dict[str, TactileImages] = {}
         self._pressures = PressureSensors(scenario.pressure, ambient_of(scenario), seed)
         if hold is not None:
             hold.restart()
 
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
         plant.solve_membranes()
-        estimate = self.estimator.update(self.renderer.render(plant.X_CT, plant.time), stamp)
+        self.images = self.renderer.render(plant.X_CT, plant.time)
+        estimate = self.estimator.update(self.images, stamp)
         return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
 

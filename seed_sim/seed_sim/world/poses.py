@@ -50,6 +50,7 @@ class WorldPoses(PoseSource):
 
     Attributes:
         estimator: as `make_estimator` has it.
+        images: the newest pair, by finger.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class WorldPoses(PoseSource):
         self._lead = round(self._cameras.early[self._first] / DT) * DT  # [s] of it before the other
         self._early: TactileImages | None = None  # the first finger's of this pair
         self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
+        self.images: dict[str, TactileImages] = {}
         self._hanging = world.cell.hanging
         if not self._hanging:
             take_grasp(self.estimator, self._cameras, np.eye(4), 0.0, self.period)
@@ -114,8 +116,8 @@ class WorldPoses(PoseSource):
         images = {f: self._cameras.finger(f, plant.X_CT, plant.time) for f in self._others()}
         if self._early is not None:
             images[self._first] = self._early
-        images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
-        estimate = self.estimator.update(images, stamp + self._clock - self._offset)
+        self.images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
+        estimate = self.estimator.update(self.images, stamp + self._clock - self._offset)
         return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
     def _others(self) -> list[str]:

@@ -14,6 +14,7 @@ BENCHES = {
     "estimator": "seed_testing.bench.estimator",
     "control": "seed_testing.bench.control",
     "membrane": "seed_testing.bench.membrane",
+    "gym": "seed_testing.bench.gym",
     "driver": "seed_testing.bench.driver",
     "clearances": "seed_testing.bench.clearances",
     "slider": "seed_testing.fault_bench.slider",
