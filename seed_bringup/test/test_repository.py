@@ -2,6 +2,7 @@
 """Rules that hold for the whole repository; they need its checkout."""
 
 import ast
+import configparser
 import json
 import os
 import re
@@ -175,6 +176,36 @@ def test_every_imported_library_is_pinned() -> None:
         used |= libraries
         assert libraries <= pinned, f"{file.relative_to(ROOT)}: requirements/ lacks {sorted(libraries - pinned)}"
     assert used >= {"numpy", "scipy", "drake", "ur-rtde", "rosbags", "matplotlib"}
+
+
+@pytest.mark.parametrize("package", sorted(SUITE - {"seed_msgs"}))
+def test_what_a_core_imports_is_installed_with_it(package: str) -> None:
+    """`pip install ./seed_core` must suffice. What a function imports when it is called is for those who call it."""
+    settings = configparser.ConfigParser()
+    settings.read(ROOT / package / "setup.cfg")
+    declared = {re.split("[=<>;]", x)[0].strip() for x in settings["options"]["install_requires"].split("\n") if x}
+    used = {n for f in cores(ROOT) if f.parts[0] == package for n in imported_at_once(ROOT / f)}
+    needed = {PROVIDES.get(n, n) for n in used - set(sys.stdlib_module_names) - {package, "ament_index_python"}}
+    lacking = {n.lower() for n in needed if not of_ros(n)} - {d.lower() for d in declared}
+    known = set().union(*(_brought_by(d) for d in declared & SUITE))
+    assert not lacking - known, f"{package}/setup.cfg: install_requires lacks {sorted(lacking - known)}"
+
+
+def imported_at_once(file: Path) -> Iterator[str]:
+    """Top-level names of what a file imports when it is imported itself."""
+    for node in ast.parse(file.read_text()).body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module.split(".")[0]
+
+
+def _brought_by(package: str) -> set[str]:
+    """What pip installs with a package of the suite, in small letters."""
+    settings = configparser.ConfigParser()
+    settings.read(ROOT / package / "setup.cfg")
+    own = {re.split("[=<>;]", x)[0].strip() for x in settings["options"]["install_requires"].split("\n") if x}
+    return {d.lower() for d in own}.union(*(_brought_by(d) for d in own & SUITE))
 
 
 @pytest.mark.skipif(os.environ.get("SEED_ROS") != "wheels", reason="looks at the environment that ./seed makes")

@@ -9,6 +9,7 @@ from seed_core.vector3 import Vector3
 
 # Every law by name; the classes behind them are `LAW_CLASSES` of controller.py.
 LAWS = ("seed", "plain", "published")
+LAW_HELP = "seed also predicts the surface ahead, plain does not, published is Algorithm 2 as in the paper"
 
 
 # Limits that may be changed while the controller runs.

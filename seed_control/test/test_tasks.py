@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
-from seed_control.tasks import TaskError, TaskPlayer, TaskStatus, load_task, shipped_tasks
+from seed_control.tasks import Task, TaskError, TaskPlayer, TaskStatus, load_task, shipped_tasks
 from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
-from seed_core.config import ConfigError
+from seed_core.config import ConfigError, load_text
 from seed_core.spatial import pose_from_rpy
 
 NAMES = ["peg", "pen", "squeegee", "torque_driver", "write"]
@@ -204,3 +204,12 @@ def test_errors_in_a_file_name_line_key_value_and_remedy(tmp_path: Path, old: st
 def test_unknown_task_names_the_known_ones() -> None:
     with pytest.raises(TaskError, match=r"no task 'sweep'.*peg, pen, squeegee, torque_driver, write"):
         load_task("sweep")
+
+
+def test_a_stroke_of_one_point_is_refused() -> None:
+    strokes = "strokes: [[[0.0, 0.0], [0.1, 0.0]], [[0.05, 0.0]]]"
+    phases = "phases: [{name: go, to: 0 0 0.02 m}, {name: lift, to: 0 0 0.05 m}]"
+    text = f"name: dots\n{phases}\ndraw: {{control: {{force: 0 0 -2 N}}, {strokes}}}\n"
+    with pytest.raises(ConfigError, match="stroke 2 has 1 point"):
+        load_text(text, Task, "dots.yaml")
+    load_text(text.replace(", [[0.05, 0.0]]", ""), Task, "dots.yaml")

@@ -7,6 +7,9 @@ from seed_core.config import ConfigError, field
 
 # Every method by name; those that work on the contact patches have their classes in `PATCH_METHODS` of estimator.py.
 METHODS = ("rigid_fit", "published")
+METHOD_HELP = (
+    "rigid_fit fits one motion of six axes to all images, published is the paper's: patches, and the flow's curl"
+)
 
 
 @dataclass(frozen=True)

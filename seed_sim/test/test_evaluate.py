@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from seed_control.tasks import load_task
 from seed_core.bushing import Stiffness
 from seed_sim import evaluate
-from seed_sim.closed_loop.command import main
+from seed_sim.closed_loop.command import _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.sweep import column_summary, summary
 from seed_sim.scenario import load_scenario
@@ -241,3 +241,9 @@ def test_a_grasp_that_is_stiff_but_turns_easily_wipes_a_rough_table(seed: int) -
     assert result["force_z"]["rmse"] < 0.2  # [N]; 1.6 at seed 2 when all of the turn was fed forward
     assert result["torque_x"]["rmse"] < 0.1  # [N m]
     assert result["lean_deg"]["max"] < 4.0
+
+
+def test_a_task_that_never_touched_is_not_scored(held):
+    missed = {**held, "contact": {"made": False}, "message": "no table"}
+    assert _text(missed).splitlines()[1:] == ["  no contact, so nothing to score; no table"]
+    assert "force z" in _text(held)

@@ -26,10 +26,10 @@ from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
 from seed_bringup.launching.domains import OWN, claimed
-from seed_control.parameters import LAWS
+from seed_control.parameters import LAW_HELP, LAWS
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, interrupts, number, seed_number
-from seed_estimation.parameters import METHODS
+from seed_estimation.parameters import METHOD_HELP, METHODS
 
 BASELINES = ("open_loop", "welded")
 
@@ -41,8 +41,13 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table, all noise and the hidden world")
     p.add_argument("--world", choices=("known", "hidden"), default="known", help="what is told to the controller")
     p.add_argument("--scenario", help="what is simulated: a shipped scenario or a file; the task's own if left out")
-    p.add_argument("--estimator", default="rigid_fit", choices=(*METHODS, "truth"), help="of the pose")
-    p.add_argument("--law", default="seed", choices=LAWS, help="control law")
+    p.add_argument(
+        "--estimator",
+        default="rigid_fit",
+        choices=(*METHODS, "truth"),
+        help=f"of the pose: {METHOD_HELP}; truth is exact",
+    )
+    p.add_argument("--law", default="seed", choices=LAWS, help=f"control law: {LAW_HELP}")
     p.add_argument("--out", type=Path, help="folder to write; default: results/TASK-TIME")
     p.add_argument("--images", action="store_true", help="record the cameras' images in the bag too (20 MB/s)")
     p.add_argument(

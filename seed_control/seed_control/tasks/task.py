@@ -125,6 +125,12 @@ class Drawing:
     def __post_init__(self) -> None:
         if bool(self.text) == bool(self.strokes):
             raise ConfigError("a drawing needs either strokes or a text, not both and not neither")
+        for number, stroke in enumerate(self.strokes, start=1):
+            if len(stroke) < 2:
+                raise ConfigError(
+                    f"stroke {number} has {len(stroke)} point(s), a line needs two: for a dot use a phase with "
+                    "control, until: settled and a dwell"
+                )
         if self.forces and len(self.forces) != len(self.strokes):
             raise ConfigError(
                 f"forces has {len(self.forces)} values for {len(self.strokes)} strokes: one each, or none"

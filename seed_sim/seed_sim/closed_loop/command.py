@@ -6,10 +6,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from seed_control.parameters import LAW_HELP
 from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
+from seed_estimation.parameters import METHOD_HELP
 from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
@@ -58,12 +60,18 @@ def _parser() -> argparse.ArgumentParser:
         "With --scenarios N, sweep over seeds and columns of cells that are as believed.",
     )
     p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
-    p.add_argument("--law", choices=LAWS, default="seed", help="control law or baseline")
+    p.add_argument(
+        "--law",
+        choices=LAWS,
+        default="seed",
+        help=f"{LAW_HELP}. Baselines: open_loop goes where the table should be and measures nothing; welded has its "
+        "tool bolted on, with an ideal sensor of the force along z; welded_roll of the torque about x as well",
+    )
     p.add_argument(
         "--estimator",
         choices=ESTIMATORS,
-        help="where relative poses come from: exact; exact with noise and delay; rendered images; default: truth, and "
-        "rigid_fit in hidden worlds",
+        help="where relative poses come from: truth is exact, noisy is that with noise and delay, the others work on "
+        f"rendered images: {METHOD_HELP}; default: truth, and rigid_fit in hidden worlds",
     )
     p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
     p.add_argument(
@@ -131,6 +139,8 @@ def _one(args: argparse.Namespace) -> int:
 def _text(r: dict[str, Any]) -> str:
     lean, made = r["lean_deg"], r["contact"]
     lines = [f"{r['task']}, scenario {r['scenario']}, seed {r['seed']}, law {r['law']}, estimator {r['estimator']}"]
+    if not made["made"]:  # nothing to score
+        return f"{lines[0]}\n  no contact, so nothing to score; {r['message'] or 'no end'}"
     for key, unit in (("force_z", "N  "), ("torque_x", "N m"), ("torque_z", "N m")):
         e = r[key]
         if key != "torque_z" or (e is not None and e["mean"]):
@@ -138,8 +148,7 @@ def _text(r: dict[str, Any]) -> str:
             lines.append(f"  {name:10s} rmse {e['rmse']:8.3f} {unit}   mean {e['mean']:8.3f} {unit}   worst {worst}")
     lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
     lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
-    when = f"at {made['time']:.2f} s" if made["made"] else "never"
-    lines.append(f"  contact    {when}; {r['message'] or 'no end'}")
+    lines.append(f"  contact    at {made['time']:.2f} s; {r['message'] or 'no end'}")
     lines.append(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
     return "\n".join(lines)
 

@@ -89,6 +89,8 @@ def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, quiet: bool) -> Com
         if not quiet and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
             left = run.remaining(cell.stamp) / 60.0
-            text = f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min simulated, {left:.1f} min left"
+            text = (
+                f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min of robot time, {left:.1f} min of it left"
+            )
             print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
     return command

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from seed_control.parameters import LAWS
+from seed_control.parameters import LAW_HELP, LAWS
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, number, seed_number, to_json, whole
-from seed_estimation import METHODS
+from seed_core.program.command_line import Help, command, number, results_folder, seed_number, to_json, whole
+from seed_estimation.parameters import METHOD_HELP, METHODS
 from seed_sim.faults.campaign import campaign, summary, table
 from seed_sim.faults.draw import KINDS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
-    one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help="which estimator")
+    one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help=METHOD_HELP)
     one.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
     )
@@ -72,10 +72,10 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--report",
         nargs="?",
-        const=Path("validation.png"),
+        const=results_folder() / "validation.png",
         metavar="FILE.png",
         type=Path,
-        help="draw truth and estimate",
+        help="draw truth and estimate; default: validation.png in results/",
     )
     one.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
     one.add_argument("--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed")
@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     four.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
     four.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
-    four.add_argument("--law", choices=LAWS, default="seed", help="which control law")
+    four.add_argument("--law", choices=LAWS, default="seed", help=LAW_HELP)
     four.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
     four.set_defaults(run=_faults)
     for either in (one, two, three, four):
