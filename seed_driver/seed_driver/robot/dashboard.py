@@ -12,6 +12,10 @@ PORT = 29999
 TIMEOUT = 0.5  # [s]
 
 
+class NoDashboardError(LinkError):
+    """Nobody answers there: another computer, or PolyScope X."""
+
+
 def dashboard(host: str, *commands: str, timeout: float = TIMEOUT) -> str:
     """Send dashboard commands in turn.
 
@@ -22,7 +26,7 @@ def dashboard(host: str, *commands: str, timeout: float = TIMEOUT) -> str:
         The answer to the last command, on one line.
 
     Raises:
-        LinkError: nobody answers.
+        NoDashboardError: nobody answers.
     """
     try:
         with socket.create_connection((host, PORT), timeout) as connection, connection.makefile("rwb") as file:
@@ -32,5 +36,6 @@ def dashboard(host: str, *commands: str, timeout: float = TIMEOUT) -> str:
                 file.flush()
                 answer = file.readline()
     except OSError as error:
-        raise LinkError(f"no dashboard at {host}:{PORT} ({error}); PolyScope X has none: use its screen") from error
+        words = f"no dashboard at {host}:{PORT} ({error}); PolyScope X has none: use its screen"
+        raise NoDashboardError(words) from error
     return " ".join(answer.decode("utf-8", "replace").split())

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from seed_driver.robot.dashboard import dashboard
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.robot_api import switch
 
 Ask = Callable[..., str]  # dashboard commands in turn; the last answer
 LOOK = 0.1  # [s] between two looks
@@ -43,9 +44,10 @@ def recover(host: str) -> str:
 
 def restart_safety(host: str) -> str:
     """After a violation or fault of the safety system; the arm is without power then. Raises LinkError."""
-    answer = dashboard(host, "close safety popup", "restart safety")
-    if "restarting safety" not in answer.lower():
-        raise LinkError(f"the safety system is not restarted: {answer}")
+    try:
+        answer = switch(host, "close safety popup", "restart safety", said="restarting safety")
+    except LinkError as error:
+        raise LinkError(f"the safety system is not restarted: {error}") from error
     return f"{answer}; then call power_on"
 
 

@@ -14,8 +14,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
-from seed_driver.robot.dashboard import dashboard
 from seed_driver.robot.recovery import recover, restart_safety
+from seed_driver.robot.robot_api import switch
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
 
@@ -90,11 +90,8 @@ class Requests:
         return await self._apart(set_tool_voltage, self._tool_voltage() if on else 0)
 
     async def _release(self, *commands: str) -> str:
-        """The dashboard server's answer to commands of which the last releases something."""
-        answer = await self._apart(dashboard, *commands)
-        if "releasing" not in answer.lower():
-            raise RequestError(answer)
-        return answer
+        """The controller's answer to commands of which the last releases something."""
+        return await self._apart(partial(switch, said="releasing"), *commands)
 
     def _where(self) -> tuple[Supervisor, str]:
         if self._active is None:

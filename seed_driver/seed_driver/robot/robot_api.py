@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Power, brakes and stops of either kind of controller: by the dashboard server, or PolyScope X's Robot API.
+
+Source: Universal Robots, "Robot API" of PolyScope X 10.11: PUT .../robotstate/v1/state with an action, while the robot
+is in remote mode. It was run against a stand-in for HTTP, never on a controller.
+"""
+
+import json
+import time
+import urllib.error
+import urllib.request
+
+from seed_driver.robot.dashboard import NoDashboardError, dashboard
+from seed_driver.robot.link import LinkError
+
+PORT = 80
+PATH = "/universal-robots/robot-api/robotstate/v1/state"
+TIMEOUT = 5.0  # [s] of an answer
+SWITCHING = 20.0  # [s] from power to brakes that may be released
+ACTIONS = {  # by the dashboard's command
+    "power on": "POWER_ON",
+    "brake release": "BRAKE_RELEASE",
+    "unlock protective stop": "UNLOCK_PROTECTIVE_STOP",
+    "restart safety": "RESTART_SAFETY",
+}
+
+
+class RefusedError(LinkError):
+    """The Robot API is there, and does not do it."""
+
+
+def switch(host: str, *commands: str, said: str) -> str:
+    """Send the dashboard's commands in turn, to whichever of the two is there.
+
+    Args:
+        said: what the dashboard's answer to the last one contains when it is done.
+
+    Returns:
+        That answer, or what the Robot API has accepted.
+
+    Raises:
+        LinkError: neither is there, or it refuses.
+    """
+    try:
+        answer = dashboard(host, *commands)
+        if said not in answer.lower():
+            raise LinkError(answer)
+        return answer
+    except NoDashboardError as error:
+        nobody = str(error).partition(";")[0]
+    done: list[str] = []
+    for action in (ACTIONS[c] for c in commands if c in ACTIONS):
+        until = time.monotonic() + (SWITCHING if done else 0.0)  # what comes after power has to wait for it
+        while True:
+            try:
+                _put(host, action, nobody)
+                break
+            except RefusedError:
+                if time.monotonic() >= until:
+                    raise
+                time.sleep(0.5)
+        done.append(action)
+    return f"{', '.join(done)}: accepted by the Robot API"
+
+
+def _put(host: str, action: str, nobody: str) -> None:
+    url = f"http://{host}:{PORT}{PATH}"
+    body = json.dumps({"action": action}).encode()
+    request = urllib.request.Request(url, body, {"Content-Type": "application/json"}, method="PUT")
+    try:
+        with urllib.request.urlopen(request, timeout=TIMEOUT):
+            pass
+    except urllib.error.HTTPError as error:
+        words = " ".join(error.read(300).decode("utf-8", "replace").split())
+        raise RefusedError(
+            f"the Robot API refuses {action} (HTTP {error.code} {words}): is the robot in Automatic and Remote mode?"
+        ) from error
+    except OSError as error:
+        raise LinkError(
+            f"{nobody}, and no Robot API at {host}:{PORT} ({error}), which PolyScope X has from 10.11: use its screen"
+        ) from error

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Power, brakes and stops on PolyScope X, which has HTTP in place of the dashboard: against a server of that."""
+
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import Any
+
+import pytest
+
+from seed_driver.robot import robot_api
+from seed_driver.robot.link import LinkError
+from seed_driver.robot.recovery import restart_safety
+from seed_driver.robot.robot_api import PATH, switch
+
+HOST = "127.0.77.3"
+
+
+class Robot:
+    """What was asked for; `refuses` answers 409 to so many of an action."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, Any]] = []
+        self.refuses: dict[str, int] = {}
+
+
+@pytest.fixture
+def robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    there = Robot()
+
+    class Answers(BaseHTTPRequestHandler):
+        def do_PUT(self) -> None:
+            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            there.asked.append((self.path, body))
+            left = there.refuses.get(body["action"], 0)
+            there.refuses[body["action"]] = left - 1
+            self.send_response(409 if left > 0 else 200)
+            self.end_headers()
+            self.wfile.write(b"not in remote mode" if left > 0 else b"{}")
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    with HTTPServer((HOST, 0), Answers) as server:
+        monkeypatch.setattr(robot_api, "PORT", server.server_port)
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield there
+        server.shutdown()
+        thread.join()
+
+
+def test_power_and_brakes_are_asked_for_in_turn_and_brakes_wait_for_the_power(robot: Robot) -> None:
+    robot.refuses = {"BRAKE_RELEASE": 1}
+    said = switch(HOST, "power on", "brake release", said="releasing")
+    assert said == "POWER_ON, BRAKE_RELEASE: accepted by the Robot API"
+    assert [body["action"] for _, body in robot.asked] == ["POWER_ON", "BRAKE_RELEASE", "BRAKE_RELEASE"]
+    assert {path for path, _ in robot.asked} == {PATH}
+
+
+def test_a_refusal_is_told_at_once_with_what_to_do(robot: Robot) -> None:
+    robot.refuses = {"UNLOCK_PROTECTIVE_STOP": 9}
+    with pytest.raises(
+        LinkError, match="refuses UNLOCK_PROTECTIVE_STOP .HTTP 409 not in remote mode.: is the robot in"
+    ):
+        switch(HOST, "close safety popup", "unlock protective stop", said="releasing")
+    assert len(robot.asked) == 1
+
+
+def test_the_safety_system_is_restarted(robot: Robot) -> None:
+    assert "RESTART_SAFETY: accepted by the Robot API; then call power_on" in restart_safety(HOST)
+    assert [body["action"] for _, body in robot.asked] == ["RESTART_SAFETY"]
+
+
+def test_without_dashboard_and_robot_api_both_are_named() -> None:
+    with pytest.raises(LinkError, match=r"no dashboard at .*, and no Robot API at .*: use its screen"):
+        switch("127.0.77.4", "power on", said="releasing")
