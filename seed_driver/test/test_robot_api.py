@@ -61,9 +61,8 @@ def test_power_and_brakes_are_asked_for_in_turn_and_brakes_wait_for_the_power(ro
 
 def test_a_refusal_is_told_at_once_with_what_to_do(robot: Robot) -> None:
     robot.refuses = {"UNLOCK_PROTECTIVE_STOP": 9}
-    with pytest.raises(
-        LinkError, match="refuses UNLOCK_PROTECTIVE_STOP .HTTP 409 not in remote mode.: is the robot in"
-    ):
+    words = r"refuses UNLOCK_PROTECTIVE_STOP \(HTTP 409 not in remote mode\): is the robot in Automatic"
+    with pytest.raises(LinkError, match=words):
         switch(HOST, "close safety popup", "unlock protective stop", said="releasing")
     assert len(robot.asked) == 1
 
