@@ -155,6 +155,7 @@ def test_every_dependency_is_pinned_exactly() -> None:
 
 
 PROVIDES = {
+    "foxglove": "foxglove-sdk",
     "pydrake": "drake",
     "cv2": "opencv-contrib-python-headless",
     "yaml": "PyYAML",

@@ -62,6 +62,7 @@ class CellHands:
         self._lock = threading.Lock()
         self._busy = ""  # the button that is being served
         self._stops = 0  # presses of Stop so far
+        self._spoken = 0  # answers so far
         self._seen = self._drawn = time.monotonic()
         self._deadlines: list[tuple[float, Future, str]] = []
         self._goal: Any = None
@@ -139,6 +140,16 @@ class CellHands:
     def play(self, task: str, force: float | None) -> None:
         """Play a task; force: [N] of every force in it, its own if None."""
         self._executor.create_task(self._serve(f"Play {task}", lambda: self._play(task, force)))
+
+    def answered(self, press: Callable[[], None], patience: float) -> tuple[bool, str]:
+        """Press, and wait up to patience [s] for the answer: whether it is good, and its words. Not for callbacks."""
+        before, deadline = self._spoken, time.monotonic() + patience
+        press()
+        while self._spoken == before:
+            if time.monotonic() > deadline:
+                return False, f"no answer within {patience:g} s"
+            time.sleep(0.01)
+        return self.said[0]
 
     async def _serve(self, button: str, steps: Callable[[], Awaitable[str]], always: bool = False) -> None:
         """One button at a time; the answer goes to `said`."""
@@ -277,3 +288,4 @@ class CellHands:
     def _say(self, good: bool, words: str) -> None:
         self._lines.appendleft((good, words.removesuffix(".") if words[-2:] in ("..", "?.", "!.") else words))
         self.said = tuple(self._lines)
+        self._spoken += 1

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forwards what is allowed of a cell to Foxglove, serialized as it comes, and hands its buttons to the cell.
+
+A topic is listened to while somebody in Foxglove looks at it: a bridge that nobody looks through costs nothing.
+"""
+
+import math
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import foxglove
+import rclpy
+from foxglove import Channel, Context, Service, ServiceRequest
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from seed_bringup.bags import BagError
+from seed_bringup.bags.qos import TO_RECORD
+from seed_bringup.bags.types import InstalledTypes, message_class
+from seed_bringup.foxglove.offered import BUTTONS, STILL, offered_as
+from seed_bringup.foxglove.schemas import read_play, schema_of, service_schema
+from seed_bringup.page.ros.hands import CellHands
+from seed_control.tasks import load_task
+from seed_core.errors import FailedError, SeedError
+from seed_ros import FixedRateLoop
+
+RATE = 30.0  # [Hz] at which messages are handed on
+DISCOVERY = 0.5  # [s] between two looks for topics
+PRESS, STOP = 30.0, 1.5  # [s] until a button has its answer
+
+
+class _Lookers(ServerListener):
+    """Who looks at which topic; called by threads of the server."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._open: set[tuple[int, str]] = set()
+        self._new: set[str] = set()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        with self._lock:
+            self._open.add((client.id, channel.topic))
+            self._new.add(channel.topic)
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        with self._lock:
+            self._open.discard((client.id, channel.topic))
+
+    def take(self) -> tuple[Counter[str], set[str]]:
+        """How many look at each topic, and the topics with somebody new since the last call."""
+        with self._lock:
+            new, self._new = self._new, set()
+            return Counter(topic for _, topic in self._open), new
+
+
+class Bridge:
+    """The server and its node; `loop.once` or `loop.run` turns it.
+
+    Attributes:
+        port: that it listens on.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        namespace: str = "/",
+        buttons: bool = False,
+        context: Any = None,
+        name: str = "foxglove",
+    ) -> None:
+        """Listen. Raises FailedError: the port is taken, or the address is none of this computer."""
+        self._namespace, self._lookers, self._graph = namespace, _Lookers(), Context()
+        self._types = InstalledTypes()
+        self._channels: dict[str, tuple[Channel, str, Any]] = {}  # topic there: channel, topic here, class
+        self._heard: dict[str, Subscription] = {}
+        self._refused: set[str] = set()
+        services = [
+            Service(b, schema=service_schema(b), handler=self._on_button)
+            for b in (*STILL, *(BUTTONS if buttons else ()))
+        ]
+        try:
+            self._server = foxglove.start_server(
+                name="SEED",
+                host=host,
+                port=port,
+                capabilities=[Capability.Services],
+                supported_encodings=["cdr"],
+                services=services,
+                server_listener=self._lookers,
+                context=self._graph,
+            )
+        except Exception as error:  # the library names no type for it
+            raise FailedError(f"cannot listen on {host}, port {port}: {error}; name another with --port") from error
+        self.port = self._server.port
+        self.node = Node(name, context=context, namespace=namespace, start_parameter_services=False)
+        self.hands = CellHands(self.node.context, (), namespace, f"{name}_hands")
+        self.loop = FixedRateLoop(self.node, RATE, self._tick, steady=True, catch_up=False)
+        self._next_look = 0.0
+
+    def close(self) -> None:
+        """End server, node and hands; a task that was begun here ends with them."""
+        self._server.stop()
+        self.hands.close()
+        self.node.destroy_node()
+
+    def _tick(self) -> None:
+        looked_at, new = self._lookers.take()
+        self.hands.saw(sum(looked_at.values()))
+        if time.monotonic() >= self._next_look:
+            self._next_look = time.monotonic() + DISCOVERY
+            self._discover()
+        for topic in [t for t in self._heard if t in new or not looked_at[t]]:
+            self.loop.leave(self._heard.pop(topic))
+        for topic in (t for t, n in looked_at.items() if n and t not in self._heard and t in self._channels):
+            channel, here, kind = self._channels[topic]  # anew for a newcomer, who is told what is latched
+            self._heard[topic] = self.loop.poll(kind, here, _forward(channel), TO_RECORD, raw=True)
+
+    def _discover(self) -> None:
+        for here, kinds in self.node.get_topic_names_and_types():
+            topic = offered_as(here, self._namespace)
+            if topic is None or topic in self._channels or topic in self._refused:
+                continue
+            if not self.node.get_publishers_info_by_topic(here):
+                continue
+            try:
+                schema, kind = schema_of(self._types, kinds[0]), message_class(kinds[0])
+            except BagError as error:
+                self._refused.add(topic)
+                self.node.get_logger().warning(f"not forwarding {here}: {error}")
+                continue
+            channel = Channel(topic, schema=schema, message_encoding="cdr", context=self._graph)
+            self._channels[topic] = channel, here, kind
+
+    def _on_button(self, request: ServiceRequest) -> bytes:
+        """Serve a button, in a thread of the server; the answer in CDR."""
+        try:
+            good, words = self._press(request.service_name, request.payload)
+        except (SeedError, ValueError) as error:
+            good, words = False, str(error)
+        return bytes(serialize_message(Trigger.Response(success=good, message=words)))
+
+    def _press(self, button: str, payload: bytes) -> tuple[bool, str]:
+        if button == "Stop":
+            return self.hands.answered(self.hands.stop, STOP)
+        if button == "Play":
+            task, force = read_play(payload)
+            if force is not None and not (math.isfinite(force) and force > 0.0):
+                raise ValueError(f"force = {force} N must be above 0, or 0 for the task's own")
+            load_task(task, force)  # says here and now what is wrong with it
+            self.hands.play(task, force)
+            return True, f"{task} is asked for; it ends 5 s after nobody looks at a topic. Cancel lifts the tool."
+        name = "Lift" if button == "Cancel" else button
+        return self.hands.answered(lambda: self.hands.press(name), PRESS)
+
+
+def _forward(channel: Channel) -> Callable[[bytes, Any], None]:
+    return lambda data, _: channel.log(bytes(data))
+
+
+def serve(host: str, port: int, namespace: str, buttons: bool, check: Callable[[], None]) -> None:
+    """Forward until `check`, which is called often, raises."""
+    rclpy.init(args=["--ros-args", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"])
+    bridge = Bridge(host, port, namespace, buttons)
+    beyond = host not in ("127.0.0.1", "localhost", "::1")
+    who = f"EVERY COMPUTER that reaches {host}" if beyond else "this computer alone"
+    what = "see the cell and press its buttons" if buttons else "see the cell and stop it"
+    print(f"seed foxglove: ws://{host}:{bridge.port}; {who} can {what}", flush=True)
+
+    def stopping() -> bool:
+        check()
+        return False
+
+    try:
+        bridge.loop.run(stopping)
+    finally:
+        bridge.close()
+        rclpy.try_shutdown()
