@@ -20,6 +20,7 @@ from seed_core.errors import SeedError
 
 ROOT = Path(__file__).resolve().parents[2]
 POLICY = ROOT / "seed_bringup/config/access/cell.policy.xml"
+OPERATORS = {"/operator", "/page"}
 MOVERS = {"/controller", "/sysid"}  # that send an arm anywhere
 NODES = {
     "/estimator",
@@ -29,6 +30,7 @@ NODES = {
     "/bubbles",
     "/identification_cell",
     "/link_frames",
+    "/page",
     "/viewer",
 } | MOVERS
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the keys")
@@ -59,11 +61,11 @@ def test_only_who_moves_arms_publishes_target_frame_and_only_an_operator_enables
     assert enclaves(store) == NODES | {"/operator"}
     for enclave in enclaves(store):
         assert may(store, enclave, "publish", "rt/target_frame") is (enclave in MOVERS)
-        assert may(store, enclave, "publish", "rq/controller/enableRequest") is (enclave == "/operator")
-        assert may(store, enclave, "publish", "rq/driver/resend_robot_programRequest") is (enclave == "/operator")
+        assert may(store, enclave, "publish", "rq/controller/enableRequest") is (enclave in OPERATORS)
+        assert may(store, enclave, "publish", "rq/driver/resend_robot_programRequest") is (enclave in OPERATORS)
         for part in ("send_goal", "cancel_goal"):
             asks = f"rq/controller/follow_setpoints/_action/{part}Request"
-            assert may(store, enclave, "publish", asks) is (enclave == "/operator")
+            assert may(store, enclave, "publish", asks) is (enclave in OPERATORS)
         assert may(store, enclave, "publish", "rt/controller/setpoint") is (enclave == "/operator")
         assert not may(store, enclave, "publish", "rq/controller/set_parametersRequest")
         assert may(store, enclave, "publish", "rt/relative_pose") is (

@@ -60,7 +60,7 @@ def _absolute(node: str, name: str) -> list[str]:
 
 
 def policy(document: str) -> str:
-    """The whole file: the nodes, an operator who calls and plays, and a viewer who only listens."""
+    """The whole file: the nodes, an operator who calls and plays, as the page does, and a viewer who only listens."""
     nodes = rights_of_nodes(document)
     told, called, played = (
         {n for rights in nodes.values() for n in rights.get(key, ())}
@@ -81,6 +81,11 @@ def policy(document: str) -> str:
         ("services", "request", "service"): called - settings,
         ("actions", "call", "action"): played,
     }
+    page = nodes["page"]  # an operator who sends no set-points
+    page["topics", "publish", "topic"] |= {"/controller/operator"}
+    page["topics", "subscribe", "topic"] |= told
+    page["services", "request", "service"] = called - settings
+    page["actions", "call", "action"] = played
     root = ElementTree.Element("policy", {"version": "0.2.0"})
     enclaves = ElementTree.SubElement(root, "enclaves")
     for node, rights in nodes.items():

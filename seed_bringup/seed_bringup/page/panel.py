@@ -9,6 +9,7 @@ import viser
 
 from seed_bringup.page import style, words
 from seed_bringup.page.plots import Plots
+from seed_bringup.page.scene import Scene
 from seed_bringup.page.state import CellState, History
 
 LINES = 4  # of answers
@@ -41,7 +42,7 @@ class Hands(Protocol):
 class Panel:
     """`show` a state."""
 
-    def __init__(self, server: viser.ViserServer, history: History, hands: Hands | None) -> None:
+    def __init__(self, server: viser.ViserServer, history: History, scene: Scene, hands: Hands | None) -> None:
         """hands: None where there is nothing to run, as with a bag."""
         self._gui, self._hands = server.gui, hands
         server.gui.main_panel.dock_left()
@@ -53,15 +54,18 @@ class Panel:
         self._status = server.gui.add_html("")
         if hands is not None:
             self._add_buttons(hands)
-        self.below = server.gui.add_folder("Numbers")
-        with self.below:
-            self._table = server.gui.add_html("")
         side = server.gui.add_panel()
         with side.add_tab("Measured"):
             self._plots = Plots(server.gui, history)
             self._picture_title = server.gui.add_html("")
             self._picture = server.gui.add_image(NO_PICTURE, format="jpeg", jpeg_quality=80)
             self._picture_note = server.gui.add_html("")
+            self._table = server.gui.add_html("")
+            with server.gui.add_folder("View", expand_by_default=False):
+                follow = server.gui.add_checkbox("Follow the tool", scene.follow)
+                named = server.gui.add_checkbox("Show frames", scene.named)
+            follow.on_update(lambda _: setattr(scene, "follow", follow.value))
+            named.on_update(lambda _: setattr(scene, "named", named.value))
         side.dock_right()
         side.set_width(350)
 
@@ -104,7 +108,7 @@ class Panel:
         """viewers: pages that are open; plots: whether to draw the plots anew as well."""
         _put(self._status, style.status(words.headline(state)))
         doubt = state.touch.doubt if state.touch is not None else ""
-        _put(self._table, style.table(_rows(state, viewers)) + (style.note(f"In doubt: {doubt}.") if doubt else ""))
+        _put(self._table, style.table(_rows(state, viewers)) + (style.note(f"In doubt: {doubt}") if doubt else ""))
         if self._hands is not None:
             self._show_hands(self._hands, words.next_button(state))
         if plots:

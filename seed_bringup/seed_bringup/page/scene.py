@@ -14,7 +14,6 @@ from seed_core.meshes import (
     BUBBLE,
     FORCE_SCALE,
     PAPER,
-    TORQUE_SCALE,
     Bubble,
     Mesh,
     Part,
@@ -28,13 +27,17 @@ from seed_core.meshes import (
 from seed_core.spatial import Array, quaternion_from_rotation
 from seed_ur.meshes import arm_parts, arm_poses
 
+TORQUE_LABEL = 0.05  # [m] from the tip along the axis
 LEAST_FORCE, LEAST_TORQUE = 0.2, 0.02  # [N], [N m] below which no arrow is drawn
 TRAIL, TRAIL_STEP = 400, 0.002  # points of the tip's path; [m] between two of them
 FORCE, TORQUE, PATH = (217, 85, 26), (118, 74, 188), (217, 85, 26)
+GLASS = 0.5  # opacity of the table: the force upon it points into it
 FINE, COARSE = (232, 234, 237), (214, 218, 223)  # lines of the floor
 BOX = 12  # vertices: a mesh with no more has edges to be seen
 NAMED = ("base", "tool0", "compliance", "tool", "tip")
 VIEW_FROM = (0.42, -0.62, 0.2)  # [m] from the middle between grasp and tip
+FIELD = math.radians(45.0)  # of view
+FREE = 0.06  # [m] that the tip moves along the floor before the view follows
 
 
 class Scene:
@@ -44,7 +47,8 @@ class Scene:
         self._server, self._scene, self._model = server, server.scene, model
         self._hand, self._tool = Hand(), Tool()
         self._trail: deque[Array] = deque(maxlen=TRAIL)
-        self._framed = False
+        self._at: Array | None = None  # (3,) what the view is centred on
+        self.follow = self.named = True  # whether the view moves with the tip; whether frames are shown
         self._scene.set_up_direction("+z")
         self._scene.configure_environment_map("studio", environment_intensity=0.3)  # sent by this server
         self._scene.configure_default_lights(cast_shadow=False)
@@ -52,7 +56,7 @@ class Scene:
         self._links = self._groups("arm", arm_parts(model))
         self._of_hand = self._groups("hand", hand_parts(self._hand))
         self._of_tool = self._groups("held", tool_parts(self._tool))
-        self._table = self._add("/table", Part("table", "W", slab((0.55, 0.5), 0.02, (0.12, 0.0)), PAPER))
+        self._table = self._add("/table", Part("table", "W", slab((0.55, 0.5), 0.02, (0.12, 0.0)), PAPER, GLASS))
         self._shapes = {finger: Bubble(finger) for finger in ("left", "right")}
         self._bubbles = {
             finger: self._add(f"/bubble_{finger}", Part(finger, "C", bubble.mesh, BUBBLE))
@@ -91,7 +95,7 @@ class Scene:
         with self._server.atomic():
             self._show_arm(state)
             for name, frame in self._frames.items():
-                _place(frame, poses.get(name))
+                _place(frame, poses.get(name) if self.named else None)
             _place(self._table, state.X_WS)
             for group, name in ((self._of_hand, "compliance"), (self._of_tool, "tool")):
                 for handle in group.values():
@@ -160,17 +164,32 @@ class Scene:
             self._path.points = np.stack((points[:-1], points[1:]), axis=1)
 
     def _frame(self, poses: dict[str, Array]) -> None:
-        """The first picture: hand, tool and table."""
-        if self._framed or "compliance" not in poses:
+        """The first picture is of hand, tool and table; then the view follows them where they leave its middle."""
+        if "compliance" not in poses:
             return
         X_WC = poses["compliance"]
         at = X_WC[:3, 3] + 0.5 * (X_WC @ self._tool.X_Ttip - X_WC)[:3, 3]
-        position = at + VIEW_FROM
-        camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.fov = tuple(position), tuple(at), math.radians(45.0)
-        for client in self._server.get_clients().values():
-            client.camera.position, client.camera.look_at, client.camera.fov = position, at, math.radians(45.0)
-        self._framed = True
+        if self._at is None:
+            self._at = at
+            position = at + VIEW_FROM
+            for camera in self._cameras():
+                camera.position, camera.look_at, camera.fov = position, at, FIELD
+        else:
+            move = at - self._at
+            far = float(np.linalg.norm(move[:2]))
+            if not self.follow or far <= FREE:
+                return
+            move = np.array((*move[:2], 0.0)) * (1.0 - FREE / far)
+            self._at = self._at + move
+            for camera in self._cameras():
+                camera.position = camera.position + move  # what it looks at moves with it
+        first = self._server.initial_camera
+        first.position, first.look_at, first.fov = tuple(self._at + VIEW_FROM), tuple(self._at), FIELD
+
+    def _cameras(self) -> list[viser.CameraHandle]:
+        """Of the pages that have told where they look from."""
+        clients = self._server.get_clients().values()
+        return [c.camera for c in clients if c.camera.update_timestamp > 0.0]
 
 
 class _Arrow:
@@ -196,15 +215,15 @@ class _Arrow:
     def show(self, at: Array, vector: Array, covariance: Array) -> None:
         """vector (3,) with its covariance (3, 3), from `at` (3,) [m]."""
         size = float(np.linalg.norm(vector))
-        if not math.isfinite(size) or size < self._least:
+        known = bool(np.isfinite(covariance).all())
+        along = vector / max(size, 1e-9)
+        deviation = math.sqrt(max(float(along @ covariance @ along), 0.0)) if known else 0.0
+        if not math.isfinite(size) or size < max(self._least, deviation):  # it may as well be none
             self.hide()
             return
-        along = vector / size
-        known = bool(np.isfinite(covariance).all())
-        deviation = math.sqrt(max(float(along @ covariance @ along), 0.0)) if known else math.nan
         self._root.position, self._root.visible = at, True
         self._arrow.vertices = self._shape(vector).vertices.astype(np.float32)
-        end = FORCE_SCALE * vector if self._force else (0.05 + TORQUE_SCALE) * along
+        end = FORCE_SCALE * vector if self._force else TORQUE_LABEL * along
         self._label.position = end
         spread = f" ± {deviation:.{self._digits}f}" if known else ""
         self._label.text = f"{size:.{self._digits}f}{spread} {self._unit}"

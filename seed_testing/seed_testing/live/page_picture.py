@@ -27,7 +27,7 @@ def main(argv: list[str]) -> int:
     """Take the picture."""
     p = argparse.ArgumentParser(prog="page_picture", description=__doc__)
     p.add_argument("file", type=Path, help="PNG to write")
-    p.add_argument("--then", type=float, default=2.5, help="[s] from the beginning of the wipe to the picture")
+    p.add_argument("--then", type=float, default=0.5, help="[s] from the beginning of the wipe to the picture")
     options = p.parse_args(argv)
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:

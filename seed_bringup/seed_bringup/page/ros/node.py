@@ -61,7 +61,7 @@ class PageNode(SeedNode):
         self.hands = CellHands(self.context, tasks, self.get_namespace(), f"{name}_hands")
         self.server = PageServer(settings.port)
         self.scene = Scene(self.server, settings.model)
-        self.panel = Panel(self.server, self.history, self.hands)
+        self.panel = Panel(self.server, self.history, self.scene, self.hands)
         print(f"the operator page: {self.server.address}", flush=True)
         self.diagnose(self.server.address, self._report)
 

@@ -131,7 +131,7 @@ class Player:
         self._slider = gui.add_slider("Time [s]", 0.0, length, 0.1, 0.0)
         self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
         self._speed = gui.add_dropdown("Speed", ("0.25", "0.5", "1", "2", "5"), initial_value="1")
-        self._panel = Panel(server, self._history, None)
+        self._panel = Panel(server, self._history, self._scene, None)
         self._play.on_click(lambda _: self._toggle())
         self._running = False
         self._shown, self._viewers, self._count = -1.0, 0, 0
