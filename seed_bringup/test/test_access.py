@@ -28,6 +28,7 @@ NODES = {
     "/guard",
     "/sim",
     "/bubbles",
+    "/cameras",
     "/identification_cell",
     "/link_frames",
     "/page",

@@ -207,8 +207,8 @@ def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
         arguments = {**robot_arguments(words), "method": "truth"}
         return {n.name for n in describe(ROOT / "seed_bringup/launch/demo_launch.xml", arguments).nodes}
 
-    assert programs(["robot:=sim"]) == {"controller", "sim"}
-    assert programs(["robot:=ur", "robot_ip:=127.0.0.2"]) == {"controller", "sim", "driver", "ur_controller"}
+    assert programs(["robot:=sim"]) == {"controller", "sim", "page"}
+    assert programs(["robot:=ur", "robot_ip:=127.0.0.2"]) == {"controller", "sim", "driver", "ur_controller", "page"}
     assert programs(["robot_ip:=127.0.0.7"]) == programs(["robot:=ur"])
     with pytest.raises(SeedError, match="the demo runs in simulation"):
         robot_arguments(["robot:=ur", "robot_ip:=192.168.56.101"])
