@@ -15,7 +15,7 @@ from seed_estimation.realsense.dating import Dating, since_exposure
 from seed_estimation.realsense.selection import describe, doubts, unfit
 from seed_estimation.realsense.settings import RealSenseSettings
 
-QUEUE = 16  # frames that may wait: a quarter of a second of both streams
+QUEUE = 64  # frames that may wait: a second of both streams, so that a busy computer loses none
 PAUSE = 0.05  # [s] a longer time between two calls of `take` is a pause of this computer, not a camera's silence
 SAME_MOMENT = 0.25  # [periods] within which two frames are of one exposure
 SAME_PIXELS = 0.5  # [px] by which the intrinsics of both images may differ

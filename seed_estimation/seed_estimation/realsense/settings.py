@@ -24,6 +24,10 @@ class RealSenseSettings:
     depth_unit: float = field(0.0001, unit="m", low=1e-6, high=0.01, doc="step of depth that the camera is asked for")
     silence: float = field(0.5, unit="s", low=0.1, high=10.0, doc="after which a camera is lost, and opened again")
 
+    realtime_priority: int = field(
+        25, low=0, high=98, doc="SCHED_FIFO priority if allowed, above the estimator's; 0: none"
+    )
+
     def __post_init__(self) -> None:
         if self.left and self.left == self.right:
             raise ConfigError(f"left = right = '{self.left}': one camera cannot look into both bubbles")

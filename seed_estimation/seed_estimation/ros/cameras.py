@@ -30,7 +30,7 @@ class CamerasNode(SeedNode):
         self._outputs = {f: CameraPublisher(self, f, frames.camera(f), ir="mono8") for f in self.cameras.fingers}
         self._calibrated: dict[str, int] = {}  # identity of the camera that a finger's publisher knows
         self._ages = dict.fromkeys(self.cameras.fingers, 0.0)  # [s] of the newest images when they arrived
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True)
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, priority=self.settings.realtime_priority)
         self.diagnose("RealSense", self._report)
         self.cameras.start()
 
