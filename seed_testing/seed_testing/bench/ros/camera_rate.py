@@ -48,7 +48,9 @@ class _Listener:
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.node = Node("listener", context=self.context, start_parameter_services=False)
-        self.loop = FixedRateLoop(self.node, 20.0, lambda: None, steady=True, eager=True, priority=20)  # as the estimator
+        self.loop = FixedRateLoop(
+            self.node, 20.0, lambda: None, steady=True, eager=True, priority=20
+        )  # as the estimator
         for finger, kind in STREAMS:
             self.loop.poll(
                 Image,
