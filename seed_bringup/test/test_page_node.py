@@ -28,7 +28,7 @@ from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter, open_bag
 from seed_bringup.commands import view
 from seed_bringup.page.ros.hands import CellHands
-from seed_bringup.page.ros.playback import Recording
+from seed_bringup.page.ros.playback import Player, Recording, served
 from seed_bringup.page.ros.read import read_state
 from seed_bringup.page.state import History
 from seed_core.spatial import make_pose
@@ -93,6 +93,7 @@ def cell(context: Context) -> Iterator[SlowCell]:
     node.go_on.set()
     executor.shutdown(timeout_sec=2.0)
     thread.join(2.0)
+    node.destroy_node()
 
 
 @pytest.fixture
@@ -158,14 +159,15 @@ def test_a_stop_counts_more_than_an_enable_that_is_under_way(cell: SlowCell, han
 
 
 def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:
-    until(lambda: not any(c.service_is_ready() for c in (hands._enable, *hands._triggers.values())))
+    clients = (hands._enable, *hands._triggers.values())
+    until(lambda: not any(c.service_is_ready() for c in clients), patience=60.0)  # those of the tests before
     for button in ("Reference", "Grasp", "Enable", "Release", "Lift"):
         hands.press(button)
         until(lambda button=button: any(f"{button}:".replace("Lift", "Cancel") in text for _, text in hands.said))
     hands.play("squeegee", None)
     until(lambda: "Play squeegee" in words(hands))
     hands.stop()
-    assert "emergency stop" in words(hands)
+    until(lambda: "emergency stop" in words(hands))
     assert not any(good for good, _ in hands.said)
     assert all("does the cell run" in text or "emergency" in text for _, text in hands.said)
 
@@ -209,6 +211,23 @@ def test_a_bag_is_shown_as_it_was_at_any_of_its_moments(tmp_path: Path, prefix: 
             recording.fill(history, recording.start + t)
             ago, _, measured, _, _ = history.series(2, state.now)
             np.testing.assert_allclose(measured, -(t + ago), atol=0.1)  # the force of every moment before
+
+
+def test_a_played_bag_runs_to_its_end_stops_there_and_begins_anew(tmp_path: Path) -> None:
+    with open_bag(write_bag(tmp_path / "bag.mcap")) as reader, served(0, "bag") as server:
+        player = Player(server, Recording(reader), "ur5e")
+        player.step(0.1)
+        assert player._slider.value == 0.0  # nothing plays before it is asked to
+        player._toggle()
+        for _ in range(50):
+            player.step(0.1)
+        assert player._slider.value == pytest.approx(5.0, abs=0.01)
+        for _ in range(60):
+            player.step(0.1)
+        assert player._slider.value == player._slider.max
+        assert not player._running
+        player._toggle()
+        assert player._slider.value == 0.0
 
 
 def test_a_bag_without_anything_to_show_says_how_to_record_one(
