@@ -353,7 +353,7 @@ def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) 
     """Takes as long as the motion: five orientations, held still."""
     refused = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
     assert not refused.success
-    assert "call ~/enable first" in refused.message
+    assert "./seed call controller/enable on first" in refused.message
     cell.enabled()
     answer = cell.bench.call(Trigger, "controller/weigh_tool", Trigger.Request())
     assert answer.success, answer.message

@@ -228,7 +228,7 @@ def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell])
     arm.publish(String(data="protective stop"))
     assert cell.bench.until(lambda: "protective stop" in told[-1].message)
     arm.publish(String(data=""))
-    assert cell.bench.until(lambda: told[-1].message == "not ready: not enabled: call ~/enable")
+    assert cell.bench.until(lambda: told[-1].message == "not ready: not enabled: call controller/enable on")
     cell.enabled()
     assert cell.bench.until(lambda: told[-1].message.startswith("ready"))
     assert told[-1].level == DiagnosticStatus.OK

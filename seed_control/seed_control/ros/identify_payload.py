@@ -38,7 +38,8 @@ class PayloadIdentification:
             raise ControlRefusedError("cannot weigh the tool: a task or another weighing is under way; cancel it first")
         if not state.enabled or state.mode == "holding":
             raise ControlRefusedError(
-                f"cannot weigh the tool: {state.reason or 'the controller is not enabled'}; call ~/enable first"
+                f"cannot weigh the tool: {state.reason or 'the controller is not enabled'}; "
+                "./seed call controller/enable on first"
             )
         self._run = run = PayloadRun(self._core.wrench_estimator, self._core.tool, state)
         self._done = Future()

@@ -46,9 +46,9 @@ class Readiness:
         state, parts = self._core.state, {"arm": self._arm_holds(), **self._core.missing(now)}
         parts["estimate"] = self._skewed() or parts["estimate"]
         if not state.enabled:
-            parts["controller"] = "not enabled: call ~/enable"
+            parts["controller"] = "not enabled: call controller/enable on"
         else:
-            parts["controller"] = f"holds: {state.reason}; call ~/enable" if state.mode == "holding" else ""
+            parts["controller"] = f"holds: {state.reason}; call controller/enable on" if state.mode == "holding" else ""
         return parts
 
     def _status(self, parts: Mapping[str, str]) -> DiagnosticStatus:

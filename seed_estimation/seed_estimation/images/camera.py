@@ -26,7 +26,7 @@ _ALIKE = 0.02  # [px] by which another model of the lens may differ
 
 
 class CameraError(SeedError):
-    """A calibration that is none."""
+    """Numbers that describe no camera; the message names the one that is wrong."""
 
 
 @dataclass(frozen=True, eq=False)

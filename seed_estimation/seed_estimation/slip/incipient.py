@@ -4,9 +4,8 @@
 Pressure and so friction are least where a patch ends: under a sideways load the membrane creeps there first, and the
 middle sticks longest. With e = exp(-distance from the edge / CREEP) at each point, the share c of its motion that the
 membrane does not follow is taken for c e; Gauss-Newton finds c from the residuals of the infrared images, the pose
-being free to give way. c is next to nothing in a patch that sticks, grows towards the largest load, and stays while
-the tool slides; a tool that is set free takes it back. Unlike the displacement of the markers it tells both cases
-apart.
+being free to give way. c is next to nothing in a patch that sticks, and grows towards the largest load. If the tool
+slides, c stays; if the load is taken off, c goes back. The displacement of the markers goes back in both cases.
 """
 
 import cv2
