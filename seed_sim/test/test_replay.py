@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from seed_core import Hand, SeedError, Tool, Wrench, make_pose
-from seed_core.meshes import box, tool_parts
+from seed_core.meshes import SheetBubble, box, tool_parts
+from seed_sim.membrane.mesh import ellipse_mesh, moulded_dome
+from seed_sim.membrane.parameters import MembraneParameters
 from seed_sim.plant.tools import shape_of
 from seed_sim.replay import Film, Moment
+from seed_sim.replay.fixtures import fixtures
 from seed_sim.replay.page import replay_page
 from seed_sim.replay.still import Body, Camera, picture
 
@@ -106,3 +109,24 @@ def test_what_is_nearer_hides_what_is_behind_it_and_clear_bodies_do_not() -> Non
         middles.append(pixels[15, 20].astype(int))
     assert middles[0][0] > 4 * middles[0][1]
     assert middles[1][1] > 2 * middles[0][1]
+
+
+@pytest.mark.parametrize(("finger", "side"), [("left", 1.0), ("right", -1.0)])
+def test_membranes_of_the_simulation_face_the_tool(finger: str, side: float) -> None:
+    p = MembraneParameters()
+    mesh = ellipse_mesh(p.rim_x, p.rim_z, 0.01)
+    sheet = SheetBubble(mesh.triangles, turn=finger == "right")
+    vertices, faces = sheet.vertices(moulded_dome(mesh, p, side)), sheet.faces
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0.0
+
+
+@pytest.mark.parametrize(("kind", "count"), [("peg", 4), ("torque_driver", 2), ("pen", 0)])
+def test_what_stands_on_the_table_leaves_room_for_the_tool(kind: str, count: int) -> None:
+    walls = fixtures(kind, Tool())
+    assert len(walls) == count
+    for wall in walls:
+        assert np.abs(wall.vertices[:, :2]).max(axis=0).max() > 0.009
+        assert wall.vertices[:, 2].min() == pytest.approx(0.0)
+        inside = (np.abs(wall.vertices[:, :2]) < 1e-3).all(axis=1)
+        assert not inside.any()

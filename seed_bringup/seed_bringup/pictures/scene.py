@@ -14,8 +14,10 @@ from matplotlib.patheffects import withStroke
 from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
 from seed_core.meshes import BUBBLE, WOOD, Bubble, Mesh, arrow, hand_parts, slab, tool_parts, tube
+from seed_core.meshes.hand import STEEL
 from seed_core.spatial import Array, inverse_pose
 from seed_sim.plant.arm import ELBOW_UP
+from seed_sim.replay.fixtures import fixtures
 from seed_sim.replay.page import BEFORE, BESIDE, FINGERS, FORCE, PATH, TABLE, TABLE_AT
 from seed_sim.replay.still import Body, Camera, picture
 from seed_ur.kinematics import URKinematics
@@ -78,6 +80,7 @@ def bodies(scene: Scene, *, arm: bool = True, table: bool = True, case: float = 
         out += _arm(scene)
     if table:
         out.append(Body(slab(TABLE, 0.02, TABLE_AT).moved(scene.X_WS), WOOD))
+        out += [Body(m.moved(scene.X_WS), STEEL) for m in fixtures(scene.kind, scene.tool)]
     if scene.path is not None and scene.pressing is not None:
         out += _path(scene.path, scene.pressing)
     if scene.force is not None and float(np.linalg.norm(scene.force)) > 0.1:

@@ -27,13 +27,13 @@ from seed_sim.plant.tools import (
     SCREW_STIFFNESS,
     SLOT_CLEARANCE,
     SLOT_DEPTH,
+    WALL,
     ToolInertia,
     ToolShape,
 )
 from seed_sim.scenario import Scenario
 
 _GRIPPER_MASS = 1e4  # [kg]: 20 N move it by 1e-9 m in a step, after which it is put back
-_WALL = 0.02  # [m] thickness of a hole's or slot's wall
 _HARD = 1e7  # [N/m] of a contact point of the tool, and of a wall
 
 
@@ -173,8 +173,8 @@ class Cell:
 
     def _add_hole(self, half: float) -> None:
         """Four walls around a square hole on the table."""
-        out, long = half + 0.5 * _WALL, 2.0 * (half + _WALL)
-        sides = ((out, 0.0, _WALL, long), (-out, 0.0, _WALL, long), (0.0, out, long, _WALL), (0.0, -out, long, _WALL))
+        out, long = half + 0.5 * WALL, 2.0 * (half + WALL)
+        sides = ((out, 0.0, WALL, long), (-out, 0.0, WALL, long), (0.0, out, long, WALL), (0.0, -out, long, WALL))
         for i, (x, y, a, b) in enumerate(sides):
             centre, size = (x, y, 0.5 * HOLE_DEPTH), (a, b, HOLE_DEPTH)
             self._add_wall(self.plant.world_body(), self._surface.X_WS, centre, size, f"hole{i}")
@@ -191,5 +191,5 @@ class Cell:
         )
         self.plant.AddForceElement(dt.RevoluteSpring(joint, 0.0, SCREW_STIFFNESS))
         for name, side in (("slot_left", 1.0), ("slot_right", -1.0)):
-            centre = (0.0, side * (half + 0.5 * _WALL), 0.5 * SLOT_DEPTH)
-            self._add_wall(screw, np.eye(4), centre, (0.03, _WALL, SLOT_DEPTH), name)
+            centre = (0.0, side * (half + 0.5 * WALL), 0.5 * SLOT_DEPTH)
+            self._add_wall(screw, np.eye(4), centre, (0.03, WALL, SLOT_DEPTH), name)

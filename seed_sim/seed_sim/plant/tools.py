@@ -16,6 +16,7 @@ SLOT_CLEARANCE, SLOT_DEPTH = 1e-4, 5e-3  # [m] beside the driver's blade; of the
 SCREW_STIFFNESS, SCREW_DAMPING = 3.0, 0.05  # [N m/rad], [N m s/rad] that the screw turns against
 PEG_HALF, PEG_GUIDE = 0.009, 0.012  # [m] half the peg's width between contact points; their distance along it
 HOLE_CLEARANCE, HOLE_DEPTH = 3e-4, 0.015  # [m] on each side of the peg; of the hole
+WALL = 0.02  # [m] thickness of a hole's or slot's wall
 
 
 @dataclass(frozen=True)

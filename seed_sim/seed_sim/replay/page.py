@@ -28,10 +28,12 @@ from seed_core.meshes import (
     tube,
     turning_arrow,
 )
+from seed_core.meshes.hand import STEEL
 from seed_core.meshes.shapes import Colour
 from seed_core.spatial import Array, quaternion_from_rotation
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.replay.film import Moment
+from seed_sim.replay.fixtures import fixtures
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.meshes import arm_parts, arm_poses
 
@@ -71,6 +73,8 @@ def replay_page(
         raise FailedError("there is nothing to show yet: no moment was kept")
     with _silent_server() as server:
         scene = _Stage(server, hand, tool, kind, X_WS, model, triangles or {})
+        for i, mesh in enumerate(fixtures(kind, tool)):
+            scene.add(f"/fixture/{i}", mesh.moved(X_WS), STEEL)
         scene.draw_path(moments)
         scene.show(moments[0])
         server.flush()
@@ -110,13 +114,13 @@ class _Stage:
         self._light(server, X_WS)
         self._frames = {f: self._frame(f"/{f}") for f in ("C", "T", *map(str, range(7)))}
         for part in (*hand_parts(hand), *tool_parts(tool, kind), *arm_parts(model)):
-            self._add(f"/{part.frame}/{part.name.replace(' ', '_')}", part.mesh, part.colour)
+            self.add(f"/{part.frame}/{part.name.replace(' ', '_')}", part.mesh, part.colour)
         self._dome = {f: Bubble(f, rings=_RINGS, sectors=_SECTORS) for f in FINGERS}
-        self._sheets = {f: SheetBubble(t, turn=f == "left") for f, t in triangles.items()}
+        self._sheets = {f: SheetBubble(t, turn=f == "right") for f, t in triangles.items()}
         self._bubbles = {f: self._bubble(f) for f in FINGERS}
         self._arrows = {
-            "force": self._add("/force", arrow(np.zeros(3), np.zeros(3)), FORCE),
-            "torque": self._add("/torque", turning_arrow(np.zeros(3), np.zeros(3)), TORQUE),
+            "force": self.add("/force", arrow(np.zeros(3), np.zeros(3)), FORCE),
+            "torque": self.add("/torque", turning_arrow(np.zeros(3), np.zeros(3)), TORQUE),
         }
         self._words = {
             name: self._scene.add_label(f"/{name}_label", "", font_screen_scale=1.3, depth_test=False)
@@ -137,7 +141,7 @@ class _Stage:
         scene.configure_default_lights(True, cast_shadow=True)
         scene.add_light_ambient("/light", intensity=1.2)
         table = slab(TABLE, 0.02, TABLE_AT).moved(X_WS)
-        self._add("/table", table, WOOD)
+        self.add("/table", table, WOOD)
         low = float(table.vertices[:, 2].min())
         scene.add_grid(
             "/floor",
@@ -153,16 +157,17 @@ class _Stage:
     def _frame(self, name: str) -> Any:
         return self._scene.add_frame(name, show_axes=False)
 
-    def _add(self, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None) -> Any:
+    def add(self, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None) -> Any:
+        """A mesh; its handle."""
         vertices, faces = _rounded(mesh.vertices), mesh.faces
         return self._scene.add_mesh_simple(name, vertices, faces, color=colour, opacity=opacity)
 
     def _bubble(self, finger: str) -> Any:
         sheet = self._sheets.get(finger)
         if sheet is None:
-            return self._add(f"/C/{finger}_bubble", self._dome[finger].mesh, BUBBLE, 0.85)
+            return self.add(f"/C/{finger}_bubble", self._dome[finger].mesh, BUBBLE, 0.85)
         n = int(sheet.faces.max()) + 1
-        return self._add(f"/C/{finger}_bubble", Mesh(np.zeros((n, 3)), sheet.faces), BUBBLE, 0.85)
+        return self.add(f"/C/{finger}_bubble", Mesh(np.zeros((n, 3)), sheet.faces), BUBBLE, 0.85)
 
     def draw_path(self, moments: Sequence[Moment]) -> None:
         """Where the tip goes over the whole film: blue where it presses, grey elsewhere."""
@@ -175,7 +180,7 @@ class _Stage:
             if len(line) > 1 and moved:
                 on = bool(pressing[a])
                 mesh = tube(line, 0.0015 if on else 0.0007, 6)
-                self._add(f"/path/{i}", mesh, PATH if on else BEFORE)
+                self.add(f"/path/{i}", mesh, PATH if on else BEFORE)
 
     def show(self, moment: Moment) -> None:
         """Move everything to where it is at this moment."""
