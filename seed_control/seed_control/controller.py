@@ -309,7 +309,8 @@ class Controller:
         law, guard, k = self.law, self._guard, self.wrench_estimator.mean_stiffness
         if guard.held and law.regulates_force:
             plan = law.plan
-            self._relief.image(m.on_environment.force, plan.wanted @ plan.normals, k, k * m.variance**0.5)
+            wanted = plan.wanted @ plan.normals
+            self._relief.image(m.on_environment.force, wanted, k, k * m.variance**0.5, m.X_WC[:3, 3], self._held_at)
         guard.check_overload(m)
         guard.free_travel.image(*law.shares())
         if guard.following and law.setpoint is not None:
@@ -336,7 +337,7 @@ class Controller:
         command, law, setpoint, m = self._command, self.law, self._setpoint, self.law.measured
         if not self._guard.following or setpoint is None or m is None:
             if self._relief.way and self._guard.enabled:
-                return command.towards(self._relief.target(self._held_at), dt, self.parameters.press_speed)
+                return command.towards(self._relief.target(self._held_at), dt, self.parameters.max_speed)
             self._held_at = command.p_WC
             command.stop(dt)
             return ()

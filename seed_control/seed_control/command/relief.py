@@ -2,12 +2,13 @@
 """Giving way while it holds: where something goes on pressing against a tool that stands still, the gripper retreats.
 
 Only back along the force that was wanted, only by what the estimated force asks for, and never far.
+The force is counted from where the gripper was as the image was taken, so that each image may be answered at once.
 """
 
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_core.vector3 import ZERO, Vector3, as_vector3, plus_scaled
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus_scaled
 
 _IMAGES = 3  # in a row
 _NOISE = 3.0  # deviations of the estimated force
@@ -25,11 +26,14 @@ class Relief:
         """It moves by itself again."""
         self._back, self.way, self._pressed = ZERO, 0.0, 0
 
-    def image(self, force: Array, wanted: Array, stiffness: float, deviation: float) -> None:
+    def image(
+        self, force: Array, wanted: Array, stiffness: float, deviation: float, place: Array, held_at: Vector3
+    ) -> None:
         """Take in an image.
 
         Args:
             force, wanted: of the tool on the environment (3,) [N] in W. stiffness: [N/m]; deviation: of a force [N].
+            place: of C when the image was taken (3,) [m] in W. held_at: where C came to hold [m].
         """
         size = float(np.sqrt(wanted @ wanted))
         if size == 0.0:
@@ -37,9 +41,9 @@ class Relief:
         over = float(force @ wanted) / size - size
         self._pressed = self._pressed + 1 if over > max(self._most, _NOISE * deviation) else 0
         if self._pressed >= _IMAGES:
-            self._pressed = 0
             self._back = as_vector3(-wanted / size)
-            self.way = min(self.way + over / stiffness, self._furthest)
+            gone = dot(self._back, minus(as_vector3(place), held_at))
+            self.way = min(max(self.way, gone + over / stiffness), self._furthest)
 
     def target(self, held_at: Vector3) -> Vector3:
         """Where C is to go [m], from where it came to hold."""

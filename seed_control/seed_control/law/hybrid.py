@@ -131,13 +131,17 @@ class HybridLaw(PublishedLaw):
         reference = super()._height_reference(s, i)
         if self.parameters.law == "plain":
             return reference
-        needed = abs(float(self.plan.wanted[i])) / self.wrench_estimator.mean_stiffness  # [m] of deflection
+        wanted = float(self.plan.wanted[i])
+        needed = abs(wanted) / self.wrench_estimator.mean_stiffness  # [m] of deflection
         if not self.touches(i):  # the grasp must not deflect further within a loop than wanted
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
         offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)
         speed = max(reference.speed, min(self.parameters.press_speed, needed / _PRESS_TIME))
-        return HeightReference(reference.normal, offset, gradient, speed)
+        # a force may be taken back faster than it is built up: what rises under the tool must not press it
+        pushes = (wanted > 0.0) - (wanted < 0.0)
+        back = self.parameters.max_speed
+        return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes)
 
 
 def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:

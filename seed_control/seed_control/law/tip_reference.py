@@ -19,6 +19,8 @@ class HeightReference(NamedTuple):
         offset, gradient: with the tip's wanted place, height = offset + gradient . tip [m].
         speed: [m/s], at most.
         reach: [m] that may be covered within one loop time.
+        back: [m/s], at most, against the force that is wanted; no less than `speed`.
+        pushes: 1 where the force is wanted along the normal, -1 against it, 0 where none is.
     """
 
     normal: Vector3
@@ -26,6 +28,8 @@ class HeightReference(NamedTuple):
     gradient: Vector3
     speed: float
     reach: float = inf
+    back: float = 0.0
+    pushes: int = 0
 
 
 class TipReference:
@@ -62,10 +66,12 @@ class TipReference:
         """
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
-        for n, offset, gradient, speed, reach in self._references:
+        for n, offset, gradient, speed, reach, back, pushes in self._references:
             now = dot(n, self.undeflected)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
-            step = min(max(offset + dot(gradient, tip) - now, -bound), bound)
+            retreat = max(bound, back * dt)
+            low, high = (retreat if pushes > 0 else bound), (retreat if pushes < 0 else bound)
+            step = min(max(offset + dot(gradient, tip) - now, -low), high)
             goal = plus_scaled(goal, now + step - dot(n, path), n)
         self.undeflected = goal
         return minus(goal, self._lever)
