@@ -32,6 +32,7 @@ COMMANDS = (
     Command("cancel", "seed_bringup.commands.cancel", "end the task that a running cell plays"),
     Command("watch", "seed_bringup.commands.watch", "print a topic of a running cell, or list them"),
     Command("view", "seed_bringup.commands.view", "the operator page, in a browser: a running cell, or a bag"),
+    Command("dataset", "seed_bringup.dataset.command", "bags or simulated episodes as a LeRobot dataset"),
     Command("foxglove", "seed_bringup.foxglove.command", "a running cell in Foxglove"),
     Command("bag", "seed_bringup.commands.bag", "record, play or describe a bag"),
     Command("access", "seed_bringup.access.command", "keys and permissions of every node, for SROS 2"),

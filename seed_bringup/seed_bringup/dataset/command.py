@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed dataset: bags or evaluations as a LeRobot dataset."""
+
+import argparse
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from seed_bringup.commands.developer import checkout
+from seed_bringup.dataset.environment import make, run
+from seed_bringup.dataset.episode import Episode, write_arrays
+from seed_control.tasks import load_task
+from seed_core.errors import FailedError, SeedError
+from seed_core.program.command_line import Help, command, leaving_at_once, whole
+from seed_sim.closed_loop.relative_poses import ESTIMATORS
+
+REQUIREMENTS = "requirements/lerobot.txt"
+
+
+@command("seed dataset")
+def main(argv: list[str]) -> int:
+    """Make one dataset."""
+    p = argparse.ArgumentParser(
+        prog="seed dataset",
+        description="Make a LeRobot dataset of bags, or of a task in closed loop without ROS. LeRobot and torch are\n"
+        "installed into an environment of their own the first time (up to 9 GB), never into the suite's.",
+        formatter_class=Help,
+    )
+    p.add_argument("out", type=Path, help="folder to make; one that exists is refused")
+    p.add_argument("bags", nargs="*", type=Path, help="bags: each stretch with a set-point is an episode")
+    p.add_argument("--evaluate", metavar="TASK", help="instead of bags: a task, by name or file, as ./seed evaluate")
+    p.add_argument("--episodes", type=whole(1), default=10, help="of --evaluate; one per seed")
+    p.add_argument("--seed", type=whole(0), default=0, help="first seed of --evaluate")
+    p.add_argument("--estimator", choices=ESTIMATORS, default="rigid_fit", help="of --evaluate; truth: without images")
+    p.add_argument("--text", default="", help="the task in words; with bags it must be given")
+    p.add_argument("--fps", type=whole(1, 250), default=25, help="frames a second")
+    p.add_argument("--namespace", default="", help="of the cell that was recorded")
+    p.add_argument("--repo-id", default="seed/dataset", help="name of the dataset on the hub; nothing is sent there")
+    p.add_argument("--arrays", action="store_true", help="plain NumPy files instead; needs no LeRobot")
+    options = p.parse_args(argv)
+    if bool(options.bags) == bool(options.evaluate):
+        raise SeedError("name bags, or a task with --evaluate")
+    if options.bags and not options.text:
+        raise SeedError("say with --text in words what the bags show: a policy is told the task by that")
+    if options.out.exists():
+        raise SeedError(f"{options.out} exists already: name another folder, datasets are never overwritten")
+    python = None if options.arrays else make(checkout() / REQUIREMENTS)
+    episodes = _episodes(options)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=options.out.parent, prefix=f".{options.out.name}-") as folder:
+        arrays, made = Path(folder, "arrays"), Path(folder, "dataset")
+        info = write_arrays(episodes, arrays)
+        if python is not None:
+            script = Path(__file__).with_name("lerobot_writer.py")
+            run(python, script, str(arrays), str(made), options.repo_id)
+        shutil.move(made if python is not None else arrays, options.out)
+    frames = sum(len(e) for e in episodes)
+    print(f"{options.out}: {len(episodes)} episodes, {frames} frames at {info['fps']} a second")
+    print(f"  {', '.join(info['fields'])}")
+    return 0
+
+
+def _episodes(options: argparse.Namespace) -> list[Episode]:
+    if options.bags:
+        with leaving_at_once("dataset"):
+            from seed_bringup.dataset.episodes_bag import episodes_of
+        found = [episodes_of(bag, options.fps, options.text, options.namespace) for bag in options.bags]
+        return [episode for episodes in found for episode in episodes]
+    with leaving_at_once("dataset"):
+        from seed_bringup.dataset.evaluations import evaluated
+    task, episodes = load_task(options.evaluate), []
+    for seed in range(options.seed, options.seed + options.episodes):
+        try:
+            episodes.append(evaluated(task, seed, options.fps, options.estimator, options.text))
+            print(f"seed {seed}: {len(episodes[-1])} frames", file=sys.stderr, flush=True)
+        except FailedError as error:
+            print(f"seed dataset: {error}", file=sys.stderr, flush=True)
+    if not episodes:
+        raise FailedError("no episode was finished")
+    return episodes

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Episodes of a task in closed loop without ROS: the task's player is the teacher."""
+
+from seed_bringup.dataset.episode import Episode, Frames, eight_bits
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.state import ControllerState
+from seed_control.tasks import Task
+from seed_core.errors import FailedError, SeedError
+from seed_core.spatial import Wrench
+from seed_sim.closed_loop.evaluate import check_task, scenario_of
+from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
+from seed_sim.closed_loop.run import SeedSteering, play, start_pose
+from seed_sim.plant.plant import Plant
+from seed_sim.scenario import load_scenario
+
+RATE = 250  # [Hz] of the controller
+
+
+def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", text: str = "") -> Episode:
+    """The episode of a seed.
+
+    Args:
+        task: that is played.
+        seed: of table, arm and noise.
+        fps: frames a second, a divisor of 250.
+        estimator: images are kept where it works on them.
+        text: the task in words; default: its description.
+
+    Raises:
+        SeedError: fps does not divide the controller's rate. FailedError: the task was not finished.
+    """
+    if RATE % fps:
+        raise SeedError(f"--fps {fps} must divide the controller's {RATE} Hz: 10, 25 and 50 do")
+    scenario = load_scenario(scenario_of(task))
+    check_task(task, scenario, "seed")
+    plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
+    poses = pose_source(estimator, scenario, seed, RATE, plant)
+    watched = _Watched(plant, SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
+    recording = play(task, plant, watched)
+    if not recording.finished:
+        raise FailedError(f"{task.name}, seed {seed}: {recording.message}; not in the dataset")
+    return watched.frames.episode(text or task.description or task.name, fps)
+
+
+class _Watched:
+    """Steers as SEED does, and keeps a frame at every so many steps once a set-point is followed."""
+
+    def __init__(self, plant: Plant, steering: SeedSteering, fps: int, source: PoseSource) -> None:
+        self.rate = steering.rate
+        self.frames = Frames()
+        self._plant, self._steering, self._source = plant, steering, source
+        self._every, self._count = RATE // fps, 0
+
+    def sense(self, t: float) -> ControllerState:
+        return self._steering.sense(t)
+
+    def steer(self, t: float, setpoint: HybridSetpoint | None) -> str:
+        refusal = self._steering.steer(t, setpoint)
+        state = self._steering.controller.state
+        if setpoint is not None and state.measured_X_CT is not None:
+            if self._count % self._every == 0:
+                self._keep(setpoint, state)
+            self._count += 1
+        return refusal
+
+    def _keep(self, setpoint: HybridSetpoint, state: ControllerState) -> None:
+        assert state.measured_X_CT is not None
+        load = state.estimated.rotated(state.R_W_task) if state.estimated is not None else Wrench.zero()
+        images = {side: eight_bits(pair.ir) for side, pair in getattr(self._source, "images", {}).items()}
+        self.frames.add(self._plant.X_WE, state.measured_X_CT, load, setpoint.X_W_tip, setpoint.wrench, images)

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Datasets for learning: from evaluations and bags to plain arrays, and from those to LeRobot where it is installed."""
+
+import json
+import os
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pydrake", reason="needs Drake")
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import serialize_message
+from seed_msgs.msg import ControllerState, RelativePose, WrenchEstimate
+from sensor_msgs.msg import Image
+
+from seed_bringup.bags import BagError
+from seed_bringup.bags.files import BagWriter
+from seed_bringup.dataset.command import REQUIREMENTS, main
+from seed_bringup.dataset.environment import interpreter, run
+from seed_bringup.dataset.episode import FIELDS, IMAGES, Episode, Frames, write_arrays
+from seed_bringup.dataset.episodes_bag import episodes_of
+from seed_bringup.dataset.evaluations import evaluated
+from seed_control.tasks import load_task
+from seed_core.errors import SeedError
+from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
+
+ROOT = Path(__file__).resolve().parents[2]
+FPS, SIZE = 25, (12, 16)
+KINDS = {
+    "/current_pose": PoseStamped,
+    "/relative_pose": RelativePose,
+    "/wrench_estimate": WrenchEstimate,
+    "/controller/state": ControllerState,
+    "/controller/reference": PoseStamped,
+    "/bubble_left/ir/image_rect_raw": Image,
+    "/bubble_right/ir/image_rect_raw": Image,
+}
+LIBRARY = interpreter(ROOT / REQUIREMENTS) if (ROOT / REQUIREMENTS).is_file() else None
+
+
+def write_bag(path: Path, without: str = "", enabled: tuple[float, float] = (0.5, 2.5)) -> None:
+    """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step."""
+    with BagWriter(path) as bag:
+        topics = {
+            t: bag.add_topic(t, f"{k.__module__.split('.')[0]}/msg/{k.__name__}")
+            for t, k in KINDS.items()
+            if t != without
+        }
+        for i in range(150):
+            t = i / 50
+            for topic, connection in topics.items():
+                message: Any = KINDS[topic]()
+                if topic == "/current_pose":
+                    message.pose.position.z = 0.1 * t
+                elif topic == "/wrench_estimate":
+                    message.wrench.force.z = -float(i)
+                elif topic == "/controller/state":
+                    message.enabled, message.setpoint_kind = enabled[0] <= t < enabled[1], "hybrid"
+                    message.desired.force.z = -10.0
+                elif KINDS[topic] is Image:
+                    message.height, message.width, message.encoding, message.step = *SIZE, "mono16", 2 * SIZE[1]
+                    message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
+                bag.write(connection, round(1e9 * (100.0 + t)), serialize_message(message))
+
+
+def test_an_evaluation_becomes_an_episode() -> None:
+    episode = evaluated(load_task("squeegee"), 1, FPS, "truth")
+    assert len(episode) == pytest.approx(25 * 9, abs=50)  # some 9 s
+    assert set(episode.fields) == set(FIELDS)
+    assert episode.task.startswith("press a blade onto a table")
+    np.testing.assert_allclose(np.diff(episode.timestamps), 1.0 / FPS)
+    force = episode.fields["observation.wrench"][:, FIELDS["observation.wrench"].index("force_z")]
+    wanted = episode.fields["action"][:, FIELDS["action"].index("force_z")]
+    pressing = np.flatnonzero(wanted == -10.0)  # [N]: of the tool on the table, whose z points up
+    assert np.median(force[pressing[len(pressing) // 2 :]]) == pytest.approx(-10.0, abs=0.3)
+    state = episode.fields["observation.state"]
+    assert state[:, 0].max() - state[:, 0].min() == pytest.approx(0.265, abs=0.015)  # [m] of the flange along the wipe
+    for first in (3, 10):  # no quaternion jumps to its negative
+        assert np.abs(np.diff(state[:, first : first + 4], axis=0)).max() < 0.1
+
+
+def test_images_are_kept_where_the_estimator_works_on_them() -> None:
+    task = load_task("squeegee")
+    first = replace(task.phases[0], to=(0.0, 0.0, 0.05))
+    episode = evaluated(
+        replace(task, phases=(first, *task.phases[1:2], *task.phases[3:])), 1, 10, text="press and lift"
+    )
+    n = len(episode)
+    assert episode.task == "press and lift"
+    for name in IMAGES.values():
+        pictures = episode.fields[name]
+        assert (pictures.shape, pictures.dtype) == ((n, 171, 224, 3), np.uint8)
+        assert pictures[0].std() > 5.0  # dots are seen
+        assert np.abs(pictures[::5].astype(float) - pictures[0]).max() > 20.0  # and move with the tool
+
+
+def test_a_bag_becomes_an_episode_of_each_stretch_with_a_set_point(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag")
+    (episode,) = episodes_of(tmp_path / "bag", FPS, "wipe the table")
+    assert len(episode) == pytest.approx(2.0 * FPS, abs=2)
+    rises = np.diff(episode.fields["observation.state"][:, 2])
+    assert rises.sum() == pytest.approx(0.1 * len(rises) / FPS, abs=0.004)  # [m] with 0.1 m/s
+    assert (episode.fields["action"][:, FIELDS["action"].index("force_z")] == -10.0).all()
+    counts = episode.fields["observation.images.right"][:, 0, 0, 0]
+    newest = -episode.fields["observation.wrench"][:, 2]
+    assert np.abs(counts - newest).max() <= 1.0  # image and wrench of one moment
+    assert episode.fields["observation.images.right"].shape[1:] == (*SIZE, 3)
+
+
+def test_bags_that_cannot_be_used_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_bag(tmp_path / "lacks", without="/controller/reference")
+    with pytest.raises(BagError, match="lacks /controller/reference: record with"):
+        episodes_of(tmp_path / "lacks", FPS, "")
+    write_bag(tmp_path / "short", enabled=(0.5, 0.9))
+    with pytest.raises(BagError, match="no set-point was followed for 1 s"):
+        episodes_of(tmp_path / "short", FPS, "")
+    with pytest.raises(BagError, match="not a readable bag"):
+        episodes_of(tmp_path / "none", FPS, "")
+    write_bag(tmp_path / "old")
+    name = "seed_bringup.bags.types.InstalledTypes.hash"
+    monkeypatch.setattr(name, lambda *_: "RIHS01_of_a_later_version")  # as after an update of the suite
+    with pytest.raises(BagError, match="was recorded with another version of"):
+        episodes_of(tmp_path / "old", FPS, "")
+
+
+def small(task: str = "press", frames: int = 4, size: tuple[int, int] = SIZE) -> Episode:
+    X, rows = make_pose(rotation_from_rpy(np.array((0.1, 0.2, 0.3))), (0.4, 0.5, 0.6)), Frames()
+    for i in range(frames):
+        picture = np.full((*size, 3), 10 * i, np.uint8)
+        load = Wrench(np.array((0.1, 0.2, 0.3)), np.array((1.0, 2.0, -10.0 - i)))
+        rows.add(X, X, load, X, load, {"left": picture, "right": picture})
+    return rows.episode(task, FPS)
+
+
+def test_plain_arrays_hold_names_shapes_and_rate(tmp_path: Path) -> None:
+    write_arrays([small(), small("wipe", 6)], tmp_path / "arrays")
+    info = json.loads((tmp_path / "arrays/info.json").read_text())
+    assert info["fps"] == FPS
+    assert info["episodes"] == [{"task": "press", "frames": 4}, {"task": "wipe", "frames": 6}]
+    for name, names in FIELDS.items():
+        assert info["fields"][name] == {"shape": [len(names)], "names": list(names)}
+        assert len(set(names)) == len(names)
+    with np.load(tmp_path / "arrays/episode_001.npz") as data:
+        np.testing.assert_allclose(data["timestamp"], np.arange(6) / FPS)
+        np.testing.assert_allclose(data["observation.wrench"][5], (1.0, 2.0, -15.0, 0.1, 0.2, 0.3))
+    with pytest.raises(SeedError, match="differ in fields"):
+        write_arrays([small(), small(size=(6, 8))], tmp_path / "mixed")
+    with pytest.raises(SeedError, match="needs 2 at 25"):
+        small(frames=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("there", "--evaluate", "squeegee", "--arrays"), "there exists already: name another folder"),
+        (("new",), "name bags, or a task with --evaluate"),
+        (("new", "bag"), "say with --text in words"),
+        (("new", "--evaluate", "squeegee", "--fps", "30", "--arrays"), "--fps 30 must divide"),
+    ],
+)
+def test_mistakes_are_told_before_anything_is_made(
+    words: tuple[str, ...],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    assert main(list(words)) == 2
+    assert says in capsys.readouterr().err
+    assert [f.name for f in tmp_path.iterdir()] == ["there"]
+
+
+READ = """
+import json, sys
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+d = LeRobotDataset("seed/test", root=sys.argv[1])
+x = d[5]
+print(json.dumps({"frames": len(d), "episodes": d.num_episodes, "fps": d.fps, "task": x["task"],
+    "timestamp": float(x["timestamp"]), "wrench": x["observation.wrench"].tolist(), "action": len(x["action"]),
+    "image": list(x["observation.images.left"].shape), "names": d.meta.features["action"]["names"]}))
+"""
+
+
+@pytest.mark.skipif(LIBRARY is None, reason="LeRobot's environment is not made: ./seed dataset makes it")
+def test_the_real_library_reads_the_dataset_back(tmp_path: Path) -> None:
+    assert LIBRARY is not None
+    write_arrays([small(), small("wipe", 6)], tmp_path / "arrays")
+    script = ROOT / "seed_bringup/seed_bringup/dataset/lerobot_writer.py"
+    run(LIBRARY, script, str(tmp_path / "arrays"), str(tmp_path / "made"), "seed/test")
+    outside = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "LD_LIBRARY_PATH")}
+    command = [str(LIBRARY), "-c", READ, str(tmp_path / "made")]
+    done = subprocess.run(command, env={**outside, "HF_HUB_OFFLINE": "1"}, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+    read = json.loads(done.stdout.splitlines()[-1])
+    assert (read["frames"], read["episodes"], read["fps"], read["task"]) == (10, 2, FPS, "wipe")
+    assert read["timestamp"] == pytest.approx(1 / FPS)  # the second frame of the second episode
+    np.testing.assert_allclose(read["wrench"], (1.0, 2.0, -11.0, 0.1, 0.2, 0.3), rtol=1e-6)
+    assert read["image"] == [3, *SIZE]
+    assert read["names"] == list(FIELDS["action"])
