@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 
 def features(fields: dict[str, Any]) -> dict[str, Any]:
@@ -25,6 +24,8 @@ def features(fields: dict[str, Any]) -> dict[str, Any]:
 
 def main(arrays: Path, out: Path, repo_id: str) -> None:
     """Write all episodes."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset  # the suite's own environment has none
+
     info = json.loads((arrays / "info.json").read_text())
     fields = features(info["fields"])
     dataset = LeRobotDataset.create(
