@@ -308,9 +308,24 @@ class BubblesScene(ArmScene):
     parameters = {"rate": 5.0}
 
 
+class PageScene(EstimatorScene):
+    """The operator page with images and states, and nobody who looks."""
+
+    parameters = {"port": 0}
+
+    def calm(self) -> None:
+        """Nothing to prepare."""
+
+
+class CamerasScene(Subject):
+    """The RealSense node, which hears nothing, without a camera."""
+
+    parameters = {}
+
+
 SCENES: dict[str, tuple[type[Subject], int]] = {  # and how many in a hundred inputs are theirs
-    "controller": (ControllerScene, 30),
-    "estimator": (EstimatorScene, 14),
+    "controller": (ControllerScene, 24),
+    "estimator": (EstimatorScene, 10),
     "driver": (DriverScene, 12),
     "guard": (GuardScene, 10),
     "sim": (SimScene, 8),
@@ -318,6 +333,8 @@ SCENES: dict[str, tuple[type[Subject], int]] = {  # and how many in a hundred in
     "sysid": (IdentificationScene, 8),
     "identification_cell": (IdentificationScene, 4),
     "link_frames": (LinkScene, 2),
+    "page": (PageScene, 8),
+    "cameras": (CamerasScene, 2),
 }
 
 
