@@ -135,6 +135,23 @@ def test_made_again_it_keeps_its_keys_and_a_namespace_is_in_the_names(store: Pat
     assert not may(left, "/controller", "publish", "rt/target_frame")
 
 
+@needs_openssl
+def test_without_the_authoritys_key_no_new_authority_takes_its_place(store: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(store, tmp_path / "copy", symlinks=True)
+    shutil.rmtree(copy / "private")
+    assert command.main([str(copy), "--policy", str(POLICY)]) != 0
+    assert (copy / "public/ca.cert.pem").read_bytes() == (store / "public/ca.cert.pem").read_bytes()
+
+
+def test_launch_files_give_each_node_its_enclave() -> None:
+    known = set(read_policy(POLICY))
+    for file in ROOT.glob("seed_*/launch/**/*.xml"):
+        for node in ElementTree.parse(file).getroot().iter("node"):
+            name = f"/{node.get('name')}"
+            given = [e.get("value") for e in node.iter("env") if e.get("name") == "ROS_SECURITY_ENCLAVE_OVERRIDE"]
+            assert given == ([name] if name in known else []), f"{file}: {name}"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -59,6 +59,13 @@ def test_power_and_brakes_are_asked_for_in_turn_and_brakes_wait_for_the_power(ro
     assert {path for path, _ in robot.asked} == {PATH}
 
 
+def test_a_proxy_of_the_computer_is_not_asked(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("http_proxy", "http://127.0.77.5:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    switch(HOST, "unlock protective stop", said="releasing")
+    assert len(robot.asked) == 1
+
+
 def test_a_refusal_is_told_at_once_with_what_to_do(robot: Robot) -> None:
     robot.refuses = {"UNLOCK_PROTECTIVE_STOP": 9}
     words = r"refuses UNLOCK_PROTECTIVE_STOP \(HTTP 409 not in remote mode\): is the robot in Automatic"

@@ -25,7 +25,7 @@ def make_keystore(folder: Path, rights: Mapping[str, tuple[Right, ...]]) -> None
         folder: of the keystore. rights: of each enclave, by its path.
 
     Raises:
-        FailedError: openssl is missing, or failed.
+        FailedError: openssl is missing, or failed, or the authority's key is elsewhere.
     """
     if shutil.which("openssl") is None:
         raise FailedError("there is no program openssl, which makes the keys: install openssl")
@@ -35,6 +35,8 @@ def make_keystore(folder: Path, rights: Mapping[str, tuple[Right, ...]]) -> None
     private.chmod(0o700)
     certificate, key = public / "ca.cert.pem", private / "ca.key.pem"
     if not key.is_file():
+        if certificate.is_file():  # a new authority would lock out every enclave of the old one
+            raise FailedError(f"{key} is missing, which signs for {certificate}: call this where the key is kept")
         words = ("-x509", *CURVE, "-keyout", str(key), "-out", str(certificate), "-days", DAYS, "-subj", "/CN=sros2CA")
         _openssl("req", *words)
         key.chmod(0o600)
