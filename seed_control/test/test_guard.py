@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stops the motion: too long a way without the wanted force, and an arm that does not follow."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,7 +11,10 @@ from quasi_static import DOWN, DT, Bench
 from seed_control.command.arm_follows import ArmFollows
 from seed_control.command.free_travel import FreeTravel
 from seed_control.command.limiter import VectorLimiter
+from seed_control.monitor.plausible import Frozen
 from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.wrench.history import PoseHistory
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose
 
 UP = np.array(((0.0, 0.0, 1.0),))
@@ -175,3 +180,13 @@ def test_poses_that_are_frozen_are_noticed() -> None:
     assert state.mode == "holding"
     assert "frozen" in state.reason
     assert max(bench.forces) < 15.0
+
+
+def test_frozen_poses_are_noticed_though_the_arms_history_began_after_the_first() -> None:
+    frozen, history = Frozen(), PoseHistory()
+    told = [RelativePoseEstimate(0.05 * i, np.eye(4)) for i in range(5)]
+    for i in range(2, 5):
+        history.add(0.05 * i, make_pose(np.eye(3), (0.0, 0.0, 1e-4 * i)))
+    assert [frozen.check(b, a, history) for a, b in itertools.pairwise(told)] == [""] * 4
+    history.add(0.25, make_pose(np.eye(3), (0.0, 0.0, 5e-3)))
+    assert "estimate is frozen" in frozen.check(RelativePoseEstimate(0.25, np.eye(4)), told[-1], history)

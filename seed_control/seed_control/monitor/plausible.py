@@ -39,8 +39,9 @@ class Frozen:
         if last is None or estimate.X_CT.tolist() != last.X_CT.tolist():
             self.restart()
             return ""
-        if self._since == inf:
-            self._since, self._from = last.stamp, history.at(last.stamp)
+        self._since = min(self._since, last.stamp)
+        if self._from is None:  # the history may begin after the first that was so
+            self._from = history.at(last.stamp)
         if estimate.stamp - self._since > _LONG:
             self.warning = (
                 f"the pose in the grasp is the same to the last bit for {estimate.stamp - self._since:.1f} s: see "
