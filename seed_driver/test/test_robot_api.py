@@ -3,6 +3,7 @@
 
 import json
 import threading
+import urllib.request
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
@@ -61,7 +62,9 @@ def test_power_and_brakes_are_asked_for_in_turn_and_brakes_wait_for_the_power(ro
 
 def test_a_proxy_of_the_computer_is_not_asked(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("http_proxy", "http://127.0.77.5:9")
-    monkeypatch.delenv("no_proxy", raising=False)
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(urllib.request, "_opener", None)  # urllib keeps the proxies of its first call
     switch(HOST, "unlock protective stop", said="releasing")
     assert len(robot.asked) == 1
 
