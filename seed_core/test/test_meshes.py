@@ -14,6 +14,7 @@ from seed_core.meshes import (
     capsule,
     ellipsoid,
     hand_parts,
+    hills,
     slab,
     tool_parts,
     tube,
@@ -40,7 +41,7 @@ def assert_closed(mesh: Mesh) -> None:
 
 
 def test_every_part_of_the_hand_and_of_each_tool_is_closed() -> None:
-    for kind in ("squeegee", "pen", "torque_driver", "peg", "of one's own"):
+    for kind in ("squeegee", "pen", "torque_driver", "peg", "ball", "of one's own"):
         for part in (*hand_parts(), *tool_parts(kind=kind)):
             assert_closed(part.mesh)
             assert part.frame in ("C", "T")
@@ -56,6 +57,16 @@ def test_bodies_have_the_volumes_of_geometry() -> None:
     )
 
 
+def test_hills_are_closed_and_as_high_as_they_are_said_to_be() -> None:
+    x, y = np.linspace(0.0, 0.1, 11), np.linspace(-0.1, 0.1, 5)
+    flat = hills(x, y, np.zeros((11, 5)), 0.02)
+    assert_closed(flat)
+    assert volume(flat) == pytest.approx(0.1 * 0.2 * 0.02)
+    ramp = hills(x, y, np.broadcast_to(x[:, None], (11, 5)), 0.02)
+    assert_closed(ramp)
+    assert volume(ramp) == pytest.approx(0.1 * 0.2 * (0.02 + 0.05))
+
+
 def test_the_hand_reaches_from_the_flange_to_the_bubbles() -> None:
     ends = np.concatenate([p.mesh.vertices for p in hand_parts()])
     assert ends[:, 2].min() == pytest.approx(-Hand().E_C.position[2])
@@ -65,7 +76,7 @@ def test_the_hand_reaches_from_the_flange_to_the_bubbles() -> None:
     assert cases["right case"][:, 1].max() == pytest.approx(-0.0355)
 
 
-@pytest.mark.parametrize("kind", ["squeegee", "pen", "torque_driver", "peg", "other"])
+@pytest.mark.parametrize("kind", ["squeegee", "pen", "torque_driver", "peg", "ball", "other"])
 def test_a_tool_ends_at_its_tip(kind: str) -> None:
     tip = Tool().T_tip.position
     low = max(float(p.mesh.vertices[:, 2].max()) for p in tool_parts(kind=kind))

@@ -14,6 +14,7 @@ from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
+from seed_sim.plant.surfaces.section import SurfaceSection
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
 
@@ -23,6 +24,7 @@ HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
 SHIPPED: Folder = ("seed_sim", "config/scenarios")
+TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball")
 GRASPS = ("bushing", "membrane")
 PRESSURE_FAULTS = ("none", "silent", "stuck", "left_silent", "left_stuck", "pascal", "gauge")
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
@@ -88,7 +90,8 @@ class TableSection:
     contact_stiffness: float = field(8000.0, unit="N/m", low=10.0, high=1e6, doc="of each contact point")
     total_stiffness: float | None = field(None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead")
     dissipation: float = field(5.0, unit="s/m", low=0.0, high=100.0, doc="Hunt and Crossley's")
-    edge: float = field(2.0, unit="m", low=-2.0, high=2.0, doc="where it ends, along the work frame's x")
+    edge: float = field(2.0, unit="m", low=-2.0, high=2.0, doc="where a plane ends, along the work frame's x")
+    surface: SurfaceSection = field(SurfaceSection(), doc="its shape and motion; a plane at rest if left out")
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class Scenario:
     name: str = field("nominal", doc="name")
     description: str = field("", doc="one sentence")
     hand: Hand = field(Hand(), doc="frames of the hand")
-    tool_kind: str = field("squeegee", choices=("squeegee", "pen", "torque_driver", "peg"), doc="shape of the tool")
+    tool_kind: str = field("squeegee", choices=TOOLS, doc="shape of the tool")
     tool: Tool = field(Tool(), doc="frames and weight of the tool, also what the controller believes")
     true_mass: float | None = field(None, unit="kg", low=0.0, high=20.0, doc="of the plant's tool; default as believed")
     grasp: GraspSection = field(GraspSection(), doc="the compliant element")

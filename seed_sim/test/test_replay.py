@@ -80,7 +80,7 @@ def test_a_film_without_moments_is_refused() -> None:
     assert not Film().moments
 
 
-@pytest.mark.parametrize("kind", ["squeegee", "pen", "torque_driver", "peg"])
+@pytest.mark.parametrize("kind", ["squeegee", "pen", "torque_driver", "peg", "ball"])
 def test_the_drawn_tool_touches_where_the_simulated_one_does(kind: str) -> None:
     tool = Tool()
     drawn = np.concatenate([p.mesh.vertices for p in tool_parts(tool, kind)])

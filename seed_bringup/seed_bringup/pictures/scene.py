@@ -13,12 +13,12 @@ from matplotlib.patheffects import withStroke
 
 from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
-from seed_core.meshes import BUBBLE, WOOD, Bubble, Mesh, arrow, hand_parts, slab, tool_parts, tube
+from seed_core.meshes import BUBBLE, WOOD, Bubble, Mesh, arrow, hand_parts, tool_parts, tube
 from seed_core.meshes.hand import STEEL
 from seed_core.spatial import Array, inverse_pose
 from seed_sim.plant.arm import ELBOW_UP
-from seed_sim.replay.fixtures import fixtures
-from seed_sim.replay.page import BEFORE, BESIDE, FINGERS, FORCE, PATH, TABLE, TABLE_AT
+from seed_sim.replay.fixtures import fixtures, table_mesh
+from seed_sim.replay.page import BEFORE, BESIDE, FINGERS, FORCE, PATH
 from seed_sim.replay.still import Body, Camera, picture
 from seed_ur.kinematics import URKinematics
 from seed_ur.meshes import arm_parts, arm_poses
@@ -42,7 +42,7 @@ class Scene(NamedTuple):
 
     Attributes:
         X_WC, X_CT: (4, 4) gripper, and tool in the grasp.
-        X_WS: (4, 4) surface of the table.
+        X_WS: (4, 4) surface of the table. table: its mesh in S; a flat one if left out.
         path: (n, 3) [m] of the tip in the world, with pressing: (n,) bool.
         force: (3,) [N] of the table on the tool, in the world.
     """
@@ -57,6 +57,7 @@ class Scene(NamedTuple):
     pressing: Array | None = None
     force: Array | None = None
     model: str = "ur5e"
+    table: Mesh | None = None
 
     @property
     def tip(self) -> Array:
@@ -79,7 +80,7 @@ def bodies(scene: Scene, *, arm: bool = True, table: bool = True, case: float = 
     if arm:
         out += _arm(scene)
     if table:
-        out.append(Body(slab(TABLE, 0.02, TABLE_AT).moved(scene.X_WS), WOOD))
+        out.append(Body((scene.table or table_mesh()).moved(scene.X_WS), WOOD))
         out += [Body(m.moved(scene.X_WS), STEEL) for m in fixtures(scene.kind, scene.tool)]
     if scene.path is not None and scene.pressing is not None:
         out += _path(scene.path, scene.pressing)

@@ -8,7 +8,7 @@ asked for. What deforms keeps its faces: ten pictures a second cost a few per ce
 from seed_core.meshes.arrows import FORCE_SCALE, TORQUE_SCALE, arrow, ellipsoid, turning_arrow
 from seed_core.meshes.bubbles import Bubble, SheetBubble
 from seed_core.meshes.hand import BUBBLE, PAPER, WOOD, hand_parts, tool_parts
-from seed_core.meshes.shapes import Colour, Mesh, Part, box, capsule, cylinder, joined, slab, sphere, tube
+from seed_core.meshes.shapes import Colour, Mesh, Part, box, capsule, cylinder, hills, joined, slab, sphere, tube
 
 __all__ = [
     "BUBBLE",
@@ -27,6 +27,7 @@ __all__ = [
     "cylinder",
     "ellipsoid",
     "hand_parts",
+    "hills",
     "joined",
     "slab",
     "sphere",

@@ -5,10 +5,11 @@ import numpy as np
 
 from seed_core.hand import Hand, Tool
 from seed_core.meshes.bubbles import HEIGHT, RADIUS, RIM, RIM_X, RIM_Z, SIDES
-from seed_core.meshes.shapes import SECTORS, Mesh, Part, box, capsule, cylinder, joined, loft, turned
+from seed_core.meshes.shapes import SECTORS, Mesh, Part, box, capsule, cylinder, joined, loft, sphere, turned
 from seed_core.spatial import Array, make_pose
 
 BLADE = 0.2  # [m] length of a squeegee's blade, along y of its tip
+BALL = 0.008  # [m] radius of a rounded tip
 STEEL, DARK, BLUE = (168, 176, 188), (96, 104, 118), (31, 111, 235)
 RUBBER, PAPER = (52, 56, 64), (238, 240, 244)
 BUBBLE, WOOD = (246, 205, 120), (196, 164, 122)
@@ -67,7 +68,7 @@ def _rounded(size: tuple[float, float, float], centre: tuple[float, float, float
 
 
 def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS) -> list[Part]:
-    """The tool in T, by its kind: 'squeegee', 'pen', 'torque_driver', 'peg'; for any other a rod to its tip.
+    """The tool in T, by its kind: 'squeegee', 'pen', 'torque_driver', 'peg', 'ball'; for any other a rod to its tip.
 
     Args:
         tool: where its tip is; the default tool if left out.
@@ -96,6 +97,13 @@ def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS)
             return [handle, shaft, Part("bit", "T", _to_tip(bit, mid, tip, 0.004), STEEL)]
         case "peg":
             return [handle, Part("peg", "T", box((0.02, 0.02, length - 0.03), _middle(length)).moved(X), STEEL)]
+        case "ball":
+            centre = tip - BALL * X[:3, 2]
+            return [
+                handle,
+                Part("shaft", "T", cylinder(0.4 * BALL, 0.03 * along, centre), STEEL),
+                Part("tip", "T", sphere(BALL, centre), RUBBER),
+            ]
     ball = Part("tip", "T", capsule(0.002, tip - 0.006 * along, tip - 0.002 * along), RUBBER)
     return [handle, Part("shaft", "T", cylinder(0.004, 0.03 * along, tip - 0.006 * along), STEEL), ball]
 

@@ -105,6 +105,22 @@ def slab(size: tuple[float, float], thickness: float, centre: tuple[float, float
     return box((*size, thickness), (*centre, -0.5 * thickness))
 
 
+def hills(x: ArrayLike, y: ArrayLike, z: ArrayLike, thickness: float) -> Mesh:
+    """A plate whose upper side passes through heights z (n, m) [m] over x (n,) and y (m,); its lower side is flat."""
+    heights = np.asarray(z, float)
+    u, v = np.meshgrid(np.asarray(x, float), np.asarray(y, float), indexing="ij")
+    n, m = heights.shape
+    low = np.full_like(heights, heights.min() - thickness)
+    vertices = np.concatenate([np.stack([u, v, h], axis=-1).reshape(-1, 3) for h in (heights, low)])
+    at = np.arange(n * m).reshape(n, m)
+    a, b, c, d = (g.ravel() for g in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    top = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    rim = np.concatenate([at[:, 0], at[-1, 1:], at[-2::-1, -1], at[0, -2:0:-1]])  # counter-clockwise from above
+    after, below = np.roll(rim, -1), n * m
+    sides = [np.column_stack([rim, rim + below, after]), np.column_stack([after, rim + below, after + below])]
+    return Mesh(vertices, np.concatenate([top, top[:, ::-1] + below, *sides]).astype(np.int32))
+
+
 def tube(points: ArrayLike, radius: float, sectors: int = 8) -> Mesh:
     """Along a polyline (n, 3) [m], n at least 2: a path to draw."""
     line = np.asarray(points, float)

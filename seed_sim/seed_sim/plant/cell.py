@@ -18,6 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from seed_core.hand import GRAVITY
 from seed_core.spatial import Array, make_pose
 from seed_sim.plant.grip import Grip
+from seed_sim.plant.surfaces.patches import Patches
 from seed_sim.plant.table import Surface
 from seed_sim.plant.tools import (
     HOLE_CLEARANCE,
@@ -42,6 +43,8 @@ class Cell:
 
     Attributes:
         bushing: Drake's; None when the tool is welded to the gripper, or the grasp's load comes from outside.
+        patches: what a table that is not flat is touched by; None of a flat one.
+        centres: (n, 3) [m] in T of the spheres that touch.
 
     Args:
         scenario: the simulated cell.
@@ -63,9 +66,10 @@ class Cell:
     ) -> None:
         self._surface, self._dissipation = surface, scenario.table.dissipation
         self.bushing: Any = None
+        self._walls: list[Any] = []
         self._inertia = inertia
         builder = DiagramBuilder()
-        self.plant, _ = dp.AddMultibodyPlantSceneGraph(builder, step)
+        self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, step)
         self.plant.SetUseSampledOutputPorts(False)
         self.plant.set_contact_model(dp.ContactModel.kPoint)
         self.plant.set_discrete_contact_approximation(dp.DiscreteContactApproximation.kTamsi)
@@ -75,13 +79,20 @@ class Cell:
         self.gripper = self.plant.AddRigidBody("gripper", gripper_model, heavy)
         self.plant.set_gravity_enabled(gripper_model, False)
         self.tool = self._held_tool(tool_model, inertia, grip) if inertia else self.gripper
-        self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
-        self._add_table()
+        tips = self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
+        if not surface.shapes:
+            self._add_table()
         if scenario.tool_kind == "peg":
             self._add_hole(float(np.abs(shape.points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE)
         if scenario.tool_kind == "torque_driver":
             self._add_screw(POINT_RADIUS + SLOT_CLEARANCE)
+        self.patches: Patches | None = None
+        if surface.shapes:
+            of_table = self._properties(self._in_series())
+            self.patches = Patches(self.plant, scene, surface, tips, self._walls, of_table)
         self.plant.Finalize()
+        if self.patches is not None:
+            self.patches.find()
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
@@ -144,32 +155,39 @@ class Cell:
         weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -share * inertia.mass * GRAVITY)))
         self.plant.get_applied_spatial_force_input_port().FixValue(self.context, [weight])
 
-    def _add_contact(self, body: Any, X: Any, shape: Any, name: str, stiffness: float) -> None:
+    def _add_contact(self, body: Any, X: Any, shape: Any, name: str, stiffness: float) -> Any:
         """What touches, with the table's friction and dissipation, and a stiffness [N/m] per contact point."""
+        return self.plant.RegisterCollisionGeometry(body, X, shape, name, self._properties(stiffness))
+
+    def _properties(self, stiffness: float) -> Any:
         properties, mu = dg.ProximityProperties(), self._surface.friction
         friction = dp.CoulombFriction(mu, mu)
         dg.AddContactMaterial(
             dissipation=self._dissipation, point_stiffness=stiffness, friction=friction, properties=properties
         )
-        self.plant.RegisterCollisionGeometry(body, X, shape, name, properties)
+        return properties
 
-    def _add_contact_points(self, shape: ToolShape, down: Array) -> None:
+    def _add_contact_points(self, shape: ToolShape, down: Array) -> list[Any]:
         """Spheres whose lowest points are the contact points, hard compared with the table; down (3,) in T."""
-        for i, point in enumerate(shape.points):
-            X = RigidTransform(point - POINT_RADIUS * down)
-            self._add_contact(self.tool, X, dg.Sphere(POINT_RADIUS), f"tip{i}", _HARD)
+        self.centres = shape.points - shape.radius * down  # (n, 3) [m] in T
+        at = [RigidTransform(centre) for centre in self.centres]
+        ball = dg.Sphere(shape.radius)
+        return [self._add_contact(self.tool, X, ball, f"tip{i}", _HARD) for i, X in enumerate(at)]
+
+    def _in_series(self) -> float:
+        """[N/m] that makes the table's stiffness together with the tool's."""
+        k = self._surface.point_stiffness
+        return k * _HARD / (_HARD - k)
 
     def _add_table(self) -> None:
-        k = self._surface.point_stiffness
-        in_series = k * _HARD / (_HARD - k)  # with the tool's, this makes k
         X = RigidTransform(self._surface.X_WS @ make_pose(None, (self._surface.edge - 2.0, 0.0, -0.5)))
-        self._add_contact(self.plant.world_body(), X, dg.Box(4.0, 4.0, 1.0), "table", in_series)
+        self._add_contact(self.plant.world_body(), X, dg.Box(4.0, 4.0, 1.0), "table", self._in_series())
 
     def _add_wall(
         self, body: Any, X_body: Array, centre: tuple[float, ...], size: tuple[float, ...], name: str
     ) -> None:
         X, box = RigidTransform(X_body @ make_pose(None, centre)), dg.Box(*size)
-        self._add_contact(body, X, box, name, _HARD)
+        self._walls.append(self._add_contact(body, X, box, name, _HARD))
 
     def _add_hole(self, half: float) -> None:
         """Four walls around a square hole on the table."""

@@ -66,7 +66,7 @@ class Plant:
         self.hand, self.tool = scenario.hand, scenario.tool
         shape = shape_of(scenario.tool_kind, scenario.tool)
         rng = np.random.default_rng([seed, 1])
-        self.surface = draw_surface(scenario.table, X_W_work, rng, shape.touching)
+        self.surface = draw_surface(scenario.table, X_W_work, rng, shape.touching, seed)
         self.arm = Arm(scenario.servo, X_WE, rng)
         self._com = np.array(scenario.tool.center_of_mass)
         inertia = None if welded else self._tool_inertia(shape)
@@ -141,6 +141,8 @@ class Plant:
         parts, force = self.grip.substeps, self._grasp_force
         for motion in motions:
             self._place_gripper(state, motion)
+            if self._cell.patches is not None:
+                self._place_table(state)
             for i in range(parts):
                 context.SetDiscreteState(state)
                 if force is not None:
@@ -162,6 +164,21 @@ class Plant:
         state[q : q + 7] = motion[:7]
         state[v : v + 6] = motion[7:]
 
+    def _place_table(self, state: Array) -> None:
+        """Write what the tool slides over into the state, next to where the tool is."""
+        assert self._cell.patches is not None
+        self._cell.patches.place(state, self._centres(pose_in(state, self._cell.tool_at[0])), self.time)
+
+    def _centres(self, X_WT: Array) -> Array:
+        """Of the spheres that touch, (n, 3) [m] in W."""
+        return np.asarray(self._cell.centres @ X_WT[:3, :3].T + X_WT[:3, 3])
+
+    @property
+    def true_normal(self) -> Array:
+        """(3,) in W: the surface's where the tool is nearest to it."""
+        touches = [self.surface.nearest(c, self.time) for c in self._centres(self.X_WT)]
+        return min(touches, key=lambda touch: touch.distance).normal
+
     def reset(self, X_WE: Array | None = None) -> None:
         """Everything as it was built, at time 0: fingers and screw too; the arm at X_WE (default: where it is)."""
         if X_WE is not None:
@@ -172,6 +189,9 @@ class Plant:
         self.set_gripper_width(self.scenario.grasp.nominal_width)
         self._place_gripper(self._state, _pose_and_velocity(self._X_WC, _ZERO, _ZERO))
         self.grasp()
+        if self._cell.patches is not None:
+            self._place_table(self._state)
+            self._cell.context.SetDiscreteState(self._state)
         if self._film is not None:
             self._film.look(self)
 

@@ -11,6 +11,7 @@ from seed_core.spatial import Array, skew
 BLADE = 0.2  # [m] length of the squeegee's blade, along y_C
 POINTS = 5  # contact points of the blade
 POINT_RADIUS = 1e-3  # [m] of a contact sphere; its lowest point is the contact point
+BALL_RADIUS = 8e-3  # [m] of the ball's tip
 BIT_REACH = 0.008  # [m] half the width of the driver's flat blade, along x
 SLOT_CLEARANCE, SLOT_DEPTH = 1e-4, 5e-3  # [m] beside the driver's blade; of the screw's slot
 SCREW_STIFFNESS, SCREW_DAMPING = 3.0, 0.05  # [N m/rad], [N m s/rad] that the screw turns against
@@ -21,10 +22,14 @@ WALL = 0.02  # [m] thickness of a hole's or slot's wall
 
 @dataclass(frozen=True)
 class ToolShape:
-    """Contact points (n, 3) [m] in T, and gyration radii (3,) [m] about the centre of mass."""
+    """Contact points (n, 3) [m] in T, and gyration radii (3,) [m] about the centre of mass.
+
+    Each is the lowest point of a sphere of that radius [m].
+    """
 
     points: Array
     gyration: Array
+    radius: float = POINT_RADIUS
 
     @property
     def touching(self) -> int:
@@ -43,8 +48,10 @@ def shape_of(kind: str, tool: Tool) -> ToolShape:
         "pen": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.004)),
         "torque_driver": ([(BIT_REACH, 0.0, 0.0), (-BIT_REACH, 0.0, 0.0)], (0.04, 0.04, 0.012)),
         "peg": (peg_ends, (0.04, 0.04, 0.01)),
+        "ball": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.01)),
     }[kind]
-    return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration))
+    radius = BALL_RADIUS if kind == "ball" else POINT_RADIUS
+    return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration), radius)
 
 
 @dataclass(frozen=True)

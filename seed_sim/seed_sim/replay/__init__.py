@@ -15,6 +15,7 @@ __all__ = ["Film", "Moment", "replay_of"]
 
 def replay_of(plant: Plant, film: Film, model: str = "ur5e") -> str:
     """The page of a film of this plant; raises SeedError where nothing was kept, or viser is missing."""
+    from seed_sim.replay.fixtures import table_mesh
     from seed_sim.replay.page import replay_page
 
     scenario, hold = plant.scenario, plant.membranes
@@ -27,4 +28,5 @@ def replay_of(plant: Plant, film: Film, model: str = "ur5e") -> str:
         plant.surface.X_WS,
         model=model,
         triangles=triangles,
+        table=table_mesh(plant.surface),
     )

@@ -1,11 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands on the table of a scenario, to look at: the hole of a peg, the screw of a driver. In the frame S."""
+"""The table of a scenario and what stands on it, to look at: its shape, the hole of a peg, a screw. In the frame S."""
 
 import numpy as np
 
 from seed_core.hand import Tool
-from seed_core.meshes import Mesh, box
+from seed_core.meshes import Mesh, box, hills, slab
+from seed_core.spatial import Array
+from seed_sim.plant.table import Surface
 from seed_sim.plant.tools import HOLE_CLEARANCE, HOLE_DEPTH, POINT_RADIUS, SLOT_CLEARANCE, SLOT_DEPTH, WALL, shape_of
+
+TABLE = (0.6, 0.5)  # [m] that is drawn of the table
+TABLE_AT = (0.12, 0.0)  # [m] its middle from where the work begins
+_THICK = 0.02  # [m]
+_CELL = 0.004  # [m] of the mesh of a table that is not flat
+_DEEPEST = 0.12  # [m] that is drawn of a cylinder or a sphere
+_STEEP = 1e-4  # [m] that a wall is drawn wide
+
+
+def table_mesh(surface: Surface | None = None, size: tuple[float, float] = TABLE) -> Mesh:
+    """The table in its frame S; a flat one if left out."""
+    if surface is None or not surface.shapes:
+        return slab(size, _THICK, TABLE_AT)
+    across, along = (np.arange(-0.5 * s, 0.5 * s + _CELL, _CELL) for s in size)
+    x, y = across + TABLE_AT[0], along + TABLE_AT[1]
+    for shape in surface.shapes:
+        at = getattr(shape, "at", 0.0)
+        x = np.union1d(x[np.abs(x - at) > _STEEP], (at - _STEEP, at + _STEEP))
+    z = surface.height(*np.meshgrid(x, y, indexing="ij"))
+    return hills(x, y, _filled(z), _THICK)
+
+
+def _filled(z: Array) -> Array:
+    """Heights without gaps: as deep as is drawn where there is no surface."""
+    return np.maximum(np.where(np.isnan(z), -_DEEPEST, z), -_DEEPEST)
 
 
 def fixtures(kind: str, tool: Tool) -> list[Mesh]:

@@ -23,7 +23,6 @@ from seed_core.meshes import (
     SheetBubble,
     arrow,
     hand_parts,
-    slab,
     tool_parts,
     tube,
     turning_arrow,
@@ -33,13 +32,11 @@ from seed_core.meshes.shapes import Colour
 from seed_core.spatial import Array, quaternion_from_rotation
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.replay.film import Moment
-from seed_sim.replay.fixtures import fixtures
+from seed_sim.replay.fixtures import fixtures, table_mesh
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.meshes import arm_parts, arm_poses
 
 FORCE, TORQUE, PATH, BEFORE = (214, 48, 49), (136, 84, 208), (31, 111, 235), (150, 160, 176)
-TABLE = (0.6, 0.5)  # [m] that is drawn of the table
-TABLE_AT = (0.12, 0.0)  # [m] its middle from where the work begins
 BESIDE = 0.045  # [m] that the arrow of the force stands before the tool, to be seen
 _GRAIN = 2e-5  # [m] to which vertices are kept: the file is half as large
 _TOUCH = 0.3  # [N] from which the tip draws its path
@@ -56,6 +53,7 @@ def replay_page(
     *,
     model: str = "ur5e",
     triangles: Mapping[str, Array] | None = None,
+    table: Mesh | None = None,
 ) -> str:
     """The page.
 
@@ -65,6 +63,7 @@ def replay_page(
         X_WS: (4, 4) surface of the table, z out of it.
         model: of the arm; where a moment has no joint angles, those that reach its pose.
         triangles: of the membranes by finger, where the moments have nodes.
+        table: in the frame S; a flat one if left out.
 
     Raises:
         SeedError: there is no moment, or viser is not installed.
@@ -72,7 +71,7 @@ def replay_page(
     if not moments:
         raise FailedError("there is nothing to show yet: no moment was kept")
     with _silent_server() as server:
-        scene = _Stage(server, hand, tool, kind, X_WS, model, triangles or {})
+        scene = _Stage(server, hand, tool, kind, X_WS, model, triangles or {}, table or table_mesh())
         for i, mesh in enumerate(fixtures(kind, tool)):
             scene.add(f"/fixture/{i}", mesh.moved(X_WS), STEEL)
         scene.draw_path(moments)
@@ -106,12 +105,20 @@ class _Stage:
     """The scene of a server: built once, then moved from moment to moment."""
 
     def __init__(
-        self, server: Any, hand: Hand, tool: Tool, kind: str, X_WS: Array, model: str, triangles: Mapping[str, Array]
+        self,
+        server: Any,
+        hand: Hand,
+        tool: Tool,
+        kind: str,
+        X_WS: Array,
+        model: str,
+        triangles: Mapping[str, Array],
+        table: Mesh,
     ) -> None:
         self._scene, self._X_EC, self._X_Ttip = server.scene, hand.X_EC, tool.X_Ttip
         self._model, self._kinematics = model, URKinematics.for_model(model)
         self._q: tuple[float, ...] = tuple(ELBOW_UP)
-        self._light(server, X_WS)
+        self._light(server, X_WS, table.moved(X_WS))
         self._frames = {f: self._frame(f"/{f}") for f in ("C", "T", *map(str, range(7)))}
         for part in (*hand_parts(hand), *tool_parts(tool, kind), *arm_parts(model)):
             self.add(f"/{part.frame}/{part.name.replace(' ', '_')}", part.mesh, part.colour)
@@ -127,7 +134,7 @@ class _Stage:
             for name in self._arrows
         }
 
-    def _light(self, server: Any, X_WS: Array) -> None:
+    def _light(self, server: Any, X_WS: Array, table: Mesh) -> None:
         """Camera on hand, tool and table from beside the arm; table and lights."""
         scene, at = self._scene, X_WS[:3, 3]
         out = np.array((at[0], at[1], 0.0)) / max(float(np.hypot(at[0], at[1])), 1e-6)
@@ -140,7 +147,6 @@ class _Stage:
         scene.configure_environment_map(None)
         scene.configure_default_lights(True, cast_shadow=True)
         scene.add_light_ambient("/light", intensity=1.2)
-        table = slab(TABLE, 0.02, TABLE_AT).moved(X_WS)
         self.add("/table", table, WOOD)
         low = float(table.vertices[:, 2].min())
         scene.add_grid(
