@@ -75,11 +75,13 @@ class FaultyPoses(NoisyPoses):
 class MovingTable(Repeatability):
     """A table that moves up and down, seen from the table: what counts is where the tool is over it."""
 
-    def __init__(self, error: Repeatability, fault: Fault) -> None:
-        self._error, self._fault = error, fault
+    def __init__(self, error: Repeatability, amplitude: float, frequency: float, since: float) -> None:
+        """amplitude [m], downwards first where it is negative; frequency [Hz]; since [s]."""
+        self._error = error
+        self._amplitude, self._rate, self._since = amplitude, 2.0 * pi * frequency, since
 
     def at(self, t: float) -> Array:
-        f, out = self._fault, self._error.at(t)
-        if t > f.since:
-            out = out - (0.0, 0.0, f.amplitude * sin(2.0 * pi * f.frequency * (t - f.since)))
+        out = self._error.at(t)
+        if t > self._since:
+            out = out - (0.0, 0.0, self._amplitude * sin(self._rate * (t - self._since)))
         return out

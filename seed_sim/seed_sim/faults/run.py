@@ -75,7 +75,8 @@ class _Run:
         X_WE = X_WT @ inverse_pose(scenario.tool.X_Ttip) @ inverse_pose(scenario.hand.X_EC)
         self._plant = Plant(self._scenario, fault.seed, WORK, X_WE)
         if fault.kind == "moving table":
-            self._plant.arm.error = MovingTable(self._plant.arm.error, fault)
+            arm = self._plant.arm
+            arm.error = MovingTable(arm.error, fault.amplitude, fault.frequency, fault.since)
         self._steering = SeedSteering(
             self._plant, self._scenario, law, "noisy", fault.seed, FaultyPoses(self._scenario, fault)
         )

@@ -26,6 +26,7 @@ LONG = {  # commands with arguments of their own
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
     "fuzz": "seed_testing.bench.fuzz",
+    "law": "seed_testing.bench.law",
     "hosts": "seed_testing.two_hosts.command",
 }
 

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wipes under many conditions with many seeds, and the table of what they came to."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from seed_sim.closed_loop.progress import counted
+from seed_sim.wipes.bandwidth import FREQUENCIES, bandwidth, gain
+from seed_sim.wipes.conditions import CONDITIONS
+from seed_sim.wipes.run import Wipe, wipe
+
+
+def campaign(
+    names: Sequence[str], seeds: Sequence[int], law: str = "seed", jobs: int = 1, keep: Path | None = None
+) -> list[Wipe]:
+    """A wipe under each of the conditions with each of the seeds.
+
+    keep: file with a line for each wipe as it ends; those that it holds already are not made again.
+    """
+    wanted = [(name, seed) for name in names for seed in seeds]
+    known = _kept(keep, law) if keep is not None and keep.is_file() else {}
+    missing = [one for one in wanted if one not in known]
+    work = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(wipe)(*one, law) for one in missing)
+    for made in counted(work, len(missing), "wipe"):
+        known[made.condition, made.seed] = made
+        if keep is not None:
+            with keep.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"law": law} | made._asdict()) + "\n")
+    return [known[one] for one in wanted]
+
+
+def _kept(file: Path, law: str) -> dict[tuple[str, int], Wipe]:
+    """Wipes of that law in a file; a line that an interrupt cut off is taken out of it."""
+    text = file.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        file.write_text(whole, encoding="utf-8")
+    runs = [json.loads(line) for line in whole.splitlines()]
+    made = [Wipe(**{name: run[name] for name in Wipe._fields}) for run in runs if run["law"] == law]
+    return {(w.condition, w.seed): w for w in made}
+
+
+def summary(wipes: Sequence[Wipe]) -> dict[str, dict[str, Any]]:
+    """By condition: median, 90 % and worst of the force's error and of the lean, and the wipes that ended early."""
+    out = {}
+    for name in dict.fromkeys(w.condition for w in wipes):
+        of = [w for w in wipes if w.condition == name]
+        out[name] = {
+            "wipes": len(of),
+            "force": _spread([w.force for w in of]),
+            "peak": _spread([w.worst for w in of]),
+            "lean": _spread([w.lean for w in of]),
+            "unknowable": _spread([w.unknowable for w in of]),
+            "ended": {str(w.seed): w.ended for w in of if w.ended},
+        }
+    return out
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    return {
+        "median": float(np.median(values)),
+        "p90": float(np.percentile(values, 90.0)),
+        "worst": max(values),
+    }
+
+
+def table(result: dict[str, dict[str, Any]]) -> str:
+    """The summary as text, a line per condition."""
+    width = max(map(len, CONDITIONS))
+    lines = [
+        f"{'':{width}} wipes  force error, rms [N]   largest [N]            lean [deg]             ended",
+        f"{'':{width}}        median   90 %  worst  median   90 %  worst  median   90 %  worst  early",
+    ]
+    for name, row in result.items():
+        figures = "  ".join(
+            f"{row[key]['median']:6.{d}f} {row[key]['p90']:6.{d}f} {row[key]['worst']:6.{d}f}"
+            for key, d in (("force", 2), ("peak", 2), ("lean", 1))
+        )
+        lines.append(f"{name:{width}} {row['wipes']:5d}  {figures}  {len(row['ended']):5d}")
+    correlated = [name for name in result if CONDITIONS[name].correlated]
+    if correlated:
+        known = ", ".join(f"{name}: {result[name]['unknowable']['median']:.2f} N" for name in correlated)
+        lines.append(f"The mean over a wipe of what images are off by, which nothing else could tell (median): {known}")
+    lines += [f"{name}, seed {seed}: {why}" for name, row in result.items() for seed, why in row["ended"].items()]
+    return "\n".join(lines)
+
+
+def bandwidths(seeds: Sequence[int], law: str = "seed", jobs: int = 1) -> list[float]:
+    """Bandwidth of the force [Hz] by seed."""
+    asked = [(f, seed) for seed in seeds for f in FREQUENCIES]
+    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(gain)(f, seed, law) for f, seed in asked)
+    found = list(zip(asked, counted(work, len(asked), "run"), strict=True))
+    return [bandwidth([(f, g) for (f, s), g in found if s == seed]) for seed in seeds]
