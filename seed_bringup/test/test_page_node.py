@@ -15,11 +15,13 @@ pytest.importorskip("viser", reason="needs viser (./seed test has it)")
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.action import ActionServer
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
+from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -43,12 +45,14 @@ class SlowCell(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("slow_cell", context=context)
-        self.enabled, self.called, self.arm_time = False, [], 0.0
-        self.go_on = threading.Event()
+        self.enabled, self.called = False, []
+        self.go_on, self.arm_is_there, self.enable_in_time = threading.Event(), threading.Event(), threading.Event()
+        self.arm_is_there.set()
+        self.enable_in_time.set()
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, "estimator/capture_reference", self._reference, callback_group=group)
         self.create_service(Trigger, "sim/resend_robot_program", self._resume, callback_group=group)
-        self.create_service(SetBool, "controller/enable", self._enable, callback_group=group)
+        self.create_service(SetBool, "controller/enable", self._enable, callback_group=MutuallyExclusiveCallbackGroup())
 
     def _reference(self, _: Any, response: Any) -> Any:
         self.called.append("reference")
@@ -57,11 +61,26 @@ class SlowCell(Node):
         return response
 
     def _resume(self, _: Any, response: Any) -> Any:
-        time.sleep(self.arm_time)
+        self.called.append("resume")
+        self.arm_is_there.wait(10.0)
+        self.called.append("resumed")
         response.success, response.message = True, "following target_frame"
         return response
 
+    def offer_stop(self, good: bool) -> None:
+        """Be a cell with an arm's driver, which can be stopped, or else refuses."""
+
+        def stop(_: Any, response: Any) -> Any:
+            self.called.append("stop")
+            response.success, response.message = good, "" if good else "the arm's program does not answer"
+            return response
+
+        self.create_service(Trigger, "driver/stop", stop, callback_group=ReentrantCallbackGroup())
+
     def _enable(self, request: Any, response: Any) -> Any:
+        if request.data:
+            self.called.append("enabling")
+            self.enable_in_time.wait(10.0)
         self.enabled = request.data
         self.called.append("on" if request.data else "off")
         response.success, response.message = True, "enabled" if request.data else "disabled"
@@ -90,7 +109,8 @@ def cell(context: Context) -> Iterator[SlowCell]:
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     yield node
-    node.go_on.set()
+    for event in (node.go_on, node.arm_is_there, node.enable_in_time):
+        event.set()
     executor.shutdown(timeout_sec=2.0)
     thread.join(2.0)
     node.destroy_node()
@@ -127,10 +147,9 @@ def test_stop_is_served_at_once_while_another_button_waits(cell: SlowCell, hands
     cell.enabled = True
     hands.press("Reference")
     until(lambda: "reference" in cell.called)
-    pressed = time.monotonic()
     hands.stop()
     until(lambda: not cell.enabled)
-    assert time.monotonic() - pressed < 0.3
+    assert not cell.go_on.is_set()  # the other one waits still
     until(lambda: "comes to rest" in words(hands))
 
 
@@ -147,15 +166,94 @@ def test_of_two_pages_that_ask_for_different_things_the_second_is_told_so(cell: 
     until(lambda: cell.enabled)
 
 
-def test_a_stop_counts_more_than_an_enable_that_is_under_way(cell: SlowCell, hands: CellHands) -> None:
+@pytest.mark.parametrize("moment", ["resume", "enabling"])
+def test_a_stop_counts_more_than_an_enable_that_is_under_way(cell: SlowCell, hands: CellHands, moment: str) -> None:
+    cell.offer_stop(good=True)
     ready(hands)
-    cell.arm_time = 0.5
+    until(hands._triggers["driver/stop"].service_is_ready)
+    slow = cell.arm_is_there if moment == "resume" else cell.enable_in_time
+    slow.clear()
     hands.press("Enable")
-    time.sleep(0.1)
+    until(lambda: moment in cell.called)
     hands.stop()
+    until(lambda: "stop" in cell.called)
+    slow.set()
     until(lambda: "Stop counts" in words(hands))
-    assert cell.called[-1] == "off"
+    until(lambda: "stop" in cell.called[cell.called.index("stop") + 1 :])  # again: the arm has followed since the first
+    until(lambda: "off" in cell.called[cell.called.index("resumed") :])
     assert not cell.enabled
+
+
+def test_an_enable_that_nobody_answers_is_taken_back(
+    cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.page.ros.hands.PATIENCE", 0.3)
+    ready(hands)
+    cell.enable_in_time.clear()
+    assert hands.press("Enable").result(10.0) == (False, "Enable: no answer of controller/enable.")
+    cell.enable_in_time.set()
+    until(lambda: cell.called[-1] == "off")
+    assert not cell.enabled
+
+
+def test_a_stop_is_good_only_if_everybody_stops(cell: SlowCell, hands: CellHands) -> None:
+    cell.offer_stop(good=False)
+    ready(hands)
+    until(hands._triggers["driver/stop"].service_is_ready)
+    good, told = hands.stop().result(10.0)
+    assert not good
+    assert "controller comes to rest" in told
+    assert "driver: the arm's program does not answer" in told
+
+
+def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
+    cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.page.ros.hands.GONE", 0.3)
+    ready(hands)
+    begun, end = threading.Event(), threading.Event()
+
+    def play(goal: Any) -> Any:
+        begun.set()
+        end.wait(20.0)
+        goal.abort()
+        return FollowSetpoints.Result()
+
+    group = ReentrantCallbackGroup()
+    server = ActionServer(cell, FollowSetpoints, "controller/follow_setpoints", play, callback_group=group)
+    until(hands._action.server_is_ready)
+    said = hands.play("squeegee", None)
+    assert begun.wait(10.0)
+    until(lambda: hands._ended is not None)
+    server.destroy()
+    good, told = said.result(10.0)
+    end.set()
+    assert not good
+    assert "Play squeegee: the controller has been gone for" in told
+    assert not hands.playing.task
+    hands.press("Enable")
+    until(lambda: cell.enabled)
+
+
+def test_a_fault_in_a_button_or_a_timer_is_told_and_ends_nothing(cell: SlowCell, hands: CellHands) -> None:
+    ready(hands)
+
+    async def faulty() -> str:
+        raise RuntimeError("no such handle")
+
+    hands._release = faulty  # type: ignore[method-assign]
+    assert hands.press("Release").result(10.0) == (
+        False,
+        "Release: the page has a fault: RuntimeError: no such handle.",
+    )
+
+    def once() -> None:
+        hands.node.destroy_timer(timer)
+        raise RuntimeError("timer failed")
+
+    timer = hands.node.create_timer(0.01, once)
+    until(lambda: "The page has a fault: RuntimeError: timer failed" in words(hands))
+    assert hands.press("Enable").result(10.0)[0]
 
 
 def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:

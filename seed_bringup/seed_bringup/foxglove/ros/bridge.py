@@ -25,7 +25,7 @@ from seed_bringup.bags.qos import TO_RECORD
 from seed_bringup.bags.types import InstalledTypes, message_class
 from seed_bringup.foxglove.offered import BUTTONS, STILL, offered_as
 from seed_bringup.foxglove.schemas import read_play, schema_of, service_schema
-from seed_bringup.page.ros.hands import CellHands
+from seed_bringup.page.ros.hands import CellHands, Said
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
 from seed_ros import FixedRateLoop
@@ -148,7 +148,7 @@ class Bridge:
 
     def _press(self, button: str, payload: bytes) -> tuple[bool, str]:
         if button == "Stop":
-            return self.hands.answered(self.hands.stop, STOP)
+            return _answer(self.hands.stop(), STOP)
         if button == "Play":
             task, force = read_play(payload)
             if force is not None and not (math.isfinite(force) and force > 0.0):
@@ -157,7 +157,15 @@ class Bridge:
             self.hands.play(task, force)
             return True, f"{task} is asked for; it ends 5 s after nobody looks at a topic. Cancel lifts the tool."
         name = "Lift" if button == "Cancel" else button
-        return self.hands.answered(lambda: self.hands.press(name), PRESS)
+        return _answer(self.hands.press(name), PRESS)
+
+
+def _answer(said: Said, patience: float) -> tuple[bool, str]:
+    """What came of a button within patience [s]: whether it was done, and the words."""
+    try:
+        return said.result(patience)
+    except TimeoutError:
+        return False, f"no answer within {patience:g} s"
 
 
 def _forward(channel: Channel) -> Callable[[bytes, Any], None]:

@@ -3,18 +3,18 @@
 
 Nothing here waits in a callback, so that Stop goes out at once however slow a page or another call is: its requests are
 sent by the very thread that hears the click. Of two pages that ask for different things the first is served, the other
-is told so; Stop is always served.
+is told so; Stop is always served. One that was pressed during an Enable is sent again when that has ended, however it
+ended: the arm, or the controller, may have done the older request after the newer.
 """
 
-import contextlib
 import threading
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
+from concurrent import futures
 from typing import Any
 
 from action_msgs.srv import CancelGoal
-from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.client import Client
 from rclpy.context import Context
@@ -26,15 +26,17 @@ from std_srvs.srv import SetBool, Trigger
 from unique_identifier_msgs.msg import UUID
 
 from seed_bringup.page.panel import Playing
+from seed_bringup.page.ros.held import HeldTool
+from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
 from seed_core.errors import SeedError
-from seed_core.hand import Frame, Tool
+from seed_core.hand import Tool
 from seed_ros import COMMAND
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
-LOOK = 2.0  # [s] between two questions for the tool
 PATIENCE, STOP_PATIENCE = 20.0, 1.0  # [s] for an answer; for that to a Stop
 UNSEEN = 5.0  # [s] that nobody looks at the page while a task is played, after which it ends
 STUCK = 3.0  # [s] that the page is not drawn anew, after which the same holds
+GONE = 3.0  # [s] without the controller, after which the task that it played has ended with it
 KEPT = 20  # answers
 TRIGGERS = (
     "estimator/capture_reference", "estimator/initialize_grasp", "sim/grasp", "sim/release",
@@ -47,8 +49,7 @@ ENABLE = "controller/enable"
 ACTION = "controller/follow_setpoints"
 
 
-class NotDoneError(SeedError):
-    """The cell did not do what was asked, in its own words."""
+Said = futures.Future[tuple[bool, str]]  # what came of a button: whether it was done, and the words
 
 
 class CellHands:
@@ -62,20 +63,20 @@ class CellHands:
         self._lock = threading.Lock()
         self._busy = ""  # the button that is being served
         self._stops = 0  # presses of Stop so far
-        self._spoken = 0  # answers so far
         self._seen = self._drawn = time.monotonic()
-        self._deadlines: list[tuple[float, Future, str]] = []
+        self._deadlines = Deadlines()
         self._goal: Any = None
+        self._ended: Future | None = None  # the end of the task that is played
+        self._there = time.monotonic()  # when the controller was there last
         self.node = Node(name, context=context, namespace=namespace or None, start_parameter_services=False)
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
         self._enable = self.node.create_client(SetBool, ENABLE)
         self._cancel = self.node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
-        self._parameters = self.node.create_client(GetParameters, "controller/get_parameters")
-        self.tool: Tool | None = None  # as the controller knows it
+        self._held = HeldTool(self.node)
         self._action = ActionClient(self.node, FollowSetpoints, ACTION)
         self._here = self.node.create_publisher(UUID, "controller/operator", COMMAND)
         self.node.create_timer(BEAT, self._beat)
-        self.node.create_timer(LOOK, self._look)
+        self._closing = False
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="hands", daemon=True)
@@ -83,13 +84,26 @@ class CellHands:
 
     def close(self) -> None:
         """End the thread and the node. A task that is played ends with it, for nobody sees to it."""
+        self._closing = True
         self._executor.shutdown(timeout_sec=1.0)
         self._thread.join(timeout=2.0)
         self.node.destroy_node()
 
     def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException, RuntimeError):  # RCLError is one: the context has ended
-            self._executor.spin()
+        while not self._closing and self._executor.context.ok():
+            try:
+                self._executor.spin()
+            except ExternalShutdownException:
+                return
+            except Exception as error:  # a fault in one callback: the other buttons go on, Stop's answers first of all
+                if not self._closing and self._executor.context.ok():
+                    self._say(False, f"The page has a fault: {type(error).__name__}: {error}.")
+                    time.sleep(BEAT)  # one that comes again and again shall not take the whole processor
+
+    @property
+    def tool(self) -> Tool | None:
+        """As the controller knows it."""
+        return self._held.tool
 
     @property
     def simulated(self) -> bool:
@@ -103,73 +117,68 @@ class CellHands:
             self._seen = self._drawn
 
     # Stop
-    def stop(self) -> None:
-        """Come to rest: sent here and now, whatever else is under way."""
+    def stop(self) -> Said:
+        """Come to rest: sent here and now, whatever else is under way. Good: everybody that was asked does."""
         self._stops += 1
-        pressed, sent = time.monotonic(), []
+        return self._send_stop()
+
+    def _send_stop(self) -> Said:
+        said, answers, pressed = Said(), list[tuple[bool, str]](), time.monotonic()
         calls = [(self._enable, SetBool.Request(data=False), ENABLE)]
         calls += [(self._triggers[t], Trigger.Request(), t) for t in STOPS]
-        for client, request, name in calls:
-            if client.service_is_ready():
-                answer = client.call_async(request)
-                answer.add_done_callback(lambda f, n=name: self._on_stopped(f, n, pressed))
-                self._expect(answer, STOP_PATIENCE, name)
-                sent.append(name)
-        if not sent:
-            self._say(False, "Stop: no cell answers. Use the arm's own emergency stop.")
+        calls = [call for call in calls if call[0].service_is_ready()]
+        if not calls:
+            self._say(False, "Stop: no cell answers. Use the arm's own emergency stop.", said)
 
-    def _on_stopped(self, answer: Future, name: str, pressed: float) -> None:
-        after = time.monotonic() - pressed
-        node = name.split("/")[0]
-        if answer.exception() is not None:
-            self._say(False, f"Stop: {answer.exception()}. Use the arm's own emergency stop.")
-        elif answer.result().success:
-            self._say(True, f"Stop: {node} comes to rest ({1e3 * after:.0f} ms).")
-        else:
-            self._say(False, f"Stop: {node}: {answer.result().message}.")
+        def on_answer(answer: Future, name: str) -> None:
+            good, words = _stopped(answer, name, time.monotonic() - pressed)
+            self._say(good, words)
+            with self._lock:
+                answers.append((good, words))
+                last = len(answers) == len(calls)
+            if last:
+                said.set_result((all(g for g, _ in answers), " ".join(w for _, w in sorted(answers))))
+
+        for client, request, name in calls:
+            answer = client.call_async(request)
+            answer.add_done_callback(lambda f, n=name: on_answer(f, n))
+            self._deadlines.expect(answer, STOP_PATIENCE, name)
+        return said
 
     # the other buttons
-    def press(self, button: str) -> None:
+    def press(self, button: str) -> Said:
         """Reference, Grasp, Release, Enable or Lift."""
         if button == "Lift":  # ends a task, so it may come while one is played
-            self._executor.create_task(self._serve("Cancel", self._lift, always=True))
-            return
+            return self._begin("Cancel", self._lift, always=True)
         steps = {"Reference": self._reference, "Grasp": self._grasp, "Release": self._release, "Enable": self._start}
-        self._executor.create_task(self._serve(button, steps[button]))
+        return self._begin(button, steps[button])
 
-    def play(self, task: str, force: float | None) -> None:
+    def play(self, task: str, force: float | None) -> Said:
         """Play a task; force: [N] of every force in it, its own if None."""
-        self._executor.create_task(self._serve(f"Play {task}", lambda: self._play(task, force)))
+        return self._begin(f"Play {task}", lambda: self._play(task, force))
 
-    def answered(self, press: Callable[[], None], patience: float) -> tuple[bool, str]:
-        """Press, and wait up to patience [s] for the answer: whether it is good, and its words. Not for callbacks."""
-        before, deadline = self._spoken, time.monotonic() + patience
-        press()
-        while self._spoken == before:
-            if time.monotonic() > deadline:
-                return False, f"no answer within {patience:g} s"
-            time.sleep(0.01)
-        return self.said[0]
+    def _begin(self, button: str, steps: Callable[[], Awaitable[str]], always: bool = False) -> Said:
+        said = Said()
+        self._executor.create_task(self._serve(button, steps, said, always))
+        return said
 
-    async def _serve(self, button: str, steps: Callable[[], Awaitable[str]], always: bool = False) -> None:
-        """One button at a time; the answer goes to `said`."""
-        with self._lock:
-            if self._busy and not always:
+    async def _serve(self, button: str, steps: Callable[[], Awaitable[str]], said: Said, always: bool) -> None:
+        """One button at a time, but those that come always; the answer goes to `said`."""
+        if not always:
+            if self._busy:
                 why = f"{button}: not now, {self._busy} is under way (asked for here or on another page)."
-                self._say(False, f"{why} Wait for it, or press Stop.")
+                self._say(False, f"{why} Wait for it, or press Stop.", said)
                 return
-            before, self._busy = self._busy, self._busy or button
-        stops = self._stops
+            self._busy = button
         try:
-            words = await steps()
-            if stops != self._stops and button == "Enable":
-                await self._ask(self._enable, SetBool.Request(data=False), ENABLE)
-                raise NotDoneError("Stop was pressed meanwhile, and Stop counts")
-            self._say(True, f"{button}: {words}.")
+            self._say(True, f"{button}: {await steps()}.", said)
         except SeedError as error:
-            self._say(False, f"{button}: {error}.")
+            self._say(False, f"{button}: {error}.", said)
+        except Exception as error:
+            self._say(False, f"{button}: the page has a fault: {type(error).__name__}: {error}.", said)
         finally:
-            self._busy = before
+            if not always:
+                self._busy = ""
 
     async def _reference(self) -> str:
         return await self._trigger("estimator/capture_reference")
@@ -189,19 +198,28 @@ class CellHands:
         return await self._trigger("sim/release")
 
     async def _start(self) -> str:
-        """Arm first, then controller; a Stop in between ends it."""
-        stops = self._stops
-        for name in RESUMES:
-            if self._triggers[name].service_is_ready():
-                await self._trigger(name)
+        """Arm first, then controller; a Stop in between ends it, and so does silence."""
+        stops, silent = self._stops, False
+        try:
+            for name in RESUMES:
+                if self._triggers[name].service_is_ready() and stops == self._stops:
+                    await self._trigger(name)
+            if stops == self._stops:
+                words = str((await self._ask(self._enable, SetBool.Request(data=True), ENABLE)).message)
+        except UnansweredError:
+            silent = True  # it may be done yet, when nobody waits for it any more
+            raise
+        finally:
+            if silent or stops != self._stops:
+                self._send_stop()
         if stops != self._stops:
             raise NotDoneError("Stop was pressed meanwhile, and Stop counts")
-        return str((await self._ask(self._enable, SetBool.Request(data=True), ENABLE)).message)
+        return words
 
     async def _lift(self) -> str:
         if not self._cancel.service_is_ready():
             raise NotDoneError(f"{ACTION} is not offered: does the cell run?")
-        answer = await self._within(self._cancel.call_async(CancelGoal.Request()), PATIENCE, ACTION)
+        answer = await self._deadlines.within(self._cancel.call_async(CancelGoal.Request()), PATIENCE, ACTION)
         if not answer.goals_canceling:
             raise NotDoneError("no task is being played")
         return "the task ends, the tool is lifted"
@@ -215,10 +233,13 @@ class CellHands:
         try:
             goal = FollowSetpoints.Goal(task=task, overrides=overrides)
             sent = self._action.send_goal_async(goal, feedback_callback=self._on_feedback)
-            self._goal = await self._within(sent, PATIENCE, ACTION)
-            result = (await self._goal.get_result_async()).result
+            self._goal = await self._deadlines.within(sent, PATIENCE, ACTION)
+            if not self._goal.accepted:
+                raise NotDoneError("the controller refuses the task")
+            self._ended = self._goal.get_result_async()
+            result = (await self._ended).result
         finally:
-            self.playing, self._goal = Playing(), None
+            self.playing, self._goal, self._ended = Playing(), None, None
         if not result.success:
             raise NotDoneError(result.message)
         return f"done in {result.duration:.1f} s; force within {result.force_rmse:.2f} N rms of what was wanted"
@@ -228,43 +249,18 @@ class CellHands:
         phase = f"{f.phase} ({f.phase_index + 1} of {f.phase_count})" if f.phase_index < f.phase_count else f.phase
         self.playing = Playing(self.playing.task, phase, float(f.progress))
 
-    # what is held
-    def _look(self) -> None:
-        """Ask the controller for the tool, which another cell may have changed."""
-        if self._parameters.service_is_ready():
-            names = ["tool.name", "tool.T_tip.position", "tool.T_tip.rpy_deg"]
-            self._parameters.call_async(GetParameters.Request(names=names)).add_done_callback(self._on_tool)
-
-    def _on_tool(self, answer: Future) -> None:
-        response = answer.result()
-        if response is not None and len(response.values) == 3:
-            name, position, turned = response.values
-            with contextlib.suppress(SeedError, ValueError):
-                x, y, z = position.double_array_value
-                roll, pitch, yaw = turned.double_array_value
-                self.tool = Tool(name.string_value, Frame((x, y, z), (roll, pitch, yaw)))
-
     # waiting
     def _beat(self) -> None:
         """Tell the controller that somebody sees to the task; end what was waited for too long."""
         now = time.monotonic()
         if self._goal is not None and now - self._seen < UNSEEN and now - self._drawn < STUCK:
             self._here.publish(self._goal.goal_id)
-        with self._lock:
-            late = [d for d in self._deadlines if now > d[0]]
-            self._deadlines = [d for d in self._deadlines if now <= d[0] and not d[1].done()]
-        for _, future, name in late:
-            if not future.done():
-                future.set_exception(NotDoneError(f"no answer of {name}"))
-
-    def _expect(self, future: Future, patience: float, name: str) -> None:
-        """An answer that does not come within patience [s] is an error."""
-        with self._lock:
-            self._deadlines.append((time.monotonic() + patience, future, name))
-
-    async def _within(self, future: Future, patience: float, name: str) -> Any:
-        self._expect(future, patience, name)
-        return await future
+        self._deadlines.look(now)
+        if self._ended is None or self._action.server_is_ready():
+            self._there = now
+        elif now - self._there > GONE and not self._ended.done():
+            gone = f"the controller has been gone for {now - self._there:.0f} s: the arm is at rest by its own timeout"
+            self._ended.set_exception(UnansweredError(gone))
 
     async def _pause(self, duration: float) -> None:
         over = Future(executor=self._executor)
@@ -280,12 +276,23 @@ class CellHands:
     async def _ask(self, client: Client, request: Any, name: str) -> Any:
         if not client.service_is_ready():
             raise NotDoneError(f"{name} is not offered: does the cell run, with this part?")
-        response = await self._within(client.call_async(request), PATIENCE, name)
+        response = await self._deadlines.within(client.call_async(request), PATIENCE, name)
         if not response.success:
             raise NotDoneError(response.message)
         return response
 
-    def _say(self, good: bool, words: str) -> None:
+    def _say(self, good: bool, words: str, said: Said | None = None) -> None:
         self._lines.appendleft((good, words.removesuffix(".") if words[-2:] in ("..", "?.", "!.") else words))
         self.said = tuple(self._lines)
-        self._spoken += 1
+        if said is not None:
+            said.set_result(self._lines[0])
+
+
+def _stopped(answer: Future, name: str, after: float) -> tuple[bool, str]:
+    """What came of a Stop to a service, after so long [s]."""
+    node = name.split("/")[0]
+    if answer.exception() is not None:
+        return False, f"Stop: {answer.exception()}. Use the arm's own emergency stop."
+    if answer.result().success:
+        return True, f"Stop: {node} comes to rest ({1e3 * after:.0f} ms)."
+    return False, f"Stop: {node}: {answer.result().message}."
