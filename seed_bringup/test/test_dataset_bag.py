@@ -4,6 +4,7 @@
 import json
 import os
 import subprocess
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,10 @@ KINDS = {
 LIBRARY = interpreter(ROOT / REQUIREMENTS) if (ROOT / REQUIREMENTS).is_file() else None
 
 
-def write_bag(path: Path, without: str = "", enabled: tuple[float, float] = (0.5, 2.5)) -> None:
-    """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step."""
+def write_bag(
+    path: Path, without: str = "", enabled: tuple[float, float] = (0.5, 2.5), unseen: tuple[float, float] = (9.0, 9.0)
+) -> None:
+    """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step; unseen: no valid pose."""
     with BagWriter(path) as bag:
         topics = {
             t: bag.add_topic(t, f"{k.__module__.split('.')[0]}/msg/{k.__name__}")
@@ -58,6 +61,9 @@ def write_bag(path: Path, without: str = "", enabled: tuple[float, float] = (0.5
                 message: Any = KINDS[topic]()
                 if topic == "/current_pose":
                     message.pose.position.z = 0.1 * t
+                elif topic == "/relative_pose":
+                    message.valid = not unseen[0] <= t < unseen[1]
+                    message.pose.pose.position.x = 0.001 if message.valid else 0.0
                 elif topic == "/wrench_estimate":
                     message.wrench.force.z = -float(i)
                 elif topic == "/controller/state":
@@ -113,20 +119,41 @@ def test_a_bag_becomes_an_episode_of_each_stretch_with_a_set_point(tmp_path: Pat
     assert episode.fields["observation.images.right"].shape[1:] == (*SIZE, 3)
 
 
+@pytest.mark.parametrize(("until", "frames"), [(1.1, [50]), (1.4, [27, 27])])
+def test_poses_that_are_not_valid_are_no_data_and_a_stretch_without_any_ends_the_episode(
+    tmp_path: Path, until: float, frames: list[int]
+) -> None:
+    enabled = (0.0, 2.5) if len(frames) > 1 else (0.5, 2.5)
+    write_bag(tmp_path / "bag", enabled=enabled, unseen=(1.0, until))
+    episodes = list(episodes_of(tmp_path / "bag", FPS, "wipe the table"))
+    assert [len(e) for e in episodes] == pytest.approx(frames, abs=4)
+    for e in episodes:
+        np.testing.assert_allclose(e.fields["observation.state"][:, 7], 0.001)  # x of the grasp, never that of none
+
+
+def test_episodes_are_made_one_after_the_other(tmp_path: Path) -> None:
+    def episodes() -> Iterator[Episode]:
+        yield small()
+        assert (tmp_path / "arrays/episode_000.npz").is_file()
+        yield small()
+
+    assert len(write_arrays(episodes(), tmp_path / "arrays")["episodes"]) == 2
+
+
 def test_bags_that_cannot_be_used_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_bag(tmp_path / "lacks", without="/controller/reference")
     with pytest.raises(BagError, match="lacks /controller/reference: record with"):
-        episodes_of(tmp_path / "lacks", FPS, "")
+        next(episodes_of(tmp_path / "lacks", FPS, ""))
     write_bag(tmp_path / "short", enabled=(0.5, 0.9))
     with pytest.raises(BagError, match="no set-point was followed for 1 s"):
-        episodes_of(tmp_path / "short", FPS, "")
+        next(episodes_of(tmp_path / "short", FPS, ""))
     with pytest.raises(BagError, match="not a readable bag"):
-        episodes_of(tmp_path / "none", FPS, "")
+        next(episodes_of(tmp_path / "none", FPS, ""))
     write_bag(tmp_path / "old")
     name = "seed_bringup.bags.types.InstalledTypes.hash"
     monkeypatch.setattr(name, lambda *_: "RIHS01_of_a_later_version")  # as after an update of the suite
     with pytest.raises(BagError, match="was recorded with another version of"):
-        episodes_of(tmp_path / "old", FPS, "")
+        next(episodes_of(tmp_path / "old", FPS, ""))
 
 
 def small(task: str = "press", frames: int = 4, size: tuple[int, int] = SIZE) -> Episode:
@@ -161,7 +188,9 @@ def test_plain_arrays_hold_names_shapes_and_rate(tmp_path: Path) -> None:
         (("there", "--evaluate", "squeegee", "--arrays"), "there exists already: name another folder"),
         (("new",), "name bags, or a task with --evaluate"),
         (("new", "bag"), "say with --text in words"),
-        (("new", "--evaluate", "squeegee", "--fps", "30", "--arrays"), "--fps 30 must divide"),
+        (("new", "--evaluate", "squeegee", "--fps", "30"), "--fps 30 must divide"),
+        (("new", "--evaluate", "squeege"), "squeege"),
+        (("new", "nothing.mcap", "--text", "wipe"), "not a readable bag"),
     ],
 )
 def test_mistakes_are_told_before_anything_is_made(
@@ -172,6 +201,7 @@ def test_mistakes_are_told_before_anything_is_made(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("seed_bringup.dataset.command.make", lambda _: pytest.fail("gigabytes are fetched"))
     (tmp_path / "there").mkdir()
     assert main(list(words)) == 2
     assert says in capsys.readouterr().err

@@ -26,6 +26,7 @@ from seed_msgs.msg import ControllerState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from seed_bringup.access.policy import read_policy
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter, open_bag
 from seed_bringup.commands import view
@@ -139,6 +140,7 @@ def ready(hands: CellHands) -> None:
     until(lambda: all(c.service_is_ready() for c in clients))
 
 
+DOES = ("publish", "request", "call")
 RESUME = "sim/resend_robot_program"
 
 
@@ -187,7 +189,7 @@ def test_a_stop_counts_more_than_an_enable_that_is_under_way(cell: SlowCell, han
 def test_an_enable_that_nobody_answers_is_taken_back(
     cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("seed_bringup.page.ros.hands.PATIENCE", 0.3)
+    monkeypatch.setattr("seed_bringup.page.ros.hands.PATIENCE", 1.0)
     ready(hands)
     cell.enable_in_time.clear()
     assert hands.press("Enable").result(10.0) == (False, "Enable: no answer of controller/enable.")
@@ -196,7 +198,10 @@ def test_an_enable_that_nobody_answers_is_taken_back(
     assert not cell.enabled
 
 
-def test_a_stop_is_good_only_if_everybody_stops(cell: SlowCell, hands: CellHands) -> None:
+def test_a_stop_is_good_only_if_everybody_stops(
+    cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.page.ros.hands.STOP_PATIENCE", 9.0)  # [s]: this machine may be busy
     cell.offer_stop(good=False)
     ready(hands)
     until(hands._triggers["driver/stop"].service_is_ready)
@@ -235,7 +240,8 @@ def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
     until(lambda: cell.enabled)
 
 
-def test_a_fault_in_a_button_or_a_timer_is_told_and_ends_nothing(cell: SlowCell, hands: CellHands) -> None:
+@pytest.mark.usefixtures("cell")
+def test_a_fault_in_a_button_or_a_timer_is_told_and_ends_nothing(hands: CellHands) -> None:
     ready(hands)
 
     async def faulty() -> str:
@@ -254,6 +260,23 @@ def test_a_fault_in_a_button_or_a_timer_is_told_and_ends_nothing(cell: SlowCell,
     timer = hands.node.create_timer(0.01, once)
     until(lambda: "The page has a fault: RuntimeError: timer failed" in words(hands))
     assert hands.press("Enable").result(10.0)[0]
+
+
+@pytest.mark.usefixtures("cell")
+def test_the_buttons_need_no_more_than_the_page_s_enclave_may_do(hands: CellHands) -> None:
+    ready(hands)
+    policy = Path(__file__).resolve().parents[1] / "config/access/cell.policy.xml"
+    may = {does: {r.name for r in read_policy(policy)["/page"] if r.does == does} for does in DOES}
+    names = {
+        kind: {n for n, _ in getattr(hands.node, f"get_{kind}_names_and_types_by_node")("page_hands", "/")}
+        for kind in ("publisher", "service", "client")
+    }
+    assert "/controller/operator" in names["publisher"]
+    assert names["publisher"] <= may["publish"]
+    assert not names["service"]
+    called = {n for n in names["client"] if "/_action/" not in n}
+    assert called <= may["request"]
+    assert {n.partition("/_action/")[0] for n in names["client"] - called} <= may["call"]
 
 
 def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:

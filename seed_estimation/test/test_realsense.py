@@ -150,6 +150,24 @@ def test_a_camera_that_cannot_be_used_is_refused_with_what_to_do(how: Any, setti
 
 
 @needs_library
+def test_a_camera_that_is_unplugged_while_it_is_listed_is_as_if_not_there_and_the_other_opens() -> None:
+    """As the library does it: a device that is gone raises RuntimeError at the first question."""
+
+    class Gone:
+        def supports(self, _: Any) -> bool:
+            raise RuntimeError("No such device")
+
+    other = software("200")
+    cameras = Cameras(RealSenseSettings(left="100", right="200", width=64, height=64), lambda: [Gone(), other.device])
+    cameras.look()
+    assert cameras.problems["right"] == ""
+    assert "camera 100 is not there; connected: 200" in cameras.problems["left"]
+    with pytest.raises(CameraError, match="unplugged just now"):
+        Camera("left", Gone(), SMALL)
+    cameras.close()
+
+
+@needs_library
 def test_a_serial_that_is_not_there_is_told_with_those_that_are() -> None:
     one = software("555")
     cameras = Cameras(RealSenseSettings(left="1", right="2"), lambda: [one.device])

@@ -6,7 +6,7 @@ from seed_ros.conversions import MessageError
 from seed_ros.diagnostics import Counters, Diagnostics
 from seed_ros.frames import FrameNames
 from seed_ros.loop import FixedRateLoop
-from seed_ros.node import SeedNode, TransformBroadcaster, run
+from seed_ros.node import SeedNode, TransformBroadcaster, client_node, run
 from seed_ros.qos import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, TF
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "MessageError",
     "SeedNode",
     "TransformBroadcaster",
+    "client_node",
     "conversions",
     "diagnostics",
     "run",

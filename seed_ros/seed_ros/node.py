@@ -21,6 +21,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
@@ -33,6 +34,12 @@ from seed_ros.qos import LATCHED, TF
 from seed_ros.standard_services import withstand
 
 QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
+
+
+def client_node(name: str, **arguments: Any) -> Node:
+    """A node that calls and listens and offers no service, of which SROS 2 would have to know; as rclpy's Node."""
+    silent = Parameter("start_type_description_service", value=False)
+    return Node(name, start_parameter_services=False, parameter_overrides=[silent], **arguments)
 
 
 class SeedNode(Node):

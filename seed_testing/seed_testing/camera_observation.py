@@ -63,6 +63,11 @@ class Stream:
         self.seen.append(Seen(m.stamp, arrival, m.encoding, m.frame_id, m.height, m.width))
         self._newest.append(m)
 
+    def clear(self) -> None:
+        """Forget all images."""
+        self.seen.clear()
+        self._newest.clear()
+
     @cached_property
     def pixels(self) -> list[NDArray[np.float32]]:
         """Arrays (H, W) of the newest: depth [m] or brightness [counts]."""
@@ -115,7 +120,7 @@ class Observation:
             patience = time.monotonic() + first
             loop.run(lambda: self._begun() or time.monotonic() > patience)
             for stream in self.streams.values():
-                stream.seen.clear()
+                stream.clear()
             end = time.monotonic() + seconds
             loop.run(lambda: time.monotonic() > end)
         finally:

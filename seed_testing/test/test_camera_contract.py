@@ -71,6 +71,15 @@ def broken(fault: Fault, limits: Limits | None = None) -> dict[str, str]:
     return {clause: found for clause, kept, found in check(observed(fault), limits or Limits()) if kept is False}
 
 
+def test_images_that_came_before_the_observation_and_then_stopped_are_no_images() -> None:
+    seen = observed(Fault())
+    for stream in seen.streams.values():
+        stream.clear()  # as `listen` does when its time begins
+    kept = {clause: good for clause, good, _ in check(seen, Limits())}
+    assert kept["images come often and whole"] is False
+    assert kept["pictures are exposed well"] is False
+
+
 def test_good_cameras_break_nothing_and_only_the_way_up_stays_open() -> None:
     verdicts = check(observed(Fault()), Limits())
     assert [clause for clause, kept, _ in verdicts if kept is not True] == ["which way is up"]

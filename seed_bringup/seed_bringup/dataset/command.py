@@ -5,6 +5,7 @@ import argparse
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from seed_bringup.commands.developer import checkout
@@ -45,37 +46,46 @@ def main(argv: list[str]) -> int:
         raise SeedError("say with --text in words what the bags show: a policy is told the task by that")
     if options.out.exists():
         raise SeedError(f"{options.out} exists already: name another folder, datasets are never overwritten")
+    _check(options)  # all that can be wrong with the arguments, before gigabytes are fetched
     python = None if options.arrays else make(checkout() / REQUIREMENTS)
-    episodes = _episodes(options)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.out.parent, prefix=f".{options.out.name}-") as folder:
         arrays, made = Path(folder, "arrays"), Path(folder, "dataset")
-        info = write_arrays(episodes, arrays)
+        info = write_arrays(_episodes(options), arrays)
         if python is not None:
             script = Path(__file__).with_name("lerobot_writer.py")
             run(python, script, str(arrays), str(made), options.repo_id)
         shutil.move(made if python is not None else arrays, options.out)
-    frames = sum(len(e) for e in episodes)
-    print(f"{options.out}: {len(episodes)} episodes, {frames} frames at {info['fps']} a second")
+    frames = sum(e["frames"] for e in info["episodes"])
+    print(f"{options.out}: {len(info['episodes'])} episodes, {frames} frames at {info['fps']} a second")
     print(f"  {', '.join(info['fields'])}")
     return 0
 
 
-def _episodes(options: argparse.Namespace) -> list[Episode]:
-    if options.bags:
-        with leaving_at_once("dataset"):
-            from seed_bringup.dataset.episodes_bag import episodes_of
-        found = [episodes_of(bag, options.fps, options.text, options.namespace) for bag in options.bags]
-        return [episode for episodes in found for episode in episodes]
+def _check(options: argparse.Namespace) -> None:
+    """Raises SeedError: bags or task cannot become a dataset."""
     with leaving_at_once("dataset"):
-        from seed_bringup.dataset.evaluations import evaluated
-    task, episodes = load_task(options.evaluate), []
+        from seed_bringup.dataset import episodes_bag, evaluations
+    for bag in options.bags:
+        episodes_bag.check(bag, options.namespace)
+    if options.evaluate:
+        evaluations.check(load_task(options.evaluate), options.fps)
+
+
+def _episodes(options: argparse.Namespace) -> Iterator[Episode]:
+    """One after the other."""
+    from seed_bringup.dataset import episodes_bag, evaluations
+
+    for bag in options.bags:
+        yield from episodes_bag.episodes_of(bag, options.fps, options.text, options.namespace)
+    if options.bags:
+        return
+    task = load_task(options.evaluate)
     for seed in range(options.seed, options.seed + options.episodes):
         try:
-            episodes.append(evaluated(task, seed, options.fps, options.estimator, options.text))
-            print(f"seed {seed}: {len(episodes[-1])} frames", file=sys.stderr, flush=True)
+            episode = evaluations.evaluated(task, seed, options.fps, options.estimator, options.text)
         except FailedError as error:
             print(f"seed dataset: {error}", file=sys.stderr, flush=True)
-    if not episodes:
-        raise FailedError("no episode was finished")
-    return episodes
+            continue
+        print(f"seed {seed}: {len(episode)} frames", file=sys.stderr, flush=True)
+        yield episode

@@ -2,7 +2,7 @@
 """An episode as plain arrays, evenly sampled, and the folder in which episodes wait for the library."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.arm.quaternion import as_quaternion
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import Array, Wrench
+from seed_estimation.images.tactile_images import eight_bits
 
 _XYZ, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 _POSE = (*_XYZ, *_QUATERNION)
@@ -28,7 +29,6 @@ FIELDS: dict[str, tuple[str, ...]] = {
 }
 IMAGES = {side: f"observation.images.{side}" for side in ("left", "right")}
 LEAST = 2  # frames of an episode
-COUNTS = 16.0  # infrared counts of 12 bits for one of 8
 
 
 @dataclass(frozen=True)
@@ -113,31 +113,35 @@ def pose_of(X: Array) -> Array:
     return np.concatenate((X[:3, 3], as_quaternion(X[:3, :3])))
 
 
-def eight_bits(infrared: NDArray[Any]) -> NDArray[np.uint8]:
+def three_colours(infrared: NDArray[Any]) -> NDArray[np.uint8]:
     """(H, W, 3) of an infrared image (H, W) of 12 bits."""
-    grey = np.clip(np.nan_to_num(infrared) / COUNTS, 0.0, 255.0).astype(np.uint8)
-    return np.repeat(grey[..., None], 3, axis=2)
+    return np.repeat(eight_bits(infrared)[..., None], 3, axis=2)
 
 
-def write_arrays(episodes: Sequence[Episode], folder: Path) -> dict[str, Any]:
+def write_arrays(episodes: Iterable[Episode], folder: Path) -> dict[str, Any]:
     """Episodes as episode_000.npz and so on, with info.json: fps, names and shapes. Returns what that says.
 
+    Each is written before the next is asked for, so that one at a time is in memory.
+
     Raises:
-        SeedError: they are not of one kind.
+        SeedError: they are not of one kind, or there is none.
     """
-    first = episodes[0]
-    shapes = {name: list(values.shape[1:]) for name, values in first.fields.items()}
-    for e in episodes:
-        if e.fps != first.fps or {n: list(v.shape[1:]) for n, v in e.fields.items()} != shapes:
-            raise SeedError("the episodes differ in fields, sizes of images or rate: make a dataset of each kind")
     folder.mkdir(parents=True)
-    for i, e in enumerate(episodes):
+    fps, shapes, written = 0, dict[str, list[int]](), list[dict[str, Any]]()
+    for e in episodes:
+        these = {name: list(values.shape[1:]) for name, values in e.fields.items()}
+        if written and (e.fps != fps or these != shapes):
+            raise SeedError("the episodes differ in fields, sizes of images or rate: make a dataset of each kind")
+        fps, shapes = e.fps, these
         columns: dict[str, Any] = {"timestamp": e.timestamps, **e.fields}
-        np.savez_compressed(folder / f"episode_{i:03d}.npz", **columns)
+        np.savez_compressed(folder / f"episode_{len(written):03d}.npz", **columns)
+        written.append({"task": e.task, "frames": len(e)})
+    if not written:
+        raise FailedError("no episode was finished")
     info = {
-        "fps": first.fps,
+        "fps": fps,
         "fields": {name: {"shape": shape, "names": FIELDS.get(name)} for name, shape in shapes.items()},
-        "episodes": [{"task": e.task, "frames": len(e)} for e in episodes],
+        "episodes": written,
     }
     (folder / "info.json").write_text(json.dumps(info, indent=1) + "\n")
     return info

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Episodes of a bag: each stretch in which a set-point was followed, evenly sampled by when messages came."""
 
+from collections.abc import Iterator
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -10,70 +12,94 @@ from numpy.typing import NDArray
 from seed_bringup.bags import BagError
 from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
-from seed_bringup.dataset.episode import LEAST, Episode, Frames, eight_bits
+from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
 from seed_core.arm.quaternion import to_pose
 from seed_core.spatial import Array, Wrench
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in ("left", "right")}
+UNMEASURED = 0.2  # [s] without a valid relative pose, after which a stretch ends
 SHORTEST = 1.0  # [s]; what is shorter is no episode
 
 
-def episodes_of(path: Path, fps: int, text: str, namespace: str = "") -> list[Episode]:
-    """The episodes of a bag in the order of time.
+def episodes_of(path: Path, fps: int, text: str, namespace: str = "") -> Iterator[Episode]:
+    """The episodes of a bag in the order of time, one at a time in memory.
 
     Raises:
         BagError: no readable bag, of another version, without what is needed, or nothing was asked of the controller.
     """
-    root = f"/{namespace.strip('/')}/".replace("//", "/")
-    types, newest, cut = InstalledTypes(), dict[str, Any](), _Cut(fps)
+    types, newest, cut, found = InstalledTypes(), dict[str, Any](), _Cut(fps), False
     with open_bag(path) as reader:
-        names = {c.id: c.topic.removeprefix(root) for c in reader.connections if c.topic.startswith(root)}
-        chosen = [c for c in reader.connections if names.get(c.id) in (*NEEDED, *PICTURES)]
-        if missing := [n for n in NEEDED if n not in {names[c.id] for c in chosen}]:
-            raise BagError(f"{path} lacks {', '.join(root + m for m in missing)}: record with ./seed bag record --all")
-        for c in chosen:
-            if c.digest and c.digest != types.hash(c.msgtype):
-                raise BagError(
-                    f"{path}: {c.topic} was recorded with another version of {c.msgtype} than is installed here: "
-                    "read the bag with that version of the suite"
-                )
-            types.load(c.msgtype)
+        names = _streams(path, reader, types, namespace)
+        chosen = [c for c in reader.connections if c.id in names]
         pictures = {names[c.id] for c in chosen if names[c.id] in PICTURES and c.msgcount}
         for connection, stamp, data in messages_of(reader, chosen):
-            cut.until(1e-9 * stamp, newest, pictures)
-            newest[names[connection.id]] = types.deserialize_cdr(data, connection.msgtype)
-    cut.end()
-    found = [frames.episode(text, fps) for frames in cut.done if len(frames) >= max(LEAST, SHORTEST * fps)]
+            frames = cut.until(1e-9 * stamp, newest, pictures)
+            if frames is not None:
+                found = True
+                yield frames.episode(text, fps)
+            message: Any = types.deserialize_cdr(data, connection.msgtype)
+            if names[connection.id] != "relative_pose":
+                newest[names[connection.id]] = message
+            elif message.valid:  # the others hold no pose
+                newest["relative_pose"], cut.measured = message, 1e-9 * stamp
+    if (frames := cut.end()) is not None:
+        found = True
+        yield frames.episode(text, fps)
     if not found:
         raise BagError(f"{path}: no set-point was followed for {SHORTEST:g} s: nothing to learn from")
-    return found
+
+
+def check(path: Path, namespace: str = "") -> None:
+    """Raises BagError: no readable bag, of another version, or without what is needed."""
+    with open_bag(path) as reader:
+        _streams(path, reader, InstalledTypes(), namespace)
+
+
+def _streams(path: Path, reader: Any, types: InstalledTypes, namespace: str) -> dict[int, str]:
+    """Names of what is read, by the number of the connection; their types are loaded."""
+    root = f"/{namespace.strip('/')}/".replace("//", "/")
+    names = {c.id: c.topic.removeprefix(root) for c in reader.connections if c.topic.startswith(root)}
+    chosen = [c for c in reader.connections if names.get(c.id) in (*NEEDED, *PICTURES)]
+    if missing := [n for n in NEEDED if n not in {names[c.id] for c in chosen}]:
+        raise BagError(f"{path} lacks {', '.join(root + m for m in missing)}: record with ./seed bag record --all")
+    for c in chosen:
+        if c.digest and c.digest != types.hash(c.msgtype):
+            raise BagError(
+                f"{path}: {c.topic} was recorded with another version of {c.msgtype} than is installed here: "
+                "read the bag with that version of the suite"
+            )
+        types.load(c.msgtype)
+    return {c.id: names[c.id] for c in chosen}
 
 
 class _Cut:
-    """Samples what is newest at even times, and cuts where no set-point is followed."""
+    """Samples what is newest at even times, and cuts where no set-point is followed or the tool is not measured.
+
+    Attributes:
+        measured: when the newest valid relative pose came [s].
+    """
 
     def __init__(self, fps: int) -> None:
-        self.done: list[Frames] = []
         self._fps, self._frames, self._start, self._count = fps, Frames(), 0.0, 0
+        self.measured = -inf
 
-    def until(self, t: float, newest: dict[str, Any], pictures: set[str]) -> None:
-        """All samples before t [s]."""
+    def until(self, t: float, newest: dict[str, Any], pictures: set[str]) -> Frames | None:
+        """All samples before t [s]; an episode that has ended by then."""
         state = newest.get("controller/state")
         followed = state is not None and state.enabled and state.setpoint_kind == "hybrid"
-        if not followed or not set(newest) >= {*NEEDED, *pictures}:
-            self.end()
+        if not followed or not set(newest) >= {*NEEDED, *pictures} or t - self.measured > UNMEASURED:
             self._start, self._count = t, 0
-            return
+            return self.end()
         while self._start + self._count / self._fps < t:
             self._frames.add(*_read(newest), {PICTURES[p]: _pixels(newest[p]) for p in pictures})
             self._count += 1
+        return None
 
-    def end(self) -> None:
-        """The stretch is over."""
-        if len(self._frames):
-            self.done.append(self._frames)
-            self._frames = Frames()
+    def end(self) -> Frames | None:
+        """The stretch is over; itself, if it is long enough."""
+        ended, self._frames = self._frames, Frames()
+        return ended if len(ended) >= max(LEAST, SHORTEST * self._fps) else None
 
 
 def _read(newest: dict[str, Any]) -> tuple[Array, Array, Wrench, Array, Wrench]:
@@ -107,6 +133,6 @@ def _pixels(image: Any) -> NDArray[np.uint8]:
     pixels = np.ascontiguousarray(rows).view(np.dtype(kind).newbyteorder(">" if image.is_bigendian else "<"))
     pixels = pixels.reshape(image.height, image.width, channels)
     if image.encoding == "mono16":
-        return eight_bits(pixels[..., 0].astype(float))
+        return three_colours(pixels[..., 0].astype(float))
     out = pixels[..., ::-1] if image.encoding == "bgr8" else np.repeat(pixels, 3 // channels, axis=2)
     return np.ascontiguousarray(out, np.uint8)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Episodes of a task in closed loop without ROS: the task's player is the teacher."""
 
-from seed_bringup.dataset.episode import Episode, Frames, eight_bits
+from seed_bringup.dataset.episode import Episode, Frames, three_colours
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks import Task
@@ -11,7 +11,7 @@ from seed_sim.closed_loop.evaluate import check_task, scenario_of
 from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
 from seed_sim.closed_loop.run import SeedSteering, play, start_pose
 from seed_sim.plant.plant import Plant
-from seed_sim.scenario import load_scenario
+from seed_sim.scenario import Scenario, load_scenario
 
 RATE = 250  # [Hz] of the controller
 
@@ -29,10 +29,7 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
     Raises:
         SeedError: fps does not divide the controller's rate. FailedError: the task was not finished.
     """
-    if RATE % fps:
-        raise SeedError(f"--fps {fps} must divide the controller's {RATE} Hz: 10, 25 and 50 do")
-    scenario = load_scenario(scenario_of(task))
-    check_task(task, scenario, "seed")
+    scenario = check(task, fps)
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
     poses = pose_source(estimator, scenario, seed, RATE, plant)
     watched = _Watched(plant, SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
@@ -40,6 +37,15 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
     if not recording.finished:
         raise FailedError(f"{task.name}, seed {seed}: {recording.message}; not in the dataset")
     return watched.frames.episode(text or task.description or task.name, fps)
+
+
+def check(task: Task, fps: int) -> Scenario:
+    """The scenario of a task that can become an episode. Raises SeedError: it cannot."""
+    if RATE % fps:
+        raise SeedError(f"--fps {fps} must divide the controller's {RATE} Hz: 10, 25 and 50 do")
+    scenario = load_scenario(scenario_of(task))
+    check_task(task, scenario, "seed")
+    return scenario
 
 
 class _Watched:
@@ -66,5 +72,5 @@ class _Watched:
     def _keep(self, setpoint: HybridSetpoint, state: ControllerState) -> None:
         assert state.measured_X_CT is not None
         load = state.estimated.rotated(state.R_W_task) if state.estimated is not None else Wrench.zero()
-        images = {side: eight_bits(pair.ir) for side, pair in getattr(self._source, "images", {}).items()}
+        images = {side: three_colours(pair.ir) for side, pair in getattr(self._source, "images", {}).items()}
         self.frames.add(self._plant.X_WE, state.measured_X_CT, load, setpoint.X_W_tip, setpoint.wrench, images)

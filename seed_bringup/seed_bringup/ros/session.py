@@ -26,7 +26,7 @@ from unique_identifier_msgs.msg import UUID
 
 from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
-from seed_ros.node import no_security
+from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
@@ -62,7 +62,7 @@ class Session:
         self._turned = time.monotonic()  # when the loop went round last [s]
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            self.node = rclpy.create_node("seed_client", namespace=namespace, start_parameter_services=False)
+            self.node = client_node("seed_client", namespace=namespace)
         except RuntimeError as error:
             raise SessionError(no_security(error) or str(error)) from error
         self._executor = SingleThreadedExecutor()

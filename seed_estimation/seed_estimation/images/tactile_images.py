@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ Array32 = NDArray[np.float32]  # single precision, for work at the frame rate
 Image = Array32  # (H, W)
 Mask = NDArray[np.uint8]  # (H, W)
 Bools = NDArray[np.bool_]
+COUNTS = 16.0  # infrared counts of 12 bits for one of 8
 NOTHING = -100.0  # [m, 1] stands for a value that is not there: so far out that robust weights leave it no say
 
 
@@ -35,3 +37,8 @@ class TactileImages:
         ir = cv2.blur(np.asarray(self.ir, np.float32), (n, n))[::n, ::n] if n > 1 else self.ir
         depth = self.depth[::n, ::n] + correction
         return TactileImages(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(ir, np.float32), self.stamp)
+
+
+def eight_bits(infrared: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """(H, W) of an infrared image of 12 bits; 0 where there is none."""
+    return np.asarray(np.clip(np.nan_to_num(infrared) / COUNTS, 0.0, 255.0), np.uint8)

@@ -7,6 +7,7 @@ Opening takes a second, in which the other camera goes on: a thread of its own d
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from seed_core.errors import SeedError
@@ -104,7 +105,10 @@ class Cameras:
         if not missing:
             return
         try:
-            devices = {describe(device): device for device in self._find()}
+            devices = {}
+            for device in self._find():
+                with suppress(CameraError):  # unplugged since it was listed: as if it were not there
+                    devices[describe(device)] = device
             self._serials = assign(tuple(devices), self._serials)  # stays: one that returns is the same finger's
         except SeedError as error:
             for finger in missing:

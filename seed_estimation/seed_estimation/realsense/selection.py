@@ -29,7 +29,7 @@ class Found(NamedTuple):
 
 
 def describe(device: Any) -> Found:
-    """What a device of the library says of itself."""
+    """What a device of the library says of itself. Raises CameraError: nothing; it was unplugged meanwhile."""
     info = library().camera_info
     kinds = (
         info.serial_number,
@@ -38,7 +38,10 @@ def describe(device: Any) -> Found:
         info.recommended_firmware_version,
         info.usb_type_descriptor,
     )
-    return Found(*(str(device.get_info(kind)) if device.supports(kind) else UNKNOWN for kind in kinds))
+    try:
+        return Found(*(str(device.get_info(kind)) if device.supports(kind) else UNKNOWN for kind in kinds))
+    except RuntimeError as error:
+        raise CameraError(f"a camera that was listed does not answer: {error}. Was it unplugged just now?") from error
 
 
 def assign(found: Sequence[Found], wanted: Mapping[str, str]) -> dict[str, str]:

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
-from seed_estimation import TactileImages
+from seed_estimation.images.tactile_images import eight_bits
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.learning.episode import WORLDS, Episode, Wanted, WorldName
 from seed_sim.learning.picture import picture
@@ -21,7 +21,6 @@ from seed_sim.scenario import load_scenario
 from seed_sim.tactile.cameras import camera_model
 
 MAX_FORCE, MAX_TORQUE, MAX_SPEED = 15.0, 0.5, 0.1  # [N], [N m], [m/s]: what an action of 1 asks for
-_COUNTS = 16.0  # infrared counts of 12 bits for one of 8
 Observation = dict[str, NDArray[Any]]
 
 
@@ -160,7 +159,7 @@ class WipeEnv(gymnasium.Env[Observation, NDArray[Any]]):
         }
         if self._images:
             for finger, pair in e.images.items():
-                values[finger], values[f"{finger}_depth"] = _eight_bits(pair), np.nan_to_num(pair.depth)
+                values[finger], values[f"{finger}_depth"] = eight_bits(pair.ir), np.nan_to_num(pair.depth)
         return {name: _within(self._spaces[name], value) for name, value in values.items()}
 
     def _info(self, e: Episode) -> dict[str, Any]:
@@ -179,10 +178,6 @@ class WipeEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
 def _box(n: int, bound: float) -> Box:
     return Box(-bound, bound, (n,), np.float32)
-
-
-def _eight_bits(images: TactileImages) -> NDArray[Any]:
-    return np.asarray(np.clip(images.ir / _COUNTS, 0.0, 255.0))
 
 
 def _within(space: Any, value: Any) -> NDArray[Any]:

@@ -13,10 +13,10 @@ import numpy as np
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from seed_msgs.action import IdentifyStiffness
 
+from seed_ros import client_node
 from seed_sysid.run.live import LiveError
 from seed_sysid.stiffness_map import AXES, UNITS
 
@@ -31,7 +31,7 @@ class Client:
 
     def __init__(self) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # an interrupt is ours: it cancels
-        self._node = Node("identify", start_parameter_services=False)
+        self._node = client_node("identify")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._action = ActionClient(self._node, IdentifyStiffness, ACTION)

@@ -15,7 +15,6 @@ import foxglove
 import rclpy
 from foxglove import Channel, Context, Service, ServiceRequest
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
-from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -28,7 +27,7 @@ from seed_bringup.foxglove.schemas import read_play, schema_of, service_schema
 from seed_bringup.page.ros.hands import CellHands, Said
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
-from seed_ros import FixedRateLoop
+from seed_ros import FixedRateLoop, client_node
 
 RATE = 30.0  # [Hz] at which messages are handed on
 DISCOVERY = 0.5  # [s] between two looks for topics
@@ -99,7 +98,7 @@ class Bridge:
         except Exception as error:  # the library names no type for it
             raise FailedError(f"cannot listen on {host}, port {port}: {error}; name another with --port") from error
         self.port = self._server.port
-        self.node = Node(name, context=context, namespace=namespace, start_parameter_services=False)
+        self.node = client_node(name, context=context, namespace=namespace)
         self.hands = CellHands(self.node.context, (), namespace, f"{name}_hands")
         self.loop = FixedRateLoop(self.node, RATE, self._tick, steady=True, catch_up=False)
         self._next_look = 0.0

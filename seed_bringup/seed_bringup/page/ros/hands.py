@@ -19,7 +19,6 @@ from rclpy.action import ActionClient
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 from std_srvs.srv import SetBool, Trigger
@@ -30,7 +29,7 @@ from seed_bringup.page.ros.held import HeldTool
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
-from seed_ros import COMMAND
+from seed_ros import COMMAND, client_node
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 PATIENCE, STOP_PATIENCE = 20.0, 1.0  # [s] for an answer; for that to a Stop
@@ -68,7 +67,7 @@ class CellHands:
         self._goal: Any = None
         self._ended: Future | None = None  # the end of the task that is played
         self._there = time.monotonic()  # when the controller was there last
-        self.node = Node(name, context=context, namespace=namespace or None, start_parameter_services=False)
+        self.node = client_node(name, context=context, namespace=namespace or None)
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
         self._enable = self.node.create_client(SetBool, ENABLE)
         self._cancel = self.node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
