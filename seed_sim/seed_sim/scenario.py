@@ -14,6 +14,7 @@ from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
+from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
@@ -24,7 +25,7 @@ HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
 SHIPPED: Folder = ("seed_sim", "config/scenarios")
-TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball")
+TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug")
 GRASPS = ("bushing", "membrane")
 PRESSURE_FAULTS = ("none", "silent", "stuck", "left_silent", "left_stuck", "pascal", "gauge")
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")
@@ -145,6 +146,7 @@ class Scenario:
     pressure: PressureSection = field(PressureSection(), doc="the pressure sensors")
     servo: ServoSection = field(ServoSection(), doc="the arm")
     table: TableSection = field(TableSection(), doc="the surface")
+    hole: HoleSection | None = field(None, doc="a plate with a hole on the table, and what goes into it")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images")
     trajectory: TrajectorySection = field(TrajectorySection(), doc="motion in the grasp of ./seed validate")

@@ -121,12 +121,14 @@ def test_membranes_of_the_simulation_face_the_tool(finger: str, side: float) -> 
     assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0.0
 
 
-@pytest.mark.parametrize(("kind", "count"), [("peg", 4), ("torque_driver", 2), ("pen", 0)])
+@pytest.mark.parametrize(
+    ("kind", "count"), [("peg", 4), ("torque_driver", 2), ("pen", 0), ("round_peg", 4), ("plug", 4)]
+)
 def test_what_stands_on_the_table_leaves_room_for_the_tool(kind: str, count: int) -> None:
     walls = fixtures(kind, Tool())
     assert len(walls) == count
     for wall in walls:
-        assert np.abs(wall.vertices[:, :2]).max(axis=0).max() > 0.009
+        assert np.abs(wall.vertices[:, :2]).max(axis=0).max() > 0.008
         assert wall.vertices[:, 2].min() == pytest.approx(0.0)
         inside = (np.abs(wall.vertices[:, :2]) < 1e-3).all(axis=1)
         assert not inside.any()

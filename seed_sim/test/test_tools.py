@@ -9,7 +9,7 @@ from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
 from seed_sim.plant.grip import damping_of, fastest_rate
 from seed_sim.plant.tools import inertia_of, shape_of
 
-KINDS = ("squeegee", "pen", "torque_driver", "peg", "ball")
+KINDS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug")
 
 
 def inertia(kind: str, com=(0.0, 0.0, 0.06), mass=0.2, pad=0.0):

@@ -137,7 +137,7 @@ class HybridLaw(PublishedLaw):
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
         offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)
-        speed = max(reference.speed, min(self.parameters.press_speed, needed / _PRESS_TIME))
+        speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)
         back = self.parameters.max_speed

@@ -81,6 +81,7 @@ class HybridSetpoint:
         contact_resists: about which of T's axes the contact resists rotation (a line, a face, a hole).
         velocity: (3,) [m/s] of the wanted tip position in the world; lets the law lead the servo's lag.
         approach_speed: [m/s] at which to walk towards contact; None means the controller's default.
+        press_speed: [m/s] at most, building up the force in contact; None means the controller's default.
         stamp: when it was sent [s], or None.
     """
 
@@ -94,6 +95,7 @@ class HybridSetpoint:
     contact_resists: Flags = NONE
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
+    press_speed: float | None = None
     stamp: float | None = None
 
     def __post_init__(self) -> None:
@@ -119,8 +121,8 @@ class HybridSetpoint:
         if self.wrench is other.wrench:  # each set-point has a copy of its own: one was moved from the other
             return True
         return (
-            (self.task_frame, self.torque_axes, self.approach_speed)
-            == (other.task_frame, other.torque_axes, other.approach_speed)
+            (self.task_frame, self.torque_axes, self.approach_speed, self.press_speed)
+            == (other.task_frame, other.torque_axes, other.approach_speed, other.press_speed)
             and np.array_equal(self.wrench, other.wrench)
             and np.array_equal(self.force_projector, other.force_projector)
             and np.array_equal(self.R_W_task, other.R_W_task)
@@ -146,8 +148,9 @@ class HybridSetpoint:
                     f"turning; set contact_resists[{'xyz'.index(name)}] if a line, face or hole holds it, or "
                     "hold the angle",
                 )
-        if self.approach_speed is not None and not 0.0 < self.approach_speed <= 0.25:
-            raise SetpointError("SP08", f"approach_speed = {self.approach_speed} m/s must be above 0 and at most 0.25")
+        for name, speed in (("approach_speed", self.approach_speed), ("press_speed", self.press_speed)):
+            if speed is not None and not 0.0 < speed <= 0.25:
+                raise SetpointError("SP08", f"{name} = {speed} m/s must be above 0 and at most 0.25")
 
 
 Setpoint = WrenchSetpoint | RelativePoseSetpoint | HybridSetpoint

@@ -7,6 +7,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
+from seed_control.tasks.insertion.runs import run_of
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, steps_of
 from seed_control.tasks.task import Phase, Task
@@ -93,9 +94,9 @@ class TaskPlayer:
         if self._run is None:
             self._run = self._next(state.X_W_tip)
         ended = self._run.advance(0.0 if self._paused and not self._ending else dt, state)
-        if ended == "timeout" and not self._ending:
+        if ended in ("timeout", "failed") and not self._ending:
             phase = self._run.step.phase
-            self._end_early(f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
+            self._end_early(self._run.why or f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
         elif ended:
             if self._index >= len(self._steps):
                 return self._ended(self._ending)
@@ -140,8 +141,7 @@ class TaskPlayer:
         R_end = R_start if self._run else self._R_tip
         if phase.tilt is not None:
             R_end = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
-        path = Path(np.array([start, *step.points]), phase.speed, phase.acceleration)
-        return StepRun(step, path, R_start, R_end, self._X_W)
+        return run_of(step, start, R_start, R_end, self._X_W, self._run)
 
     def _progress(self) -> float:
         if self._run is None or self._index < 0:

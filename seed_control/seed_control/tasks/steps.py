@@ -13,6 +13,7 @@ from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
 from seed_core.spatial import Array, Wrench, make_pose, so3_exp, so3_log
 
 _TURN_SPEED = 0.3  # [rad/s] of the reference
+_SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 
 
@@ -68,6 +69,8 @@ class StepRun:
         force_projector: (3, 3) onto the force directions at the start.
         share: of the step, 0 to 1.
         finish: set to end it at once.
+        why: it failed.
+        R_seen: (3, 3) of the tip where torque rules, smoothed over the images; None elsewhere.
     """
 
     def __init__(self, step: Step, path: Path, R_start: Array, R_end: Array, X_W: Array) -> None:
@@ -77,7 +80,9 @@ class StepRun:
         angle = float(np.sqrt(self._turn @ self._turn))
         self.duration = max(path.duration, angle / _TURN_SPEED)
         self._t = self._waited = self._held = self.share = 0.0
-        self.finish = False
+        self.finish, self.why = False, ""
+        self.R_seen: Array | None = None
+        self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
         self._first = _first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
         P = self._first.force_projector
@@ -87,6 +92,8 @@ class StepRun:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
         phase = self.step.phase
         self._t += dt
+        if phase.control is not None and phase.control.torque_axes:
+            self._see(state.X_W_tip)
         self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
         self.share = min(self._t / max(self.duration, _TYPICAL if phase.until != "arrived" else 1e-9), 1.0)
         if self.finish:
@@ -99,6 +106,14 @@ class StepRun:
         if met and self._held >= phase.dwell:
             return "done"
         return "timeout" if self._waited > phase.timeout + phase.dwell else ""
+
+    def _see(self, X_W_tip: Array | None) -> None:
+        """Take in the tip of a new image (4, 4)."""
+        if X_W_tip is None or X_W_tip is self._image:
+            return
+        self._image, R = X_W_tip, self._X_W[:3, :3].T @ X_W_tip[:3, :3]
+        before = R if self.R_seen is None else self.R_seen
+        self.R_seen = before @ so3_exp(_SEEN * so3_log(before.T @ R))
 
     def setpoint(self) -> HybridSetpoint:
         """The set-point of this moment."""
@@ -122,4 +137,5 @@ def _first_setpoint(control: Control | None, X_W: Array, X_tip: Array) -> Hybrid
         task_frame="tool" if control.frame == "tool" else "surface",
         R_W_task=X_W[:3, :3],
         approach_speed=control.approach_speed,
+        press_speed=control.press_speed,
     )

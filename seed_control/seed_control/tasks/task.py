@@ -8,6 +8,7 @@ from math import sqrt
 
 import numpy as np
 
+from seed_control.tasks.insertion.sections import Insert, Search
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
@@ -45,6 +46,7 @@ class Control:
     contact_resists: tuple[str, ...] = field((), doc="axes of T about which the contact resists rotation")
     frame: str = field("work", choices=("work", "tool"), doc="axes of force, torque and force_directions")
     approach_speed: float | None = field(None, unit="m/s", quantity=True, low=1e-3, high=0.1, doc="towards contact")
+    press_speed: float | None = field(None, unit="m/s", quantity=True, low=1e-3, high=0.25, doc="in contact, at most")
 
     def __post_init__(self) -> None:
         for name in ("force_directions", "torque_axes", "contact_resists"):
@@ -93,6 +95,8 @@ class Phase:
     speed: float = field(0.05, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="along the path")
     acceleration: float = field(0.2, unit="m/s^2", quantity=True, low=1e-3, high=5.0, doc="along the path")
     control: Control | None = field(None, doc="force and torque; none: position only")
+    search: Search | None = field(None, doc="slide over a plate until a hole is found")
+    insert: Insert | None = field(None, doc="push into the hole that was found")
     until: str = field("arrived", choices=CONDITIONS, doc="what ends the phase")
     dwell: float = field(0.0, unit="s", quantity=True, low=0.0, high=600.0, doc="how long the condition must hold")
     timeout: float = field(
@@ -103,6 +107,15 @@ class Phase:
         high=3600.0,
         doc="beyond the path's own time; then the task fails and lifts",
     )
+
+    def __post_init__(self) -> None:
+        if self.search is not None and self.insert is not None:
+            raise ConfigError("a phase is either search or insert: give two phases")
+        for name, section in (("search", self.search), ("insert", self.insert)):
+            if section is not None and (self.control is None or not any(self.control.force)):
+                raise ConfigError(f"{name} needs a control with the force to press with")
+            if section is not None and self.to is not None:
+                raise ConfigError(f"{name} goes its own way: leave out to")
 
 
 @dataclass(frozen=True)

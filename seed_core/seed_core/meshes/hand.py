@@ -68,11 +68,11 @@ def _rounded(size: tuple[float, float, float], centre: tuple[float, float, float
 
 
 def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS) -> list[Part]:
-    """The tool in T, by its kind: 'squeegee', 'pen', 'torque_driver', 'peg', 'ball'; for any other a rod to its tip.
+    """The tool in T, by its kind; for an unknown one a rod to its tip.
 
     Args:
         tool: where its tip is; the default tool if left out.
-        kind: its name says it if left out.
+        kind: 'squeegee', 'pen', 'torque_driver', 'peg', 'ball', 'round_peg', 'plug'; its name says it if left out.
         radius: [m] of the handle between the bubbles.
     """
     held = tool or Tool()
@@ -95,6 +95,12 @@ def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS)
         case "torque_driver":
             bit = box((0.016, 0.0016, 0.02), (0.0, 0.0, -0.01)).moved(X)
             return [handle, shaft, Part("bit", "T", _to_tip(bit, mid, tip, 0.004), STEEL)]
+        case "round_peg":
+            body = turned([(0.0075, 0.0), (0.008, -5e-4), (0.008, 0.03 - length)][::-1])
+            return [handle, shaft, Part("peg", "T", body.moved(make_pose(X[:3, :3], tip)), STEEL)]
+        case "plug":
+            body = box((0.02, 0.01, length - 0.03), _middle(length)).moved(X)
+            return [handle, shaft, Part("plug", "T", body, RUBBER)]
         case "peg":
             return [handle, Part("peg", "T", box((0.02, 0.02, length - 0.03), _middle(length)).moved(X), STEEL)]
         case "ball":

@@ -79,8 +79,9 @@ class Cell:
         self.gripper = self.plant.AddRigidBody("gripper", gripper_model, heavy)
         self.plant.set_gravity_enabled(gripper_model, False)
         self.tool = self._held_tool(tool_model, inertia, grip) if inertia else self.gripper
-        tips = self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
-        if not surface.shapes:
+        # with a hole the table is `seed_sim.plant.holes`, whose load comes from outside
+        tips = [] if scenario.hole else self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
+        if not surface.shapes and scenario.hole is None:
             self._add_table()
         if scenario.tool_kind == "peg":
             self._add_hole(float(np.abs(shape.points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE)
@@ -105,7 +106,7 @@ class Cell:
             self.tool.floating_velocities_start_in_v(),
         )
         self._applied: Any = None
-        if inertia and grip is None:
+        if inertia and (grip is None or scenario.hole is not None):
             port = self.plant.get_applied_generalized_force_input_port()
             self._applied = port.FixValue(self.context, self._forces)
 
@@ -115,7 +116,9 @@ class Cell:
         self._apply_weight(self._inertia, 1.0 - share)
 
     def apply(self, torque: Array, force: Array) -> None:
-        """Load the tool with the grasp's torque and force, (3,) [N m], [N] about T's origin, in the world."""
+        """Load a held tool from outside with torque and force, (3,) [N m], [N] about T's origin, in the world."""
+        if self._applied is None:
+            return
         i = self._tool_in_v
         self._forces[i : i + 3], self._forces[i + 3 : i + 6] = torque, force
         self._applied.GetMutableData().get_mutable_value().SetFromVector(self._forces)

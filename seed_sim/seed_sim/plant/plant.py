@@ -16,6 +16,7 @@ from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.arm import Arm
 from seed_sim.plant.grasp_force import GraspForce, pose_in, relative
 from seed_sim.plant.grip import Grip, PlantError
+from seed_sim.plant.holes.contact import SUBSTEPS, HoleContact
 from seed_sim.plant.membrane_grip import MembraneGrip
 from seed_sim.plant.table import draw_surface
 from seed_sim.plant.tools import ToolInertia, ToolShape, inertia_of, shape_of
@@ -67,6 +68,15 @@ class Plant:
         shape = shape_of(scenario.tool_kind, scenario.tool)
         rng = np.random.default_rng([seed, 1])
         self.surface = draw_surface(scenario.table, X_W_work, rng, shape.touching, seed)
+        self.hole = None  # what the tool is put into, if the scenario has one
+        if scenario.hole is not None:
+            if self.surface.shapes:
+                raise PlantError(
+                    f"scenario '{scenario.name}': a hole needs a flat table: leave out hole or table.shape"
+                )
+            self.hole = HoleContact(
+                scenario.hole, scenario.tool.X_Ttip, self.surface.X_WS, np.random.default_rng([seed, 5])
+            )
         self.arm = Arm(scenario.servo, X_WE, rng)
         self._com = np.array(scenario.tool.center_of_mass)
         inertia = None if welded else self._tool_inertia(shape)
@@ -77,8 +87,9 @@ class Plant:
         else:
             self.grip = grip = Grip(scenario.grasp, inertia, DT, scenario.name)
             bushing = grip if grasp_force is None else None
+        self._substeps = self.grip.substeps if self.hole is None else max(self.grip.substeps, SUBSTEPS)
         self._film, self._grasp_force = film, None if welded else grasp_force
-        self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self.grip.substeps)
+        self._cell = Cell(scenario, self.surface, shape, inertia, bushing, DT / self._substeps)
         self._X_EC, self._p_Ttip = self.hand.X_EC, self.tool.X_Ttip[:3, 3]
         self._X_WC: Array = X_WE @ self._X_EC
         self._X_WT: Array | None = None  # until it is asked for
@@ -138,17 +149,15 @@ class Plant:
     def _simulate(self, motions: list[Array]) -> None:
         """One step of the plant for each motion of the gripper."""
         context, drake, state = self._cell.context, self._cell.plant, self._state
-        parts, force = self.grip.substeps, self._grasp_force
+        parts = self._substeps
         for motion in motions:
             self._place_gripper(state, motion)
             if self._cell.patches is not None:
                 self._place_table(state)
             for i in range(parts):
                 context.SetDiscreteState(state)
-                if force is not None:
-                    to_C = relative(state, self._cell.tool_at, self._cell.gripper_at)
-                    load = force.wrench(to_C.X_TC, to_C.V_TC, (self._steps + i / parts) * DT)
-                    self._cell.apply(to_C.R_WT @ load.torque, to_C.R_WT @ load.force)
+                if self._grasp_force is not None or self.hole is not None:
+                    self._cell.apply(*self._from_outside(state, (self._steps + i / parts) * DT))
                 self._before = state
                 state = np.array(drake.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
             self._steps += 1
@@ -157,6 +166,19 @@ class Plant:
             raise FailedError(f"the simulation of scenario '{self.scenario.name}' diverged before {self.time:.3f} s")
         if self._film is not None:
             self._film.look(self)
+
+    def _from_outside(self, state: Array, t: float) -> tuple[Array, Array]:
+        """What loads the tool besides Drake's own: torque about T's origin and force, in the world (3,) [N m], [N]."""
+        torque, force = _ZERO, _ZERO
+        if self._grasp_force is not None:
+            to_C = relative(state, self._cell.tool_at, self._cell.gripper_at)
+            load = self._grasp_force.wrench(to_C.X_TC, to_C.V_TC, t)
+            torque, force = to_C.R_WT @ load.torque, to_C.R_WT @ load.force
+        if self.hole is not None:
+            q, v = self._cell.tool_at
+            of_hole = self.hole.update(pose_in(state, q), state[v : v + 6], DT / self._substeps)
+            torque, force = torque + of_hole.torque, force + of_hole.force
+        return torque, force
 
     def _place_gripper(self, state: Array, motion: Array) -> None:
         """Write pose and velocity (13,) of the gripper into the state."""
@@ -200,7 +222,9 @@ class Plant:
         self._X_WT = None
         if self._grasp_force is not None:
             self._grasp_force.reset()
-            self._cell.apply(_ZERO, _ZERO)
+        if self.hole is not None:
+            self.hole.reset()
+        self._cell.apply(_ZERO, _ZERO)
         if not self.welded:
             q, v = self._cell.tool_at
             X_WT = self._X_WC @ make_pose(None, p_CT)
@@ -236,7 +260,10 @@ class Plant:
     @property
     def contact_wrench(self) -> Wrench:
         """Load of the tool on the environment about its tip, written in the world [N m, N], over the last step."""
-        on_tool = self._cell.contact_forces.Eval(self._cell.context)  # about T's origin (C's when welded), in the world
+        if self.hole is not None:
+            on_tool = np.concatenate(self.hole.load)
+        else:  # about T's origin (C's when welded), in the world
+            on_tool = self._cell.contact_forces.Eval(self._cell.context)
         lever = self.X_WT[:3, :3] @ self._p_Ttip
         force = -on_tool[3:]
         return Wrench(-on_tool[:3] - cross(lever, force), force)

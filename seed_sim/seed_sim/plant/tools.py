@@ -49,6 +49,8 @@ def shape_of(kind: str, tool: Tool) -> ToolShape:
         "torque_driver": ([(BIT_REACH, 0.0, 0.0), (-BIT_REACH, 0.0, 0.0)], (0.04, 0.04, 0.012)),
         "peg": (peg_ends, (0.04, 0.04, 0.01)),
         "ball": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.01)),
+        "round_peg": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.01)),  # what meets its hole is `seed_sim.plant.holes`
+        "plug": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.01)),
     }[kind]
     radius = BALL_RADIUS if kind == "ball" else POINT_RADIUS
     return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration), radius)

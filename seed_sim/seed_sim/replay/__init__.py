@@ -25,7 +25,7 @@ def replay_of(plant: Plant, film: Film, model: str = "ur5e") -> str:
         plant.hand,
         plant.tool,
         scenario.tool_kind,
-        plant.surface.X_WS,
+        plant.surface.X_WS if plant.hole is None else plant.hole.X_WH,
         model=model,
         triangles=triangles,
         table=table_mesh(plant.surface),

@@ -35,14 +35,25 @@ def _filled(z: Array) -> Array:
     return np.maximum(np.where(np.isnan(z), -_DEEPEST, z), -_DEEPEST)
 
 
+MOUTHS = {"round_peg": (0.00815, 0.00815), "plug": (0.0102, 0.0052)}  # [m] half the widths of the hole in a plate
+RAISED = 6e-4  # [m] by which its edge is drawn above the plate
+
+
 def fixtures(kind: str, tool: Tool) -> list[Mesh]:
     """Walls around the hole, or both halves of the screw's head; nothing for other tools."""
     if kind == "peg":
         half = float(np.abs(shape_of(kind, tool).points[:, 0]).max()) + POINT_RADIUS + HOLE_CLEARANCE
-        out, long = half + 0.5 * WALL, 2.0 * (half + WALL)
-        sides = ((out, 0.0, WALL, long), (-out, 0.0, WALL, long), (0.0, out, long, WALL), (0.0, -out, long, WALL))
-        return [box((a, b, HOLE_DEPTH), (x, y, 0.5 * HOLE_DEPTH)) for x, y, a, b in sides]
+        return _frame(half, half, HOLE_DEPTH)
+    if kind in MOUTHS:
+        return _frame(*MOUTHS[kind], RAISED)
     if kind == "torque_driver":
         out = POINT_RADIUS + SLOT_CLEARANCE + 0.5 * WALL
         return [box((0.03, WALL, SLOT_DEPTH), (0.0, side * out, 0.5 * SLOT_DEPTH)) for side in (1.0, -1.0)]
     return []
+
+
+def _frame(a: float, b: float, height: float) -> list[Mesh]:
+    """Four walls around a hole of half the widths a and b [m]."""
+    x, y, long = a + 0.5 * WALL, b + 0.5 * WALL, 2.0 * (b + WALL)
+    sides = ((x, 0.0, WALL, long), (-x, 0.0, WALL, long), (0.0, y, 2.0 * a, WALL), (0.0, -y, 2.0 * a, WALL))
+    return [box((w, d, height), (cx, cy, 0.5 * height)) for cx, cy, w, d in sides]

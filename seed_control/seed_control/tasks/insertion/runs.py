@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which run a step of a task needs."""
+
+import numpy as np
+
+from seed_control.tasks.insertion.insert import InsertRun
+from seed_control.tasks.insertion.search import SearchRun
+from seed_control.tasks.path import Path
+from seed_control.tasks.steps import Step, StepRun
+from seed_core.spatial import Array
+
+
+def run_of(step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array, before: StepRun | None) -> StepRun:
+    """The run of a step from the tip's place `start` (3,) and rotation R_start (3, 3) to R_end, in the work frame X_W.
+
+    before: the run that has ended.
+    """
+    phase = step.phase
+    if (phase.search is not None or phase.insert is not None) and before is not None and before.R_seen is not None:
+        R_start = R_end = before.R_seen  # as it lies: torque has left the reference
+    if phase.search is not None:
+        return SearchRun(step, start, R_start, R_end, X_W)
+    if phase.insert is not None:
+        plate = before.plate if isinstance(before, SearchRun) else None
+        return InsertRun(step, start, R_start, R_end, X_W, plate)
+    return StepRun(step, Path(np.array([start, *step.points]), phase.speed, phase.acceleration), R_start, R_end, X_W)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pattern under a press, until the tip drops below the plate or a rim is felt.
+
+The spiral is Archimedes', so that no place is further than half its pitch from the path: S. R. Chhatpar,
+M. S. Branicky, "Search strategies for peg-in-hole assemblies with position uncertainty", IROS 2001.
+"""
+
+import numpy as np
+
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.state import ControllerState
+from seed_control.tasks.insertion.sections import Search
+from seed_control.tasks.insertion.surface import PlateUnderTip
+from seed_control.tasks.path import Path
+from seed_control.tasks.steps import Step, StepRun
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+
+_STEP = 3e-4  # [m] between points of the spiral
+_AGAIN = 0.5  # [s] at the end of the pattern, for what the last images tell
+_ROUNDS = 2  # of tilting all around
+_ROCKING = 0.2  # [rad/s] of the tip's axis
+
+
+def spiral(radius: float, pitch: float) -> Array:
+    """Points (n, 3) [m] of an Archimedean spiral, evenly along it, and once around at the end."""
+    turns = radius / pitch
+    fine = np.linspace(0.0, 2.0 * np.pi * (turns + 1.0), 400 * int(np.ceil(turns + 1.0)))
+    r = np.minimum(fine * pitch / (2.0 * np.pi), radius)
+    xy = np.column_stack([r * np.cos(fine), r * np.sin(fine)])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    even = np.linspace(0.0, along[-1], max(int(along[-1] / _STEP), 2))
+    return np.column_stack([np.interp(even, along, xy[:, 0]), np.interp(even, along, xy[:, 1]), np.zeros(len(even))])
+
+
+class SearchRun(StepRun):
+    """A search being played.
+
+    Attributes:
+        plate: height [m] of the plate where the tip was last, in the work frame.
+    """
+
+    def __init__(self, step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array) -> None:
+        """As a `StepRun`, from the tip's place `start` (3,) in the work frame."""
+        search = step.phase.search
+        assert search is not None
+        self._search: Search = search
+        points = {"spiral": spiral(search.radius, search.pitch), "line": np.array([search.along])}.get(search.pattern)
+        path = Path(
+            [start, *(start + (np.zeros((0, 3)) if points is None else points))],
+            step.phase.speed,
+            step.phase.acceleration,
+        )
+        super().__init__(step, path, R_start, R_end, X_W)
+        self._surface = PlateUnderTip(search.drop)
+        self._to_work = inverse_pose(X_W)
+        self._newest: Array | None = None  # the newest image's tip
+        self._at_rest: Array | None = None  # (2,) [N] sideways as it began
+        self._rounds = _ROUNDS * 2.0 * np.pi * np.deg2rad(search.angle) / _ROCKING  # [s] of tilting
+        if search.pattern == "tilt":
+            self.duration = max(self.duration, self._rounds)
+        self.plate = float(start[2])
+
+    def advance(self, dt: float, state: ControllerState) -> str:
+        super().advance(dt, state)
+        if self.finish:
+            return "done"
+        if state.X_W_tip is not self._newest and state.X_W_tip is not None:
+            self._newest = state.X_W_tip
+            tip = (self._to_work @ state.X_W_tip)[:3, 3]
+            self._surface.image(tip)
+            self.plate = self._surface.height(tip)
+        if self._surface.dropped > self._search.drop or self._sideways(state) > self._search.rim:
+            return "done"
+        if self._t < self.duration + _AGAIN:
+            return ""
+        self.why = (
+            f"phase '{self.step.phase.name}': no hole found: over the whole {self._search.pattern} the tip has not "
+            f"dropped by {1e3 * self._search.drop:g} mm, nor met {self._search.rim:g} N sideways: check that the hole "
+            "is there and where the work frame is, or search further"
+        )
+        return "failed"
+
+    def _sideways(self, state: ControllerState) -> float:
+        """[N] across the press, less what there was as it began."""
+        if state.filtered is None:
+            return 0.0
+        across = self._to_work[:2, :3] @ state.R_W_task @ state.filtered.force
+        if self._at_rest is None:
+            self._at_rest = across
+        off = across - self._at_rest
+        return float(np.sqrt(off @ off))
+
+    def setpoint(self) -> HybridSetpoint:
+        if self._search.pattern != "tilt":
+            return super().setpoint()
+        share = min(self._t / self._rounds, 1.0)
+        angle = np.deg2rad(self._search.angle) * min(8.0 * share, 1.0, 8.0 * (1.0 - share))
+        turn = 2.0 * np.pi * _ROUNDS * share
+        R = self.R_end @ so3_exp(angle * np.array((np.cos(turn), np.sin(turn), 0.0)))
+        return self._first.moved(self._X_W @ make_pose(R, self.position), self._X_W[:3, :3] @ self.velocity)
