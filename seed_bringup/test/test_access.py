@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from seed_bringup.access import command
+from seed_bringup.access import command, keystore
 from seed_bringup.access.permissions import allows
 from seed_bringup.access.policy import read_policy
 from seed_bringup.launching.launch_xml import LaunchError
@@ -133,6 +133,45 @@ def test_made_again_it_keeps_its_keys_and_a_namespace_is_in_the_names(store: Pat
     assert may(left, "/controller", "publish", "rt/left/target_frame")
     assert may(left, "/controller", "publish", "rt/diagnostics")
     assert not may(left, "/controller", "publish", "rt/target_frame")
+
+
+@needs_openssl
+@pytest.mark.parametrize("lost", ["enclaves/controller/cert.pem", "enclaves/controller/key.pem", "public/ca.cert.pem"])
+def test_what_an_interruption_left_undone_is_done_by_the_next_call(store: Path, tmp_path: Path, lost: str) -> None:
+    copy = shutil.copytree(store, tmp_path / "copy", symlinks=True)
+    (copy / lost).unlink()
+    assert command.main([str(copy), "--policy", str(POLICY)]) == 0
+    for enclave in enclaves(copy):
+        place = copy / "enclaves" / enclave[1:]
+        assert openssl("verify", "-CAfile", copy / "public/ca.cert.pem", place / "cert.pem").returncode == 0
+        keys = [
+            openssl(*words, "-pubout" if words[0] == "pkey" else "-pubkey").stdout
+            for words in (("pkey", "-in", place / "key.pem"), ("x509", "-noout", "-in", place / "cert.pem"))
+        ]
+        assert keys[0] == keys[1] != ""
+
+
+@needs_openssl
+@pytest.mark.parametrize("during", [1, 2, 3])
+def test_openssl_that_is_interrupted_leaves_no_key_without_its_certificate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, during: int
+) -> None:
+    whole, calls = keystore._openssl, []
+
+    def interrupted(*words: str) -> None:
+        calls.append(words[0])
+        whole(*words)
+        if len([c for c in calls if c != "smime"]) == during:
+            raise KeyboardInterrupt  # after the key was written, before what comes next
+
+    rights = dict(list(read_policy(POLICY).items())[:1])
+    with monkeypatch.context() as patch:
+        patch.setattr(keystore, "_openssl", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            keystore.make_keystore(tmp_path, rights)
+    keystore.make_keystore(tmp_path, rights)
+    (place,) = (tmp_path / "enclaves" / path[1:] for path in rights)
+    assert openssl("verify", "-CAfile", tmp_path / "public/ca.cert.pem", place / "cert.pem").returncode == 0
 
 
 @needs_openssl

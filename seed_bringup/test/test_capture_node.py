@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from seed_bringup.ros import capture
+from seed_core.errors import FailedError
 from seed_core.hand import Hand
 from seed_estimation.calibration import calibrate, file
 
@@ -27,6 +28,61 @@ def test_a_capture_before_simulated_cameras_calibrates(tmp_path: Path, capsys: A
     np.testing.assert_allclose(hand.X_CL, Hand().X_CL, atol=3e-3)  # as drawn: 3 mm, and 0.003 rad
     assert capture.main(["--practice", "--out", str(made)]) == 2  # a file that exists stays
     assert "exists: name another file" in capsys.readouterr().err
+
+
+def test_a_pause_of_the_cameras_costs_the_step_and_not_the_capture(capsys: Any) -> None:
+    class Streams:
+        problem = ""
+        use: Any = None
+
+    class Session:
+        """Cameras that pause in the second and the third step."""
+
+        def __init__(self) -> None:
+            self.asked = 0
+
+        def until(self, *_: Any) -> None:
+            self.asked += 1
+            for _i in range(1 if self.asked in (2, 4) else 3):
+                streams.use({"left": None})
+
+    class Taken:
+        poses = 0
+
+        def free(self, got: list[Any]) -> str:
+            return f"{len(got)} images"
+
+        def pose(self, got: list[Any]) -> str:
+            self.poses += 1
+            return f"pose {self.poses} of {len(got)} images"
+
+    streams, taken = Streams(), Taken()
+    guide = capture.Guide(Session(), streams, taken, lambda _: "")  # type: ignore[arg-type]
+    guide.run(3, 3)
+    assert taken.poses == capture.MOST_POSES
+    assert capsys.readouterr().out.count("not taken: 1 of 3 images") == 2
+    dead = Session()
+    dead.asked, dead.until = 1, lambda *_: None  # type: ignore[method-assign]
+    with pytest.raises(FailedError, match="0 of 3 images"):
+        capture.Guide(dead, streams, Taken(), lambda _: "").run(3, 3)  # type: ignore[arg-type]
+
+
+def test_a_file_that_cannot_be_written_is_refused_first_and_never_costs_the_capture(
+    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert capture.main(["--out", str(tmp_path / "missing/c.npz")]) == 2
+    assert "missing/c.npz cannot be written: No such file" in capsys.readouterr().err
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    class Full:
+        def save(self, path: Path) -> None:
+            if path.parent == tmp_path:
+                raise OSError(28, "No space left on device")
+            path.write_text("all of it")
+
+    with pytest.raises(FailedError, match=r"No space left on device; the capture is in .*/c.npz"):
+        capture.save(Full(), tmp_path / "c.npz")  # type: ignore[arg-type]
+    assert next(tmp_path.glob("seed-capture-*/c.npz")).read_text() == "all of it"
 
 
 def test_cameras_that_do_not_run_are_told_by_their_topics(

@@ -29,6 +29,21 @@ def joined(domain: int | None = None) -> str:
     return here()
 
 
+def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def words(domain: int | None = None) -> str:
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        return join(argparse.Namespace(domain=domain, namespace=""))
+
+    assert words() == "ROS domain 0, the default: you run no cell on this machine"
+    with domains.claimed(domains.OWN, "launch cell robot:=ur"):
+        assert words() == "ROS domain 1, the only cell that you run on this machine (seed launch cell robot:=ur)"
+        assert words(1) == "ROS domain 1, as --domain says (seed launch cell robot:=ur)"
+        assert words(5) == "ROS domain 5, as --domain says"
+        monkeypatch.setenv("ROS_DOMAIN_ID", "1")
+        told = join(argparse.Namespace(domain=None, namespace=""))
+        assert told == "ROS domain 1, as ROS_DOMAIN_ID says (seed launch cell robot:=ur)"
+
+
 def test_two_cells_take_two_domains_and_give_them_back() -> None:
     with domains.claimed(domains.SHARED, "launch cell") as first:
         assert (first, here()) == (0, "0")

@@ -38,8 +38,10 @@ def test_too_few_answers_late_ones_and_old_ones_say_nothing() -> None:
     for i in range(LEAST):
         assert not skew.known
         assert not skew.problem
+        assert bool(skew.pending) is (i > 0)
         asked(skew, 0.2 * i, 0.001, 0.001, 0.05)
     assert skew.problem
+    assert not skew.pending
     assert not asked(skew, 1.0, 2.0, 0.001, 0.0)
     assert not skew.add(5.0, 5.0, 4.0)
     skew.look(LASTS + 10.0)

@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 from test_control_node import FREE, Cell
 from unique_identifier_msgs.msg import UUID
 
+from seed_core.config import ConfigError
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import COMMAND, LATCHED
 from seed_ros.testing import Bench
@@ -151,6 +152,11 @@ def test_an_operator_that_must_be_heard_and_says_nothing_is_gone(make: Callable[
     assert "it never said on /controller/operator" in cell.bench.result(silent).result.message
 
 
+def test_operators_that_must_be_heard_and_may_go_at_once_are_refused(make: Callable[..., Cell]) -> None:
+    with pytest.raises(ConfigError, match=r"operator_beats = true asks .* set operator_timeout to 0\.4 s"):
+        make(operator_beats=True, operator_timeout=0.0)
+
+
 def test_an_operator_may_go_where_that_is_set(make: Callable[..., Cell]) -> None:
     cell = make(operator_timeout=0.0)
     cell.enabled()
@@ -190,9 +196,12 @@ def test_an_estimator_whose_clock_is_off_is_refused_and_held_and_told(make: Call
         answers.publish(message)
 
     client.create_subscription(TimeReference, "clock_question", answer, COMMAND)
-    cell.enabled()
     skew = cell.node._estimator_clock.skew
+    assert cell.bench.until(lambda: bool(skew.pending))
+    early = enable(cell)  # takes less than two more answers, which come every 0.2 s
+    assert early.success or "is not compared yet" in early.message
     assert cell.bench.until(lambda: skew.known)
+    cell.enabled()
     assert not skew.problem
     assert abs(skew.offset) <= skew.within
     cell.setpoint.publish(cell.hold_here())
@@ -207,6 +216,17 @@ def test_an_estimator_whose_clock_is_off_is_refused_and_held_and_told(make: Call
     assert "synchronise the two" in refused.message
     ahead = 0.0
     assert cell.bench.until(lambda: enable(cell).success, 15.0)
+
+
+def test_nothing_is_enabled_before_an_estimator_that_listens_could_answer(make: Callable[..., Cell]) -> None:
+    cell = make()
+    questions: list[TimeReference] = []
+    cell.bench.client.create_subscription(TimeReference, "clock_question", questions.append, COMMAND)
+    assert cell.bench.until(lambda: bool(questions) and bool(cell.states))
+    refused = enable(cell)
+    assert not refused.success
+    assert "cannot enable: the estimator's clock is not compared yet" in refused.message
+    assert cell.bench.until(lambda: enable(cell).success, 15.0)  # one that never answers is none of ours
 
 
 def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell]) -> None:

@@ -325,6 +325,22 @@ def test_recover_waits_for_a_protective_stop_to_be_unlocked_and_leaves_an_emerge
     assert answer.message == "the robot is in robot emergency stop: only a person at the arm can end that"
 
 
+def test_a_stop_ends_a_recovery_that_waits_and_nothing_is_released_afterwards(peer, robot) -> None:
+    robot.ask("option", name="unlock_after", value=60.0)
+    try:
+        robot.ask("protective_stop")
+        client = peer.node.create_client(Trigger, "driver/recover")
+        peer.wait(client.service_is_ready, 5.0, "recover")
+        recovery = client.call_async(Trigger.Request())
+        peer.spin(0.3)
+        assert not recovery.done()
+        peer.call("stop")
+        peer.wait(recovery.done, 3.0, "the recovery's end")  # far less than the 10 s of its patience
+        assert "given up: the arm was stopped" in recovery.result().message
+    finally:
+        robot.ask("option", name="unlock_after", value=0.3)
+
+
 def test_the_tools_outputs_and_voltage_are_switched_and_seen_to_be(peer, robot) -> None:
     for on in True, False:
         assert peer.call("set_tool_output_1", SetBool, data=on).message == f"tool output 1 is {'on' if on else 'off'}"

@@ -19,11 +19,12 @@ HOST = "127.0.77.3"
 
 
 class Robot:
-    """What was asked for; `refuses` answers 409 to so many of an action."""
+    """What was asked for; `refuses` answers `code` to so many of an action."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, Any]] = []
         self.refuses: dict[str, int] = {}
+        self.code = 409
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
             there.asked.append((self.path, body))
             left = there.refuses.get(body["action"], 0)
             there.refuses[body["action"]] = left - 1
-            self.send_response(409 if left > 0 else 200)
+            self.send_response(there.code if left > 0 else 200)
             self.end_headers()
             self.wfile.write(b"not in remote mode" if left > 0 else b"{}")
 
@@ -75,6 +76,27 @@ def test_a_refusal_is_told_at_once_with_what_to_do(robot: Robot) -> None:
     with pytest.raises(LinkError, match=words):
         switch(HOST, "close safety popup", "unlock protective stop", said="releasing")
     assert len(robot.asked) == 1
+
+
+def test_brakes_that_are_refused_for_good_are_asked_for_once(robot: Robot) -> None:
+    robot.refuses, robot.code = {"BRAKE_RELEASE": 9}, 403
+    with pytest.raises(LinkError, match=r"refuses BRAKE_RELEASE \(HTTP 403"):
+        switch(HOST, "power on", "brake release", said="releasing")
+    assert [body["action"] for _, body in robot.asked] == ["POWER_ON", "BRAKE_RELEASE"]
+
+
+def test_waiting_for_the_brakes_ends_when_it_is_given_up(robot: Robot) -> None:
+    robot.refuses = {"BRAKE_RELEASE": 99}
+    pauses: list[float] = []
+
+    def pause(duration: float) -> None:
+        pauses.append(duration)
+        if len(pauses) == 2:
+            raise LinkError("given up")
+
+    with pytest.raises(LinkError, match="given up"):
+        switch(HOST, "power on", "brake release", said="releasing", pause=pause)
+    assert [body["action"] for _, body in robot.asked] == ["POWER_ON", "BRAKE_RELEASE", "BRAKE_RELEASE"]
 
 
 def test_the_safety_system_is_restarted(robot: Robot) -> None:

@@ -7,6 +7,7 @@ Made by the program openssl, for which the ROS packages have no library of their
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -34,12 +35,10 @@ def make_keystore(folder: Path, rights: Mapping[str, tuple[Right, ...]]) -> None
         place.mkdir(parents=True, exist_ok=True)
     private.chmod(0o700)
     certificate, key = public / "ca.cert.pem", private / "ca.key.pem"
-    if not key.is_file():
-        if certificate.is_file():  # a new authority would lock out every enclave of the old one
-            raise FailedError(f"{key} is missing, which signs for {certificate}: call this where the key is kept")
-        words = ("-x509", *CURVE, "-keyout", str(key), "-out", str(certificate), "-days", DAYS, "-subj", "/CN=sros2CA")
-        _openssl("req", *words)
-        key.chmod(0o600)
+    if not certificate.is_file():
+        _authority(private, key, certificate)
+    elif not key.is_file():  # a new authority would lock out every enclave of the old one
+        raise FailedError(f"{key} is missing, which signs for {certificate}: call this where the key is kept")
     for role in ("identity_ca", "permissions_ca"):
         _link(public / f"{role}.cert.pem", certificate)
         _link(private / f"{role}.key.pem", key)
@@ -48,7 +47,7 @@ def make_keystore(folder: Path, rights: Mapping[str, tuple[Right, ...]]) -> None
     for path, granted in rights.items():
         place = enclaves / path[1:]
         place.mkdir(parents=True, exist_ok=True)
-        if not (place / "key.pem").is_file():
+        if not (place / "key.pem").is_file() or not (place / "cert.pem").is_file():
             _identity(place, path, certificate, key)
         for role in ("identity_ca", "permissions_ca"):
             _link(place / f"{role}.cert.pem", certificate)
@@ -57,15 +56,32 @@ def make_keystore(folder: Path, rights: Mapping[str, tuple[Right, ...]]) -> None
         _sign(place / "permissions.xml", certificate, key)
 
 
+def _authority(private: Path, key: Path, certificate: Path) -> None:
+    """The authority's key, unless it is there, and its certificate, which comes last: nothing was signed before it."""
+    with tempfile.TemporaryDirectory(dir=private) as folder:
+        own, signed = Path(folder, "key.pem"), Path(folder, "cert.pem")
+        subject = ("-days", DAYS, "-subj", "/CN=sros2CA", "-out", str(signed))
+        if key.is_file():
+            _openssl("req", "-x509", "-new", "-key", str(key), *subject)
+        else:
+            _openssl("req", "-x509", *CURVE, "-keyout", str(own), *subject)
+            own.chmod(0o600)
+            own.replace(key)
+        signed.replace(certificate)
+
+
 def _identity(place: Path, path: str, certificate: Path, key: Path) -> None:
-    """Key and certificate of an enclave."""
-    request, own = place / "request.pem", place / "key.pem"
-    name = path.replace("/", "\\/")
-    _openssl("req", "-new", *CURVE, "-keyout", str(own), "-out", str(request), "-subj", f"/CN={name}")
-    own.chmod(0o600)
-    signed_by = ("-CA", str(certificate), "-CAkey", str(key), "-CAcreateserial", "-CAserial", f"{key}.serial")
-    _openssl("x509", "-req", "-in", str(request), *signed_by, "-days", DAYS, "-out", str(place / "cert.pem"))
-    request.unlink()
+    """Key and certificate of an enclave, both or none."""
+    with tempfile.TemporaryDirectory(dir=place) as folder:
+        request, own, signed = (Path(folder, name) for name in ("request.pem", "key.pem", "cert.pem"))
+        name = path.replace("/", "\\/")
+        _openssl("req", "-new", *CURVE, "-keyout", str(own), "-out", str(request), "-subj", f"/CN={name}")
+        own.chmod(0o600)
+        signed_by = ("-CA", str(certificate), "-CAkey", str(key), "-CAcreateserial", "-CAserial", f"{key}.serial")
+        _openssl("x509", "-req", "-in", str(request), *signed_by, "-days", DAYS, "-out", str(signed))
+        (place / "cert.pem").unlink(missing_ok=True)  # until the new one is there, the pair is not
+        own.replace(place / "key.pem")
+        signed.replace(place / "cert.pem")
 
 
 def _sign(file: Path, certificate: Path, key: Path) -> None:

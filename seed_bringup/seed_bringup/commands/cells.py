@@ -21,19 +21,23 @@ def in_root(namespace: str) -> str:
     return "/" + namespace.strip("/")
 
 
-def join(options: argparse.Namespace) -> None:
-    """Set the domain of the cell that is meant, before ROS is started.
+def join(options: argparse.Namespace) -> str:
+    """Set the domain of the cell that is meant, before ROS is started; which one it is and why, in words.
 
     Raises:
         SeedError: none is named and several run.
     """
     if options.domain is not None:
         os.environ[VARIABLE] = str(options.domain)
-    if os.environ.get(VARIABLE):
-        return
+    if named := os.environ.get(VARIABLE):
+        what = running().get(int(named)) if named.isdigit() else ""
+        why = f"as {VARIABLE if options.domain is None else '--domain'} says"
+        return f"ROS domain {named}, {why}" + (f" (seed {what})" if what else "")
     cells = running()
     if len(cells) > 1:
         there = "; ".join(f"--domain {domain}: {what}" for domain, what in cells.items())
         raise SeedError(f"several cells run on this machine, say which: {there}")
-    if cells:
-        os.environ[VARIABLE] = str(next(iter(cells)))
+    for domain, what in cells.items():
+        os.environ[VARIABLE] = str(domain)
+        return f"ROS domain {domain}, the only cell that you run on this machine (seed {what})"
+    return "ROS domain 0, the default: you run no cell on this machine"

@@ -30,7 +30,7 @@ def main(argv: list[str]) -> int:
     load_task(options.task, options.force)  # says here and now what is wrong with it
     with leaving_at_once("play"):
         from seed_bringup.ros.session import Session  # rclpy only from here on
-    join(options)
+    cell = join(options)
     with (
         interrupts() as check,
         closing(Session(check, namespace=options.namespace)) as session,
@@ -48,6 +48,7 @@ def main(argv: list[str]) -> int:
                 raise
 
         session.watch = interrupted
+        print(f"seed play: {session.arm()} in {cell}", file=sys.stderr, flush=True)
         result = session.play(options.task, options.force, tell, patience=math.inf).result
     if not result.success:
         raise FailedError(result.message)

@@ -10,6 +10,7 @@ import argparse
 import os
 import select
 import sys
+import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -29,6 +30,7 @@ from seed_estimation.calibration.capture import LEAST_POSES, MOST_POSES, Capture
 
 FIRST = 15.0  # [s] for the first images
 PATIENCE = 30.0  # [s] for all images of a step
+MOST_PAUSES = 5  # of the cameras in a row, after which they are given up
 LOOK = 0.4  # [s] between two looks at what the cameras see
 TILTS = (
     "upright",
@@ -47,9 +49,13 @@ class Guide:
         """ask: how the person is asked; by default in the terminal, with what the cameras see beside it."""
         self._session, self._streams, self._capture = session, streams, capture
         self._ask = ask or self._ask_in_terminal
+        self._pauses = 0  # of the cameras, one after the other
 
     def run(self, frames: int, per_pose: int, begin: Callable[[int], None] = lambda _: None) -> None:
-        """All steps; `begin` is called with the number of each. Raises FailedError: the images end."""
+        """All steps; `begin` is called with the number of each. Raises FailedError: the images end for good.
+
+        What was taken before a pause of the cameras stays: the step is asked for again.
+        """
         begin(0)
         self._step(
             "Step 1: nothing touches the membranes, and the gripper is open.",
@@ -70,13 +76,14 @@ class Guide:
         while True:
             if self._ask(f"{prompt}  [{keys}]").strip().lower() == "f" and optional:
                 return False
-            got = self._gather(count)
             try:
+                got = self._gather(count)
+                self._pauses = 0
                 print(f"  taken: {use(got)}", flush=True)
             except FailedError as error:
                 print(f"  not taken: {error}", flush=True)
-                if optional:
-                    continue
+                if self._pauses > MOST_PAUSES:
+                    raise
             else:
                 return True
 
@@ -87,6 +94,7 @@ class Guide:
         self._session.until(lambda: len(got) >= count, PATIENCE, "")
         self._streams.use = lambda _: None
         if len(got) < count:
+            self._pauses += 1
             why = self._streams.problem or "do the cameras still run?"
             raise FailedError(f"{len(got)} of {count} images within {PATIENCE:g} s: {why}")
         return got[:count]
@@ -126,6 +134,27 @@ def wait_for_images(session: Session, streams: TactileStreams) -> None:
         raise FailedError(streams.problem or "images of left and right never came within 25 ms of each other")
 
 
+def try_to_write(out: Path) -> None:
+    """Raises SeedError: the file could not be written at the end."""
+    there = out.exists()
+    try:
+        out.open("ab").close()
+    except OSError as error:
+        raise SeedError(f"{out} cannot be written: {error.strerror}; name another file with --out") from error
+    if not there:
+        out.unlink()
+
+
+def save(capture: Capture, out: Path) -> None:
+    """Write it; where that fails, somewhere else, for it took a person a quarter of an hour. Raises FailedError."""
+    try:
+        capture.save(out)
+    except OSError as error:
+        folder = Path(tempfile.mkdtemp(prefix="seed-capture-"))
+        capture.save(folder / out.name)
+        raise FailedError(f"{out}: {error.strerror}; the capture is in {folder / out.name}") from error
+
+
 @command("seed capture")
 def main(argv: list[str]) -> int:
     """Guide through a capture and write it."""
@@ -153,6 +182,7 @@ def main(argv: list[str]) -> int:
     options = p.parse_args(argv)
     if options.out.exists() and not options.force:
         raise SeedError(f"{options.out} exists: name another file with --out, or say --force")
+    try_to_write(options.out)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
     hand = read_hand(options.hand) if options.hand else Hand()
     with ExitStack() as stack:
@@ -172,7 +202,7 @@ def main(argv: list[str]) -> int:
         guide = Guide(session, streams, capture, hands.ask if hands else None)
         frames = options.frames or (60 if np.size(first.depth) > 100_000 else 150)
         guide.run(frames, options.per_pose, hands.begin if hands else lambda _: None)
-    capture.save(options.out)
+    save(capture, options.out)
     also = "".join(f" --{name} {getattr(options, name)}" for name in ("membrane", "hand") if getattr(options, name))
     print(f"written to {options.out}; now: ./seed calibrate {options.out} --radius {options.radius:g}{also}")
     return 0

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import rclpy
 from action_msgs.srv import CancelGoal
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
@@ -30,6 +31,7 @@ from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
+SEEN = 5.0  # [s] for driver or simulation to be seen, and for the driver's answer
 STUCK = 3.0  # [s] without a turn of the loop, after which there is none
 
 
@@ -199,6 +201,23 @@ class Session:
         finally:
             over.set()
             thread.join()
+
+    def arm(self, patience: float = 20.0) -> str:
+        """Which arm moves here, in words. Raises SessionError: no controller is here."""
+        action = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
+        self.until(action.service_is_ready, patience, "no action controller/follow_setpoints")
+        self.node.destroy_client(action)
+        client = self.node.create_client(GetParameters, "driver/get_parameters")
+        self.until(lambda: client.service_is_ready() or "sim" in self.node.get_node_names(), SEEN, "")
+        try:
+            if client.service_is_ready():
+                future = client.call_async(GetParameters.Request(names=["robot_ip"]))
+                self.until(future.done, SEEN, "")
+                values = future.result().values if future.done() else []
+                return f"the arm at {values[0].string_value}" if values else "the arm of the driver"
+        finally:
+            self.node.destroy_client(client)
+        return "a simulated arm" if "sim" in self.node.get_node_names() else "an arm of another maker's driver"
 
     def cancel_all(self, patience: float = 10.0) -> int:
         """End whatever task is played, whoever began it; how many there were."""

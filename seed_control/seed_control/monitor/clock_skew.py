@@ -59,6 +59,13 @@ class ClockSkew:
         return len(self._answers) >= LEAST
 
     @property
+    def pending(self) -> str:
+        """That answers come, but not enough of them yet; '' otherwise."""
+        if self.known or not self._answers:
+            return ""
+        return f"the estimator's clock is not compared yet ({len(self._answers)} of {LEAST} answers): ask again"
+
+    @property
     def offset(self) -> float:
         """By which the estimator's clock is ahead [s]; known: only then."""
         return min(self._answers, key=lambda a: a[1])[2]

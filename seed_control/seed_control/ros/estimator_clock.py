@@ -9,6 +9,8 @@ from seed_control.monitor.clock_skew import ClockSkew, SkewSettings
 from seed_ros import COMMAND, SeedNode
 from seed_ros.conversions import seconds, stamped
 
+ANSWERS = 2.0  # [s] within which an estimator that answers has done so; one without answers leaves the skew unknown
+
 
 class EstimatorClock:
     """`look` in each step; `skew` says what came out.
@@ -22,6 +24,7 @@ class EstimatorClock:
         one_clock = node.get_parameter("use_sim_time").get_parameter_value().bool_value
         self._period = inf if one_clock or not settings.rate else 1.0 / settings.rate
         self._asked = -inf  # [s]
+        self._listens = inf  # [s] since when somebody listens to the questions
         self._questions = node.publisher(TimeReference, "clock_question", COMMAND)
         node.loop.poll(TimeReference, "clock_answer", self._on_answer, COMMAND)
 
@@ -31,7 +34,19 @@ class EstimatorClock:
         if 0.0 <= now - self._asked < self._period or self._period == inf:
             return
         self._asked = now
+        if not self._questions.get_subscription_count():
+            self._listens = inf
+        elif self._listens == inf:
+            self._listens = now
         self._questions.publish(stamped(TimeReference, now, ""))
+
+    def pending(self, now: float) -> str:
+        """Why nothing may be enabled yet at now [s]: an estimator that listens has had no time to answer; or ''."""
+        if self.skew.known or self._period == inf:
+            return ""
+        if 0.0 <= now - self._listens < ANSWERS and not self.skew.pending:
+            return "the estimator's clock is not compared yet (no answer): ask again in a second"
+        return self.skew.pending
 
     def _on_answer(self, message: TimeReference) -> None:
         if message.time_ref.sec or message.time_ref.nanosec:

@@ -35,7 +35,7 @@ from seed_control.wrench.model_settings import choose_model
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.clocks import DOC, clocks
-from seed_core.config import field
+from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
@@ -79,6 +79,14 @@ class NodeSettings:
     )
     operator_lost: str = field("lift", choices=("lift", "hold"), doc="how a task ends whose operator is lost")
     realtime_priority: int = field(40, low=0, high=98, doc="SCHED_FIFO priority of the loop if allowed; 0: none")
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError: an operator must be heard who may go."""
+        if self.operator_beats and not self.operator_timeout:
+            raise ConfigError(
+                "operator_beats = true asks that every operator is heard, and operator_timeout = 0 s that none "
+                "needs be: set operator_timeout to 0.4 s, or operator_beats to false"
+            )
 
 
 class ControllerNode(SeedNode):
@@ -235,7 +243,8 @@ class ControllerNode(SeedNode):
     def _enable(self, on: bool) -> str:
         if on:
             self.loop.take()  # what came before it must not be taken for news afterwards; nor must the clock be old
-            if why := self._arm_holds or self._estimator_clock.skew.problem:
+            clock = self._estimator_clock
+            if why := self._arm_holds or clock.skew.problem or clock.pending(self.now()):
                 raise ControlRefusedError(f"cannot enable: {why}")
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"

@@ -12,6 +12,7 @@ from seed_driver.robot.link import LinkError
 from seed_driver.robot.robot_api import switch
 
 Ask = Callable[..., str]  # dashboard commands in turn; the last answer
+Pause = Callable[[float], None]
 LOOK = 0.1  # [s] between two looks
 FREE = ("NORMAL", "REDUCED")
 LOCKED = 10.0  # [s] UR refuses to unlock a protective stop within 5 s
@@ -25,8 +26,11 @@ REMEDIES = {
 }
 
 
-def recover(host: str) -> str:
+def recover(host: str, pause: Pause = time.sleep) -> str:
     """Unlock, restart the safety system, power on, release the brakes: what is needed of these.
+
+    Args:
+        pause: between two looks [s]; a LinkError of it ends the waiting.
 
     Returns:
         What to do next.
@@ -38,7 +42,7 @@ def recover(host: str) -> str:
     def ask(*commands: str) -> str:
         return dashboard(host, *commands)
 
-    steps = [*_make_safe(ask), *_switch_on(ask)]
+    steps = [*_make_safe(ask, pause), *_switch_on(ask, pause)]
     return f"{', '.join(steps) or 'nothing was to be done'}; call resend_robot_program"
 
 
@@ -51,7 +55,7 @@ def restart_safety(host: str) -> str:
     return f"{answer}; then call power_on"
 
 
-def _make_safe(ask: Ask) -> list[str]:
+def _make_safe(ask: Ask, pause: Pause) -> list[str]:
     safety = _safety(ask)
     if safety in FREE:
         return []
@@ -66,11 +70,11 @@ def _make_safe(ask: Ask) -> list[str]:
         if not accepted:
             said = ask("close safety popup", command)
             accepted = command == "restart safety" or "releasing" in said.lower()
-        time.sleep(LOOK)
+        pause(LOOK)
     return [f"{_words(safety)} ended"]
 
 
-def _switch_on(ask: Ask) -> list[str]:
+def _switch_on(ask: Ask, pause: Pause) -> list[str]:
     steps: list[str] = []
     while (mode := _mode(ask)) != "RUNNING":
         if mode not in MODES:
@@ -80,7 +84,7 @@ def _switch_on(ask: Ask) -> list[str]:
         while _mode(ask) == mode:
             if time.monotonic() > until:
                 raise LinkError(f"the robot is still in mode {_words(mode)} after {SWITCHING:g} s: {said}")
-            time.sleep(LOOK)
+            pause(LOOK)
         if MODES[mode]:
             steps.append(MODES[mode])
     return steps

@@ -9,6 +9,7 @@ import json
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 
 from seed_driver.robot.dashboard import NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
@@ -17,6 +18,7 @@ PORT = 80
 PATH = "/universal-robots/robot-api/robotstate/v1/state"
 TIMEOUT = 5.0  # [s] of an answer
 SWITCHING = 20.0  # [s] from power to brakes that may be released
+FINAL = (400, 401, 403, 404, 405, 501)  # of HTTP's codes: not understood, not allowed, not there
 ACTIONS = {  # by the dashboard's command
     "power on": "POWER_ON",
     "brake release": "BRAKE_RELEASE",
@@ -27,14 +29,19 @@ _DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no pro
 
 
 class RefusedError(LinkError):
-    """The Robot API is there, and does not do it."""
+    """The Robot API is there, and does not do it; final: nor would it later, for the request itself is wrong."""
+
+    def __init__(self, words: str, final: bool) -> None:
+        super().__init__(words)
+        self.final = final
 
 
-def switch(host: str, *commands: str, said: str) -> str:
+def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] = time.sleep) -> str:
     """Send the dashboard's commands in turn, to whichever of the two is there.
 
     Args:
         said: what the dashboard's answer to the last one contains when it is done.
+        pause: between two attempts [s]; a LinkError of it ends them.
 
     Returns:
         That answer, or what the Robot API has accepted.
@@ -56,10 +63,10 @@ def switch(host: str, *commands: str, said: str) -> str:
             try:
                 _put(host, action, nobody)
                 break
-            except RefusedError:
-                if time.monotonic() >= until:
+            except RefusedError as error:
+                if error.final or time.monotonic() >= until:
                     raise
-                time.sleep(0.5)
+                pause(0.5)
         done.append(action)
     return f"{', '.join(done)}: accepted by the Robot API"
 
@@ -74,7 +81,8 @@ def _put(host: str, action: str, nobody: str) -> None:
     except urllib.error.HTTPError as error:
         words = " ".join(error.read(300).decode("utf-8", "replace").split())
         raise RefusedError(
-            f"the Robot API refuses {action} (HTTP {error.code} {words}): is the robot in Automatic and Remote mode?"
+            f"the Robot API refuses {action} (HTTP {error.code} {words}): is the robot in Automatic and Remote mode?",
+            error.code in FINAL,
         ) from error
     except OSError as error:
         raise LinkError(

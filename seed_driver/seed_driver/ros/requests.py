@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from threading import Event
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -14,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
+from seed_driver.robot.link import LinkError
 from seed_driver.robot.recovery import recover, restart_safety
 from seed_driver.robot.robot_api import switch
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
@@ -34,19 +36,21 @@ class Requests:
         """tool_voltage: what is configured [V]."""
         self._tool_voltage = tool_voltage
         self._active: tuple[Supervisor, str] | None = None  # and the controller's address
+        self._given_up = Event()
         self._waiting: dict[int, tuple[Future, float]] = {}  # answers by number of the request, and deadlines [s]
         self._thread = ThreadPoolExecutor(1, "dashboard")
         self._thread_calls: list[tuple[ThreadFuture[str], Future]] = []
         group = ReentrantCallbackGroup()  # a call that waits for the robot does not hold up another
-        for name, method in {
-            "stop": partial(self._ask, "stop"),
+        services: dict[str, Callable[..., Any]] = {
+            "stop": self._stop,
             "zero_ftsensor": partial(self._ask, "zero_ft"),
             "resend_robot_program": partial(self._ask, "start"),
             "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
             "power_on": partial(self._release, "power on", "brake release"),
             "restart_safety": partial(self._apart, restart_safety),
-            "recover": partial(self._apart, recover),
-        }.items():
+            "recover": self._recover,
+        }
+        for name, method in services.items():
             node.serve(Trigger, f"~/{name}", method, group=group)
         for pin in TOOL_OUTPUTS:
             node.serve(SetBool, f"~/set_tool_output_{pin}", partial(self._apart, set_tool_output, pin), group=group)
@@ -60,6 +64,7 @@ class Requests:
     def end(self) -> None:
         """The driver is not active any more."""
         self._active = None
+        self._give_up()
         for future in (*(f for f, _ in self._waiting.values()), *(f for _, f in self._thread_calls)):
             future.set_exception(RequestError("the driver was deactivated"))
         self._waiting.clear()
@@ -77,6 +82,18 @@ class Requests:
         self._waiting[number] = (future, time.monotonic() + ANSWER_TIMEOUT)
         return str(await future)
 
+    async def _stop(self) -> str:
+        """Come to rest; no brake is released any more that somebody has asked for before."""
+        self._give_up()
+        return await self._ask("stop")
+
+    def _give_up(self) -> None:
+        """End what the thread repeats until the robot does it, and what waits for the thread."""
+        self._given_up.set()
+        self._given_up = Event()
+        for call, _ in self._thread_calls:
+            call.cancel()
+
     async def _apart(self, call: Callable[..., str], *arguments: Any) -> str:
         """What `call(address of the robot, ...)` returns, made in the thread."""
         _, robot_ip = self._where()
@@ -91,7 +108,20 @@ class Requests:
 
     async def _release(self, *commands: str) -> str:
         """The controller's answer to commands of which the last releases something."""
-        return await self._apart(partial(switch, said="releasing"), *commands)
+        return await self._apart(partial(switch, said="releasing", pause=self._pause()), *commands)
+
+    def _pause(self) -> Callable[[float], None]:
+        """Waits so long [s], as time.sleep does. Raises LinkError: it was given up meanwhile."""
+        given_up = self._given_up
+
+        def pause(duration: float) -> None:
+            if given_up.wait(duration):
+                raise LinkError("given up: the arm was stopped, or the driver deactivated, meanwhile")
+
+        return pause
+
+    async def _recover(self) -> str:
+        return await self._apart(partial(recover, pause=self._pause()))
 
     def _where(self) -> tuple[Supervisor, str]:
         if self._active is None:
@@ -112,8 +142,10 @@ class Requests:
                 continue
             del self._waiting[number]
         for call, future in [c for c in self._thread_calls if c[0].done()]:
-            error = call.exception()
-            if error is not None:
+            error = None if call.cancelled() else call.exception()
+            if call.cancelled():
+                future.set_exception(RequestError("given up: the arm was stopped meanwhile"))
+            elif error is not None:
                 future.set_exception(RequestError(str(error)))
             else:
                 future.set_result(call.result())
