@@ -19,6 +19,7 @@ COMMANDS = (
     Command("demo", "seed_bringup.commands.demo", "the simulated squeegee task, live, with a report"),
     Command("test", DEVELOPERS, "every test; further arguments go to pytest", "test"),
     Command("evaluate", "seed_sim.closed_loop.command", "a task in closed loop without ROS, scored"),
+    Command("compare", "seed_sim.comparison.command", "this suite and what people use instead, in the same cells"),
     Command("validate", "seed_testing.validation.command", "the estimators and maps against ground truth"),
     Command("recordings", "seed_testing.recordings.command", "the estimator against recorded images"),
     Command("capture", "seed_bringup.ros.capture", "images for a calibration, step by step"),

@@ -78,6 +78,10 @@ class Arm:
             self._follow_joints(self._step[1], dt)
         else:
             self._follow_pose(self._step[1])
+        self.wander(t)
+
+    def wander(self, t: float) -> None:
+        """Renew the error of repeatability at t [s], also for an arm that is driven from outside."""
         self._error = self.error.at(t)
 
     def _accept(self, X_WE: Array) -> None:

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All runs of a comparison on this machine's cores; each is kept in a file as it ends, and none is repeated."""
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from joblib import Parallel, delayed
+
+from seed_core.errors import SeedError
+from seed_sim.closed_loop.progress import counted
+from seed_sim.comparison.run import Run, scored
+from seed_sim.comparison.tuning import Work
+
+
+def scored_in_parallel(works: list[Work], jobs: int) -> Iterator[dict[str, Any]]:
+    """The rows of all of them, as they end."""
+    runs = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(scored)(run, s) for run, s in works)
+    yield from counted(runs, len(works), "run")
+
+
+def campaign(works: list[Work], jobs: int, file: Path) -> list[dict[str, Any]]:
+    """Every run, in the order of `works`; those that the file has with the same settings are taken from it.
+
+    Raises:
+        SeedError: the file is none of runs.
+    """
+    known = _known(file)
+    missing = [(run, s) for run, s in works if known.get(run.key, {}).get("settings") != dict(s)]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a", encoding="utf-8") as out:
+        for row in scored_in_parallel(missing, jobs):
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            known[_key(row)] = row
+    return [known[run.key] for run, _ in works]
+
+
+def _key(row: dict[str, Any]) -> str:
+    return Run(row["method"], row["case"], row["seed"]).key
+
+
+def _known(file: Path) -> dict[str, dict[str, Any]]:
+    if not file.exists():
+        return {}
+    rows: dict[str, dict[str, Any]] = {}
+    lines = file.read_text(encoding="utf-8").splitlines()
+    for number, line in enumerate(lines, start=1):
+        try:
+            row = json.loads(line)
+            rows[_key(row)] = row
+        except (ValueError, KeyError, TypeError) as error:
+            if number == len(lines):  # the machine went down while it was written
+                file.write_text("".join(f"{whole}\n" for whole in lines[:-1]), encoding="utf-8")
+                break
+            raise SeedError(f"{file}:{number}: not a run of ./seed compare ({error}): name another folder") from error
+    return rows
+
+
+def failed(rows: Iterable[dict[str, Any]]) -> list[str]:
+    """Which runs did not come to their end, and why."""
+    return [f"{_key(r)}: {r['message']}" for r in rows if not r["finished"]]

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The comparison: scores from a run worked out by hand, who wins, resuming, and runs of rivals in the plant."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_core.errors import SeedError
+from seed_sim.closed_loop.recording import Recording
+from seed_sim.comparison import campaign as campaign_module
+from seed_sim.comparison.bumps import Bumps
+from seed_sim.comparison.campaign import campaign
+from seed_sim.comparison.command import main
+from seed_sim.comparison.methods import method_named
+from seed_sim.comparison.run import Run
+from seed_sim.comparison.score import SCORES, scores_of
+from seed_sim.comparison.table import lines_of, text
+
+RATE = 250.0  # [Hz]
+
+
+def recording_of(press: np.ndarray, wipe: np.ndarray) -> Recording:
+    """A run with these forces onto the table [N], 10 N wanted."""
+    recording = Recording(["approach", "press", "wipe", "lift"])
+    for i, force in enumerate(np.concatenate([press, wipe])):
+        recording.add(
+            t=i / RATE,
+            phase=1 if i < len(press) else 2,
+            force=np.array((0.0, 0.0, -force)),
+            wanted_force=np.array((0.0, 0.0, -10.0)),
+            torque_T=np.array((0.2, 0.0, 0.0)),
+            lean=np.array((0.5, np.deg2rad(3.0), np.deg2rad(4.0))),
+        )
+    recording.finished = True
+    return recording
+
+
+def test_scores_are_those_worked_out_by_hand() -> None:
+    press = np.concatenate([np.zeros(100), np.full(25, 14.0), np.full(100, 10.0)])
+    wipe = np.tile((9.0, 11.0), 100)
+    s = scores_of(recording_of(press, wipe), 10.0)
+    assert_allclose(s["rms"], 1.0)
+    assert_allclose(s["p90"], 1.0)
+    assert_allclose(s["press_rms"], np.sqrt(25 * 16.0 / 125))
+    assert_allclose(s["peak"], 4.0)
+    assert_allclose(s["overshoot"], 40.0)
+    assert_allclose(s["rest"], 25 / RATE)
+    assert_allclose(s["lean"], 5.0)  # 3 and 4 degrees; about x the torque rules
+    assert_allclose(s["torque"], 0.2)
+    assert s["lost"] == 0.0
+    assert s["bandwidth"] is None
+
+
+def test_lost_contacts_are_counted_and_no_contact_is_all_error() -> None:
+    wipe = np.tile(np.concatenate([np.full(20, 10.0), np.zeros(5)]), 4)
+    assert scores_of(recording_of(np.full(100, 10.0), wipe), 10.0)["lost"] == 4.0
+    assert scores_of(recording_of(np.zeros(50), np.zeros(50)), 10.0)["rms"] == 10.0
+
+
+def test_a_run_that_was_cut_short_is_all_error() -> None:
+    recording = recording_of(np.full(100, 10.0), np.full(20, 10.0))
+    recording.finished = False
+    assert scores_of(recording, 10.0)["rms"] == 10.0
+
+
+def test_bumps_have_their_height() -> None:
+    bumps = Bumps(size=1e-3, length=0.02, every=0.05)
+    assert_allclose([bumps.height(x) for x in (0.01, 0.06, 0.005, 0.03)], (1e-3, 1e-3, 0.5e-3, 0.0))
+
+
+def row(method: str, rms: float, case: str = "nominal", seed: int = 0) -> dict[str, object]:
+    values: dict[str, object] = dict.fromkeys(SCORES)
+    return (
+        {"method": method, "case": case, "seed": seed, "settings": {}, "finished": True, "message": ""}
+        | values
+        | {"rms": rms}
+    )
+
+
+def test_the_best_wins_a_row_and_the_bound_wins_none() -> None:
+    rows = [row("seed", 0.2), row("admittance", 0.1), row("ideal sensor", 0.01)]
+    line = lines_of(rows)[0]
+    assert line.winners == ("admittance",)
+    assert line.medians["seed"] == 0.2
+    level = lines_of([row("seed", 0.2), row("admittance", 0.208)])[0]
+    assert level.winners == ("seed", "admittance")
+    assert "adm." in text(rows).splitlines()[2]
+
+
+def test_runs_are_kept_and_only_missing_ones_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def fake(works: list[tuple[Run, dict[str, float]]], jobs: int) -> list[dict[str, object]]:
+        del jobs
+        made.extend(run.key for run, _ in works)
+        return [row(run.method, 0.1, run.case, run.seed) | {"settings": dict(s)} for run, s in works]
+
+    monkeypatch.setattr(campaign_module, "scored_in_parallel", fake)
+    file = tmp_path / "runs.jsonl"
+    works: list[tuple[Run, dict[str, float]]] = [(Run("seed", "nominal", s), {}) for s in range(3)]
+    campaign(works[:2], 1, file)
+    with file.open("a", encoding="utf-8") as out:
+        out.write('{"method": "se')  # interrupted while it was written
+    assert [r["seed"] for r in campaign(works, 1, file)] == [0, 1, 2]
+    assert made == ["seed|nominal|0", "seed|nominal|1", "seed|nominal|2"]
+    campaign([(Run("seed", "nominal", 0), {"gain": 1.0})], 1, file)  # other settings: another run
+    assert made[-1] == "seed|nominal|0"
+
+
+def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "runs.jsonl"
+    file.write_text("hello\nworld\n", encoding="utf-8")
+    with pytest.raises(SeedError, match="not a run of"):
+        campaign([(Run("seed", "nominal", 0), {})], 1, file)
+
+
+def test_the_command_writes_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--case", "pen", "--method", "seed", "--method", "open loop", "--seeds", "1", "--jobs", "1"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "Force error [N]" in said
+    assert method_named("open loop").short in said
+    runs = (tmp_path / "runs.jsonl").read_text(encoding="utf-8")
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "runs.jsonl").read_text(encoding="utf-8") == runs
+    result = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
+    assert {line["case"] for line in result["lines"]} == {"pen", "all cases"}
+    assert (tmp_path / "table.csv").read_text(encoding="utf-8").startswith("case,score,unit,seed,open loop")
