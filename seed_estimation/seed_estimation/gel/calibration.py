@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shading of a gel from images: free, and with a ball pressed in at eight places or more."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from seed_core.errors import SeedError
+from seed_estimation.gel.dots import DotFinder
+from seed_estimation.gel.image import GelImage
+from seed_estimation.gel.settings import GelSettings
+from seed_estimation.gel.shading import Canvas, Press, Shading, change, filled, fit_shading, mean_colour
+from seed_estimation.images.camera import PinholeCamera
+
+
+def calibrated(
+    free: Sequence[GelImage], presses: Sequence[GelImage], radius: float, camera: PinholeCamera, p: GelSettings
+) -> Shading:
+    """The shading of one gel.
+
+    Args:
+        free: nothing touches. presses: one ball of that radius [m] in each, away from the edge, at different places.
+
+    Raises:
+        SeedError: too few presses show an imprint.
+    """
+    canvas = Canvas(camera, p.distance, p.decimate)
+    per_metre = float(camera.K[0, 0]) / p.distance
+    finder, (h, w), n = DotFinder(p.dot * per_metre, p.contrast), canvas.shape, p.decimate
+    mean = mean_colour([i.rgb for i in free])
+    _, hidden = finder.find(np.rint(mean).astype(np.uint8))
+    full = filled(mean, hidden, 0.8 * p.dot * per_metre)
+    rest = cv2.resize(full[: h * n, : w * n], (w, h), interpolation=cv2.INTER_AREA)
+    seen = []
+    for image in presses:
+        _, hidden = finder.find(image.rgb)
+        hides = cv2.resize(hidden[: h * n, : w * n] * 255, (w, h), interpolation=cv2.INTER_AREA) > 0
+        seen.append(Press(change(canvas.small(image.rgb).astype(np.float32), rest), np.asarray(hides, np.uint8)))
+    return fit_shading(seen, canvas, radius)
+
+
+def save(file: Path, shadings: dict[str, Shading]) -> None:
+    """Shadings by finger, as an .npz file."""
+    arrays: dict[str, Any] = {finger: shading.coefficients for finger, shading in shadings.items()}
+    np.savez(file, **arrays)
+
+
+def load(file: Path) -> dict[str, Shading]:
+    """Shadings by finger. Raises SeedError: no such file, or none of ours."""
+    try:
+        with np.load(file, allow_pickle=False) as content:
+            out = {finger: Shading(np.asarray(content[finger], float)) for finger in content.files}
+    except (OSError, ValueError) as error:
+        raise SeedError(f"{file}: no calibration of gels: {error}") from error
+    if not out or any(s.coefficients.ndim != 3 or not np.isfinite(s.coefficients).all() for s in out.values()):
+        raise SeedError(f"{file}: no calibration of gels")
+    return out

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The seam for other sensors: poses from whatever tells where material is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from seed_core.hand import Hand
+from seed_core.spatial import Array, pose_from_rpy, so3_exp, so3_log
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters, PinholeCamera, TactileImages
+from seed_estimation.contact.patch import ContactPatch
+from seed_estimation.sensors.contract import GraspEstimator, Rows, Sensor, direction_rows, point_rows
+from seed_estimation.sensors.estimator import SensorEstimator
+from seed_estimation.sensors.parameters import SensorEstimatorParameters
+
+STD = 2e-5  # [m]
+
+
+@dataclass(frozen=True)
+class Marked:
+    """Places (N, 3) [m] in C of the dots of one finger; none: it touches nothing."""
+
+    points: Array
+    stamp: float
+
+
+class Followed:
+    """An `Observation`: dots that were at `before`."""
+
+    def __init__(self, before: Array, now: Array, finger: str) -> None:
+        self._before, self._now = before, now
+        self.patch = ContactPatch(finger, in_contact=len(now) > 0)
+
+    def _off(self, X_CT: Array) -> tuple[Array, Array]:
+        moved = self._before @ X_CT[:3, :3].T + X_CT[:3, 3]
+        return moved, moved - self._now
+
+    def rows(self, X_CT: Array) -> Sequence[Rows]:
+        moved, off = self._off(X_CT)
+        return [
+            Rows(off[:, i] / STD, point_rows(np.tile(np.eye(3)[i] / STD, (len(off), 1)), moved), len(off))
+            for i in range(3)
+        ]
+
+    def explained(self, X_CT: Array) -> float:
+        return float(np.mean(np.linalg.norm(self._off(X_CT)[1], axis=1) < 5.0 * STD))
+
+    def slip(self, X_CT: Array) -> float:
+        return 0.0 * float(X_CT[0, 3])
+
+
+class Dots:
+    """A `Sensor` that sees dots in three dimensions."""
+
+    def __init__(self, finger: str) -> None:
+        self._finger, self._before = finger, np.zeros((0, 3))
+
+    def problem(self, image: Marked) -> str:
+        return "" if np.isfinite(image.points).all() else "a place is not finite"
+
+    def capture_reference(self, images: Sequence[Marked]) -> None:
+        pass
+
+    def initialize_grasp(self, images: Sequence[Marked]) -> ContactPatch:
+        self._before = np.mean([i.points for i in images], axis=0)
+        return ContactPatch(self._finger, in_contact=True)
+
+    def observe(self, image: Marked, X_CT: Array) -> Followed:
+        assert X_CT.shape == (4, 4)
+        return Followed(self._before[: len(image.points)], image.points, self._finger)
+
+    def picture(self) -> NDArray[np.uint8]:
+        return np.zeros((4, 4, 3), np.uint8)
+
+
+def grasped(fingers: Sequence[str] = ("left", "right")) -> tuple[SensorEstimator[Marked], dict[str, Array]]:
+    rng = np.random.default_rng(3)
+    sides = {"left": np.array((0.0, 0.012, 0.0)), "right": np.array((0.0, -0.012, 0.0))}
+    places = {f: sides[f] + rng.uniform(-0.006, 0.006, (12, 3)) for f in fingers}
+    sensors: dict[str, Sensor[Marked]] = {f: Dots(f) for f in fingers}
+    estimator = SensorEstimator(sensors, SensorEstimatorParameters(), "dots")
+    seen: GraspEstimator[Marked] = estimator  # what nodes and simulation ask for
+    seen.capture_reference([{f: Marked(p, 0.0) for f, p in places.items()}])
+    seen.initialize_grasp([{f: Marked(p, 0.1) for f, p in places.items()}])
+    return estimator, places
+
+
+def frame(
+    places: dict[str, Array], X: Array, t: float, rng: np.random.Generator, std: float = STD
+) -> dict[str, Marked]:
+    return {f: Marked(p @ X[:3, :3].T + X[:3, 3] + std * rng.standard_normal(p.shape), t) for f, p in places.items()}
+
+
+def test_the_bubbles_estimator_is_one_as_well() -> None:
+    camera = PinholeCamera(64, 48, np.array(((60.0, 0.0, 32.0), (0.0, 60.0, 24.0), (0.0, 0.0, 1.0))))
+    bubbles: GraspEstimator[TactileImages] = Estimator(EstimatorParameters(), Hand(), {"left": camera})
+    assert bubbles.fingers == ("left",)
+    assert not bubbles.update({}, 1.0).valid
+
+
+def test_a_rigid_motion_of_dots_is_found_with_a_covariance_that_holds() -> None:
+    estimator, places = grasped()
+    rng, squares = np.random.default_rng(7), []
+    for k in range(1, 200):
+        X = pose_from_rpy(np.deg2rad((2.0, 5.0, -1.0)) * k / 200, np.array((0.0006, -0.0001, 0.0004)) * k / 200)
+        found = estimator.update(frame(places, X, 0.1 + 0.02 * k, rng), 0.1 + 0.02 * k)
+        assert found.valid
+        assert all(found.observed)
+        assert found.method == "dots"
+        e = np.concatenate([so3_log(found.X_CT[:3, :3] @ X[:3, :3].T), found.X_CT[:3, 3] - X[:3, 3]])
+        squares.append(e @ np.linalg.solve(found.covariance, e))
+    assert 1.0 < np.mean(squares) < 8.0  # 6 expected; the share of the motion that is doubted makes it less
+
+
+def test_one_finger_alone_is_said_to_be_one() -> None:
+    estimator, places = grasped(("right",))
+    found = estimator.update(frame(places, np.eye(4), 0.2, np.random.default_rng(1)), 0.2)
+    assert found.valid
+    assert "one finger" in found.reason
+    with pytest.raises(EstimatorError, match="'left', 'right'"):
+        SensorEstimator({"thumb": Dots("thumb")}, SensorEstimatorParameters(), "dots")
+
+
+def test_dots_that_go_their_own_ways_are_a_slip_which_stays_until_the_next_grasp() -> None:
+    estimator, places = grasped()
+    rng = np.random.default_rng(5)
+    reasons = [estimator.update(frame(places, np.eye(4), 0.2 + 0.02 * k, rng, 5e-4), 0.2 + 0.02 * k) for k in range(5)]
+    assert "track lost" in reasons[0].reason
+    assert not reasons[0].gross_slip
+    assert reasons[-1].gross_slip
+    assert "initialize the grasp again" in reasons[-1].reason
+    assert estimator.update(frame(places, np.eye(4), 0.5, rng), 0.5).gross_slip
+    estimator.initialize_grasp([frame(places, np.eye(4), 0.6, rng)])
+    assert estimator.update(frame(places, np.eye(4), 0.7, rng), 0.7).valid
+
+
+def test_bad_frames_are_answered_with_a_reason() -> None:
+    estimator, places = grasped()
+    good = frame(places, np.eye(4), 0.2, np.random.default_rng(1))
+    broken = Marked(np.full((12, 3), np.nan), 0.2)
+    late = Marked(good["right"].points, 0.4)
+    for bad, words in (
+        ({"left": good["left"]}, "right"),
+        ({**good, "left": broken}, "finite"),
+        ({**good, "right": late}, "apart"),
+    ):
+        found = estimator.update(bad, 0.2)
+        assert not found.valid
+        assert words in found.reason
+    assert "out of order" in estimator.update(good, 0.05).reason
+    nothing = {f: Marked(np.zeros((0, 3)), 0.3) for f in places}
+    assert "touches no finger" in estimator.update(nothing, 0.3).reason
+
+
+def test_rows_are_the_change_with_a_small_motion() -> None:
+    rng = np.random.default_rng(2)
+    p, a = rng.standard_normal((5, 3)), rng.standard_normal((5, 3))
+    for i in range(6):
+        d = np.zeros(6)
+        d[i] = 1e-6
+        R = so3_exp(d[:3])
+        moved = ((p @ R.T + d[3:] - p) * a).sum(1) / 1e-6
+        turned = ((p @ R.T - p) * a).sum(1) / 1e-6
+        np.testing.assert_allclose(point_rows(a, p)[:, i], moved, atol=1e-4)
+        np.testing.assert_allclose(direction_rows(a, p)[:, i], turned, atol=1e-4)
