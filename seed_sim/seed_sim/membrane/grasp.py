@@ -123,13 +123,15 @@ class MembraneGrasp:
         """Close or open the fingers with the tool where it is; squeeze [m]."""
         return self._travel(self._X_CT, squeeze, self._t if t is None else t)
 
-    def solve(self, X_CT: Array, t: float = 0.0) -> GraspState:
+    def solve(self, X_CT: Array, t: float = 0.0, squeeze: float | None = None) -> GraspState:
         """Move the tool to X_CT (4, 4) by time t [s]; where no equilibrium is found the last good state stays.
+
+        squeeze: [m] to which the fingers close or open at the same time; None: they stay.
 
         Raises:
             MembraneError: not closed, X_CT is no pose, or the tool pierces a membrane.
         """
-        return self._travel(np.asarray(X_CT, float), self.squeeze, t)
+        return self._travel(np.asarray(X_CT, float), self.squeeze if squeeze is None else squeeze, t)
 
     def save(self) -> Saved:
         """The state, to come back to."""

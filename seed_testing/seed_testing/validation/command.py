@@ -5,6 +5,7 @@ seed validate estimator --method rigid_fit --scenario long_cylinder --seed 7 [--
 seed validate estimator --method rigid_fit --from BAG
 seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
+seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
 """
@@ -24,6 +25,8 @@ from seed_core.program.command_line import Help, command, number, results_folder
 from seed_estimation.parameters import METHOD_HELP, METHODS
 from seed_sim.faults.campaign import campaign, summary, table
 from seed_sim.faults.draw import KINDS
+from seed_sim.gripper import score as pulled
+from seed_sim.gripper.pulls import KINDS as PULLS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import run, slip, worlds
 from seed_testing.validation.figure import draw
@@ -43,7 +46,7 @@ def main(argv: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip|map|faults")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
@@ -108,7 +111,13 @@ def _parser() -> argparse.ArgumentParser:
     four.add_argument("--law", choices=LAWS, default="seed", help=LAW_HELP)
     four.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
     four.set_defaults(run=_faults)
-    for either in (one, two, three, four):
+    five = commands.add_parser(
+        "grip", formatter_class=Help, help="pulls at grasps on membranes: what breaks with the grip that answers slip"
+    )
+    five.add_argument("--runs", type=whole(1), default=20, help="of each kind, the first drawn from --seed")
+    five.add_argument("--kind", choices=PULLS, action="append", help="only this kind; may be given more than once")
+    five.set_defaults(run=_grip)
+    for either in (one, two, three, four, five):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -154,6 +163,14 @@ def _slip(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, *run.FOLDERS)
     result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs)
     print(json.dumps(result, indent=2))
+    return 0
+
+
+def _grip(options: argparse.Namespace) -> int:
+    cases = pulled.score(options.runs, options.seed, options.kind or PULLS, options.jobs)
+    result = pulled.summary(cases)
+    each = {"seed": options.seed, **result, "each": pulled.told(cases)}
+    print(to_json(each) if options.json else pulled.table(result))
     return 0
 
 
