@@ -18,7 +18,7 @@ from seed_sim.membrane import MembraneError
 
 MOST_SQUEEZE = 0.0145  # [m]: what the membranes are let bear
 MORE = 1.05  # times the first grip: more grip
-HALF = 0.5  # share of the touching nodes that slide: slip begins
+BEGUN = 2e-4  # [m] of slide on the membranes: slip has begun
 _TAIL = 0.3  # [s] after the pull
 _HALVINGS = 3
 _IDENTIFIED = 4  # grips
@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         broken: the tool slid by 5 mm or was torn off. slid: [m] on the membranes at the end.
-        onset, more: [s] when half of the touching nodes slid, and when there was more grip; inf: never.
+        onset, more: [s] when it had slid by 0.2 mm, and when there was more grip (a twentieth); inf: never.
         grip: [N] mean of each finger while it was pulled. peak: [N] the most. reason: of the first hold.
     """
 
@@ -166,7 +166,7 @@ def run(
         t = held.t
         if t <= pull.begins:
             first = held.grip
-        elif onset == inf and held.state.sliding_share >= HALF:
+        elif onset == inf and held.slid >= BEGUN:
             onset = t
         if more == inf and t > pull.begins and held.grip >= MORE * first:
             more = t
