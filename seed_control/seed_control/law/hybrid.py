@@ -4,11 +4,12 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
 from seed_control.law.published import PublishedLaw
+from seed_control.law.surface_normal import SurfaceNormal
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
@@ -54,6 +55,7 @@ class HybridLaw(PublishedLaw):
         super().__init__(parameters, wrench_estimator)
         self.observers: list[SurfaceObserver] = []  # one per force direction, since contact was made along it
         self.deflection = DeflectionFilter(parameters)
+        self.normal = SurfaceNormal()  # of the task frame 'found'
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
 
@@ -62,11 +64,27 @@ class HybridLaw(PublishedLaw):
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
+        if self._finds(s) and self.touches(0):
+            self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time)
+            self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
 
     def release(self) -> None:
         super().release()
         self._tipping_gain = 1.0
+        self.normal.release()
+
+    def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
+        """Whether the set-point's directions follow the surface."""
+        return s is not None and s.task_frame == "found" and self.parameters.law == "seed"
+
+    def _task_axes(self, s: HybridSetpoint) -> tuple[Array, Array]:
+        if not self._finds(s):
+            self.normal.release()
+            return super()._task_axes(s)
+        self.normal.expect(s.R_W_task[:, 2])
+        R_W_task = self.normal.axes(s.R_W_task)
+        return R_W_task, R_W_task @ s.force_projector @ R_W_task.T
 
     def _observe(self, m: Measurement) -> tuple[int, ...]:
         made, normals = super()._observe(m), self.plan.normals
@@ -75,8 +93,14 @@ class HybridLaw(PublishedLaw):
         for i, (n, observer) in enumerate(zip(normals, self.observers, strict=True)):
             if i in made:
                 observer.start(m.stamp, n, m.tip, m.undeflected)
+                if i == 0 and self._finds(self.setpoint):
+                    self.normal.start(m)
             if self.touches(i):
+                if self._finds(self.setpoint):
+                    observer.tilt(self.normal.slope(behind=True))
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
+                if self._finds(self.setpoint):
+                    observer.lie(float(self.normal.x[0]), n, m.undeflected)
         return made
 
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:
@@ -88,6 +112,10 @@ class HybridLaw(PublishedLaw):
         moment = float(force_T @ self.p_Ttip)
         self._upright = 1.0 - self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
         super()._solve(s, R_W_task, P, normals)
+        if self._finds(s):  # a tool that leans moves its tip along the force as it turns
+            before = self.plan.lever
+            lever = self.deflection.turned[1] @ before
+            self.plan = self.plan._replace(lever=lever, to_undeflected=self.plan.to_undeflected + lever - before)
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
         """The tool is where and how it is wanted: the gripper leads by the slowly filtered deflection."""
@@ -136,6 +164,8 @@ class HybridLaw(PublishedLaw):
         if not self.touches(i):  # the grasp must not deflect further within a loop than wanted
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
+        if self._finds(s):
+            self.observers[i].tilt(self.normal.slope(behind=False))
         offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)
         speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))
         # a force may be taken back faster than it is built up: what rises under the tool must not press it

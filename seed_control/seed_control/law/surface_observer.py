@@ -82,6 +82,15 @@ class SurfaceObserver:
         start = self._c0 + gain * (height - self._c0 + deflection)
         return dot(n, place) + start - dot(gradient, place), gradient
 
+    def tilt(self, slope: Array) -> None:
+        """The slope (3,) is known from elsewhere: `surface_normal.py` tells it better than heights alone."""
+        self.x[1:4] = slope
+        self.P[1:4, :] = self.P[:, 1:4] = 0.0
+
+    def lie(self, height: float, n: Array, undeflected: Array) -> None:
+        """So is the surface's height [m] along n from the anchor, under the gripper's present push."""
+        self.x[0] = height - self.x[4] * (float(n @ (undeflected - self.anchor)) - self._c0)
+
     def _predict(self, t: float, n: Array, tip: Array) -> None:
         """Carry the estimate to the new place, and count heights from there."""
         step, dt = tip - self.anchor, max(t - self._last, 0.0)

@@ -15,8 +15,8 @@ import numpy as np
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, SpatialError, Wrench, check_pose
 
-TaskFrame = Literal["world", "tool", "surface"]
-TASK_FRAMES = ("world", "tool", "surface")
+TaskFrame = Literal["world", "tool", "surface", "found"]
+TASK_FRAMES = ("world", "tool", "surface", "found")
 Flags = tuple[bool, bool, bool]
 NONE: Flags = (False, False, False)
 _PROJECTOR_TOLERANCE = 1e-6
@@ -76,7 +76,9 @@ class HybridSetpoint:
         wrench: wanted torque [N m] and force [N] about the tip, in the task frame.
         force_projector: (3, 3) = I - S in the task frame, onto the force-controlled directions. Zeros: all position.
         torque_axes: which of T's axes x, y, z are torque-controlled (Assumption 3); the others hold their angle.
-        task_frame: 'world', 'tool' (moves with the tool's tip frame) or 'surface' (R_W_task, new with each set-point).
+        task_frame: 'world', 'tool' (moves with the tool's tip frame), 'surface' (R_W_task, new with each set-point) or
+            'found' (z along the surface's normal as it is found in contact, x as near to R_W_task's as can be; its z is
+            what is expected before).
         R_W_task: (3, 3) axes of the task frame in the world; identity for 'world', ignored for 'tool'.
         contact_resists: about which of T's axes the contact resists rotation (a line, a face, a hole).
         velocity: (3,) [m/s] of the wanted tip position in the world; lets the law lead the servo's lag.
@@ -107,10 +109,12 @@ class HybridSetpoint:
         self._put_place(self.X_W_tip, self.velocity)
         self._check_selection()
 
-    def moved(self, X_W_tip: Array, velocity: Array) -> HybridSetpoint:
-        """The same set-point at another place: cheap, for paths; everything but the two arguments is shared."""
+    def moved(self, X_W_tip: Array, velocity: Array, R_W_task: Array | None = None) -> HybridSetpoint:
+        """The same set-point at another place: cheap, for paths; everything but the arguments is shared."""
         out = object.__new__(HybridSetpoint)
         vars(out).update(vars(self))
+        if R_W_task is not None:
+            object.__setattr__(out, "R_W_task", _checked_rotation(R_W_task, self.task_frame))
         out._put_place(X_W_tip, velocity)
         return out
 

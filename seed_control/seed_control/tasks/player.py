@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a task: set-points by time and by the controller's state. Cancelled or failed, it leaves the tool lifted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks.insertion.runs import run_of
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, steps_of
+from seed_control.tasks.surface_run import SurfaceRun
 from seed_control.tasks.task import Phase, Task
 from seed_core.spatial import Array, inverse_pose, rotation_from_rpy
 
@@ -130,9 +131,10 @@ class TaskPlayer:
         if self._run is not None:  # on from the last reference, but from where it is measured where force ruled
             P, last = self._run.force_projector, self._run.position
             start = last - P @ last + P @ start
+        axes = self._run.axes if self._run else np.eye(3)
         if self._ending:
             self._index = len(self._steps)
-            path = Path([start, start + np.array((0.0, 0.0, self.task.lift))], _LIFT_SPEED, 0.2)
+            path = Path([start, start + self.task.lift * axes[:, 2]], _LIFT_SPEED, 0.2)
             lift = Phase(f"lift after {'cancel' if self._cancelled else 'failure'}")
             return StepRun(Step(lift), path, R_start, R_start, self._X_W)
         self._index += 1
@@ -141,7 +143,15 @@ class TaskPlayer:
         R_end = R_start if self._run else self._R_tip
         if phase.tilt is not None:
             R_end = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
-        return run_of(step, start, R_start, R_end, self._X_W, self._run)
+        if phase.along == "surface":
+            if phase.control is not None:
+                tilt = rotation_from_rpy(np.deg2rad(phase.tilt or (0.0, 0.0, 0.0)))
+                return SurfaceRun(step, start, R_start, axes, self._R_tip @ tilt, self._X_W)
+            to = [tuple((start + axes @ p).tolist()) for p in np.array(step.points).reshape(-1, 3)]
+            step, R_end = replace(step, points=tuple(to)), R_start
+        run = run_of(step, start, R_start, R_end, self._X_W, self._run)
+        run.axes = axes
+        return run
 
     def _progress(self) -> float:
         if self._run is None or self._index < 0:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint, TaskFrame
 from seed_control.state import ControllerState
 from seed_control.tasks.font import strokes_of_text
 from seed_control.tasks.path import Path
@@ -71,7 +71,10 @@ class StepRun:
         finish: set to end it at once.
         why: it failed.
         R_seen: (3, 3) of the tip where torque rules, smoothed over the images; None elsewhere.
+        axes: (3, 3) of the surface, z out of it, as a step along it has found them.
     """
+
+    axes = np.eye(3)
 
     def __init__(self, step: Step, path: Path, R_start: Array, R_end: Array, X_W: Array) -> None:
         """From R_start (3, 3) to R_end of the tip, in the work frame at X_W (4, 4)."""
@@ -84,7 +87,7 @@ class StepRun:
         self.R_seen: Array | None = None
         self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
-        self._first = _first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
+        self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
         P = self._first.force_projector
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
 
@@ -94,7 +97,7 @@ class StepRun:
         self._t += dt
         if phase.control is not None and phase.control.torque_axes:
             self._see(state.X_W_tip)
-        self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
+        self._go(dt, state)
         self.share = min(self._t / max(self.duration, _TYPICAL if phase.until != "arrived" else 1e-9), 1.0)
         if self.finish:
             return "done"
@@ -115,6 +118,10 @@ class StepRun:
         before = R if self.R_seen is None else self.R_seen
         self.R_seen = before @ so3_exp(_SEEN * so3_log(before.T @ R))
 
+    def _go(self, dt: float, state: ControllerState) -> None:  # noqa: ARG002 (a run along the surface uses it)
+        """Move the reference on by dt [s]."""
+        self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
+
     def setpoint(self) -> HybridSetpoint:
         """The set-point of this moment."""
         share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
@@ -123,8 +130,8 @@ class StepRun:
         return self._first.moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
 
 
-def _first_setpoint(control: Control | None, X_W: Array, X_tip: Array) -> HybridSetpoint:
-    """Where a step begins: tip at X_tip (4, 4) in the work frame at X_W (4, 4)."""
+def first_setpoint(control: Control | None, X_W: Array, X_tip: Array, frame: TaskFrame = "surface") -> HybridSetpoint:
+    """Where a step begins: tip at X_tip (4, 4) in the work frame at X_W (4, 4); frame: of what is not the tool's."""
     X_W_tip = X_W @ X_tip
     if control is None:
         return HybridSetpoint(X_W_tip)
@@ -134,7 +141,7 @@ def _first_setpoint(control: Control | None, X_W: Array, X_tip: Array) -> Hybrid
         force_projector=np.diag(np.array(control.flags(control.force_directions), dtype=float)),
         torque_axes=control.flags(control.torque_axes),
         contact_resists=control.flags(control.contact_resists),
-        task_frame="tool" if control.frame == "tool" else "surface",
+        task_frame="tool" if control.frame == "tool" else frame,
         R_W_task=X_W[:3, :3],
         approach_speed=control.approach_speed,
         press_speed=control.press_speed,

@@ -84,6 +84,11 @@ class Phase:
 
     name: str = field(doc="shown as progress")
     to: Vector | None = field(None, unit="m", quantity=True, low=-2, high=2, doc="end of the path, work frame")
+    along: str = field(
+        "work",
+        choices=("work", "surface"),
+        doc="axes of path, force and tilt: the work frame's, or the surface's own as it is found; `to` is then a way",
+    )
     tilt: Vector | None = field(
         None,
         unit="deg",

@@ -33,6 +33,10 @@ class ToolFilter:
         self.spring = self.on_environment = Wrench.zero()
         self.discrepancy: Wrench | None = None
 
+    def turn(self, step: Array) -> None:
+        """The tool was turned by step (3, 3) in W since the last image: what is smoothed goes along."""
+        self.R_WT = step @ self.R_WT
+
     def update(self, m: Measurement) -> None:
         """Take in one image."""
         p, dt = self._parameters, m.stamp - self._stamp
@@ -68,6 +72,11 @@ class DeflectionFilter:
         self._stamp = -inf
         self._turn = WantedTurn(parameters.max_angular_speed)
         self.q, self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3), np.zeros(3)
+
+    @property
+    def turned(self) -> tuple[Array, Array]:
+        """By how much the wanted tool turned (3, 3) in W: since the last image, and since the newest was taken."""
+        return self._turn.step, self._turn.since
 
     def update(
         self,
@@ -138,6 +147,7 @@ class WantedTurn:
         while len(answers) > 2 and answers[1][0] <= stamp:
             answers.popleft()
         if all(old is R for _, old in answers):
+            self.step = self.since = np.eye(3)
             return False
         (early, first), (late, second) = answers[0], answers[1]
         share = min(max((stamp - early) / (late - early), 0.0), 1.0)

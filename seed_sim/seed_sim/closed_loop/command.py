@@ -146,6 +146,10 @@ def _text(r: dict[str, Any]) -> str:
         if key != "torque_z" or (e is not None and e["mean"]):
             name, worst = key.replace("_", " "), f"{e['max_abs_error']:8.3f} {unit}".rstrip()
             lines.append(f"  {name:10s} rmse {e['rmse']:8.3f} {unit}   mean {e['mean']:8.3f} {unit}   worst {worst}")
+    if s := r["surface"]:
+        worst = f"mean {s['force_mean']:8.3f} N     peak {s['peak']:.2f} times the wanted one"
+        lines.append(f"  normal     rms  {s['force_rms']:8.3f} N     {worst}")
+        lines.append(f"  found      rms  {s['normal_rms_deg']:8.2f} deg   worst {s['normal_max_deg']:7.2f} deg")
     lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
     lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
     lines.append(f"  contact    at {made['time']:.2f} s; {r['message'] or 'no end'}")

@@ -164,6 +164,7 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
         t=t,
         phase=phase,
         force=R_work.T @ load.force,
+        normal=R_work.T @ plant.true_normal,
         torque_T=R_T.T @ load.torque,
         wanted_force=R_work.T @ R_task @ s.wrench.force,
         wanted_torque_T=R_T.T @ R_task @ s.wrench.torque,
@@ -175,10 +176,10 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
 
 def _record_belief(recording: Recording, plant: Plant, task: Task, state: ControllerState) -> None:
     """What the controller makes of it: force in the work frame with its stated deviation, and what it says."""
+    R_work = task.frame.pose[:3, :3]
     force, stated = np.full(3, np.nan), np.full(3, np.nan)
     error, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
     if state.estimated is not None:
-        R_work = task.frame.pose[:3, :3]
         estimated = state.estimated.rotated(state.R_W_task)
         force, error = R_work.T @ estimated.force, estimated.minus(plant.contact_wrench).vector()
         if state.covariance is not None:
@@ -189,6 +190,7 @@ def _record_belief(recording: Recording, plant: Plant, task: Task, state: Contro
         stated_force=stated,
         wrench_error=error,
         wrench_covariance=covariance,
+        found_normal=R_work.T @ state.R_W_task[:, 2],
         mode=state.mode,
         told=tuple(t for t in (state.reason, *state.contradictions, state.doubt) if t),
     )

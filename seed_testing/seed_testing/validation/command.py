@@ -7,6 +7,7 @@ seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
 seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
+seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--jobs 2] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
 """
 
@@ -23,6 +24,9 @@ from seed_control.parameters import LAW_HELP, LAWS
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Help, command, number, results_folder, seed_number, to_json, whole
 from seed_estimation.parameters import METHOD_HELP, METHODS
+from seed_sim.closed_loop.surfaces import SCENARIOS, surfaces
+from seed_sim.closed_loop.surfaces import summary as summary_of_surfaces
+from seed_sim.closed_loop.surfaces import table as table_of_surfaces
 from seed_sim.faults.campaign import campaign, summary, table
 from seed_sim.faults.draw import KINDS
 from seed_sim.gripper import score as pulled
@@ -46,7 +50,7 @@ def main(argv: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults|surfaces")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
@@ -117,7 +121,14 @@ def _parser() -> argparse.ArgumentParser:
     five.add_argument("--runs", type=whole(1), default=20, help="of each kind, the first drawn from --seed")
     five.add_argument("--kind", choices=PULLS, action="append", help="only this kind; may be given more than once")
     five.set_defaults(run=_grip)
-    for either in (one, two, three, four, five):
+    six = commands.add_parser(
+        "surfaces", formatter_class=Help, help="a task along surfaces that nobody drew: force along the true normal"
+    )
+    six.add_argument("--runs", type=whole(1), default=20, help="how many, of every kind in turn, each another seed")
+    six.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
+    six.add_argument("--task", default="follow", help="name or file of a task along a surface")
+    six.set_defaults(run=_surfaces)
+    for either in (one, two, three, four, five, six):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -187,6 +198,13 @@ def _faults(options: argparse.Namespace) -> int:
     runs = [o.told() for o in outcomes]
     print(to_json({"seed": options.seed, **result, "each": runs}) if options.json else table(result))
     return int(result["all"]["failed"] > 0)
+
+
+def _surfaces(options: argparse.Namespace) -> int:
+    runs = surfaces(options.runs, options.seed, options.kind or SCENARIOS, options.task, options.jobs)
+    result = summary_of_surfaces(runs)
+    print(to_json({"seed": options.seed, **result, "each": runs}) if options.json else table_of_surfaces(runs))
+    return int(result["beyond"] > 0)
 
 
 def _table(result: dict[str, Any]) -> str:
