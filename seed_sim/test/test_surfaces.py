@@ -8,6 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy
+from seed_sim.closed_loop.evaluate import evaluate
+from seed_sim.closed_loop.surfaces import MOST_NORMAL, MOST_PEAK, WORST_FORCE, failure, table
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.surfaces.draw import draw_shapes
 from seed_sim.plant.surfaces.section import KINDS, SurfaceSection
@@ -131,3 +133,14 @@ def test_a_table_that_moves_carries_the_ball_and_repeats_exactly() -> None:
     # what stands still is pressed by the springs in series, in step with the table
     rise = np.polyfit(heights[150:], forces[0][150:], 1)[0]
     assert rise == pytest.approx(1.0 / (1.0 / 800.0 + 1.0 / 8000.0), rel=0.05)
+
+
+def test_a_task_follows_a_cylinder_that_it_does_not_know() -> None:
+    result = evaluate("follow", scenario="cylinder", estimator="noisy", seed=2).result
+    assert result["finished"], result["message"]
+    score = result["surface"]
+    assert score["force_rms"] < WORST_FORCE
+    assert score["normal_rms_deg"] < MOST_NORMAL
+    assert score["peak"] < MOST_PEAK
+    assert failure({**result}) == ""
+    assert "cylinder" in table([result])

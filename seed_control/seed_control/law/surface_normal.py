@@ -151,9 +151,10 @@ class SurfaceNormal:
         d = self.tangents @ self._velocity * dt
         late = self.tangents @ off - d
         self._velocity = self._velocity + _FOLLOW_SPEED / dt * (self.tangents.T @ late)
-        # what stands still tells nothing of a slope, however its noise moves
-        d = d + _FOLLOW * late if float(self._velocity @ self._velocity) > _LEAST_SPEED**2 else np.zeros(2)
+        d = d + _FOLLOW * late
         self.anchor = self.anchor + self.tangents.T @ d + rise * self.n
+        if float(self._velocity @ self._velocity) < _LEAST_SPEED**2:
+            d = np.zeros(2)  # what stands still tells nothing of a slope, however its noise moves
         self._step = d
         F = np.eye(7)
         F[_H, 1:6] = (d[0], d[1], 0.5 * d[0] * d[0], d[0] * d[1], 0.5 * d[1] * d[1])

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The normal is found from track, force and lean, with an honest covariance; a path carried along goes on straight."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from seed_control.law.surface_normal import SurfaceNormal
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.tasks.surface_run import carried
+from seed_core.spatial import Array, Wrench, make_pose, so3_exp
+
+DT, SPEED, LOOP = 1.0 / 45.0, 0.05, 0.08  # [s], [m/s], [s]
+NOISE = 3e-4  # [m]
+STIFFNESS = 900.0  # [N/m]
+FRICTION = 0.4
+
+
+def measurement(t: float, tip: Array, n: Array, v: Array, rng: np.random.Generator, R_WT: Array) -> SimpleNamespace:
+    """An image of a tip that slides with v on a surface of normal n, pressed with 10 N; noise of a grasp."""
+    force = 10.0 * (-n + FRICTION * v / np.linalg.norm(v)) + STIFFNESS * NOISE * rng.standard_normal(3)
+    return SimpleNamespace(
+        stamp=t,
+        tip=tip + NOISE * rng.standard_normal(3),
+        X_WC=make_pose(None, tip + np.array((0.0, 0.0, 0.09))),
+        X_WT=make_pose(R_WT, tip),
+        on_environment=Wrench(np.zeros(3), force),
+        variance=NOISE**2,
+        rotation_deviation=0.01,
+    )
+
+
+def along(radius: float, heading: float, seed: int, seconds: float = 2.4) -> tuple[list[float], SurfaceNormal]:
+    """Errors [rad] of the normal ahead over a way across a cylinder along y, at a heading [rad] from x."""
+    rng, filter_, errors = np.random.default_rng(seed), SurfaceNormal(), []
+    start = -0.15
+
+    def place(t: float) -> tuple[Array, Array, Array]:
+        angle = start + SPEED * np.cos(heading) * t / radius
+        n = np.array((np.sin(angle), 0.0, np.cos(angle)))
+        tip = radius * n + np.array((0.0, SPEED * np.sin(heading) * t, -radius))
+        v = SPEED * np.array((np.cos(heading) * np.cos(angle), np.sin(heading), -np.cos(heading) * np.sin(angle)))
+        return tip, n, v
+
+    for i in range(round(seconds / DT)):
+        t = i * DT
+        tip, n, v = place(t)
+        m = measurement(t, tip, n, v, rng, np.eye(3))
+        if i == 0:
+            filter_.expect(np.array((0.0, 0.0, 1.0)))
+            filter_.start(m)  # type: ignore[arg-type]
+        s = HybridSetpoint(make_pose(None, tip), task_frame="found", velocity=v)
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+        if t > 0.6:
+            errors.append(float(np.arccos(np.clip(filter_.ahead @ place(t + LOOP)[1], -1.0, 1.0))))
+    return errors, filter_
+
+
+@pytest.mark.parametrize("radius", [0.08, 0.5, 1e3])
+@pytest.mark.parametrize("heading", [0.0, 0.35])
+def test_the_normal_ahead_is_found_on_cylinders_of_unknown_radius(radius: float, heading: float) -> None:
+    errors = np.concatenate([along(radius, heading, seed)[0] for seed in range(4)])
+    assert np.rad2deg(np.sqrt(np.mean(errors**2))) < 3.0
+
+
+def test_the_covariance_says_how_far_off_the_normal_is() -> None:
+    ratios = []
+    for seed in range(12):
+        errors, filter_ = along(0.2, 0.0, seed)
+        assert_allclose(filter_.covariance @ filter_.n, 0.0, atol=1e-12)
+        ratios.append(errors[-1] / filter_.deviation)
+    assert 0.1 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_a_tip_that_stands_still_turns_no_normal() -> None:
+    rng, filter_ = np.random.default_rng(1), SurfaceNormal()
+    pull = np.array((0.05, 0.0, 0.0))
+    for i in range(90):
+        m = measurement(i * DT, np.zeros(3), np.array((0.0, 0.0, 1.0)), pull, rng, np.eye(3))
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        s = HybridSetpoint(np.eye(4), task_frame="found", velocity=pull)
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+    assert np.rad2deg(np.arccos(filter_.ahead[2])) < 3.0
+
+
+def test_a_blade_that_lies_on_the_surface_shows_how_it_leans() -> None:
+    rng, filter_ = np.random.default_rng(1), SurfaceNormal()
+    R = so3_exp((np.deg2rad(12.0), 0.0, 0.0))  # about x: the blade's line is y
+    for i in range(90):
+        m = measurement(i * DT, np.zeros(3), R[:, 2], np.array((1.0, 0.0, 0.0)), rng, R)
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        s = HybridSetpoint(
+            np.eye(4), torque_axes=(True, False, False), contact_resists=(True, False, False), task_frame="found"
+        )
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+    assert_allclose(filter_.ahead, R[:, 2], atol=0.02)
+
+
+def test_axes_that_are_carried_turn_with_the_normal_and_not_about_it() -> None:
+    axes = np.eye(3)
+    for angle in np.linspace(0.0, 1.2, 13):
+        axes = carried(axes, np.array((np.sin(angle), 0.0, np.cos(angle))))
+    assert_allclose(axes[:, 1], (0.0, 1.0, 0.0), atol=1e-12)
+    assert_allclose(axes[:, 0], (np.cos(1.2), 0.0, -np.sin(1.2)), atol=1e-12)
+    assert carried(axes, axes[:, 2]) is axes
