@@ -13,7 +13,7 @@ from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
-from seed_sim.closed_loop.surfaces import surface_score
+from seed_sim.closed_loop.surface_score import surface_score
 from seed_sim.plant.plant import Plant
 from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario, load_scenario, on_membrane, shipped_scenarios

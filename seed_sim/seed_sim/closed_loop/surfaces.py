@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks along surfaces that nobody drew: their score along the true normal, and many of them over kinds and seeds."""
+"""Many runs of a task along surfaces that nobody drew, of every kind in turn, and the table of what they came to."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from seed_control.tasks import Task
 from seed_core.errors import SeedError
-from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.evaluate import evaluate
 
 SMOOTH = ("cylinder", "hollow", "sphere", "saddle", "relief")
 ROUGH = ("wedge", "step_up", "step_down", "edge", "moving_table")
@@ -17,33 +16,6 @@ SCENARIOS = (*SMOOTH, *ROUGH)
 MEAN_FORCE, WORST_FORCE = 0.3, 0.6  # [N] rms along the true normal: of the smooth ones' mean, and of each
 MOST_NORMAL = 3.0  # [deg] rms of the normal found on a smooth one
 MOST_PEAK = 1.6  # times of the wanted force that no run may press with
-
-
-def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
-    """Along the true normal, over all phases along the surface that move; from their first millimetre.
-
-    Returns:
-        Rms [N] of the force along the normal against the wanted one, with its mean; rms and worst [deg] of the normal
-        found; the largest force over the wanted one, of the whole run; None for other tasks.
-    """
-    along = {p.name for p in task.phases if p.along == "surface" and p.control is not None}
-    if not along:
-        return None
-    names = np.array([*recording.phases, ""])[recording["phase"].astype(int)]
-    last = [p.name for p in task.phases if p.name in along][-1]
-    keep, size = names == last, float(np.abs(recording["wanted_force"]).max(initial=0.0))
-    out: dict[str, Any] = {"peak": float(np.linalg.norm(recording["force"], axis=1).max() / max(size, 1e-9))}
-    if not keep.any():
-        return out | {"force_rms": size, "force_mean": 0.0, "normal_rms_deg": 90.0, "normal_max_deg": 90.0}
-    normal, found = recording["normal"][keep], recording["found_normal"][keep]
-    force = -np.einsum("ij,ij->i", recording["force"][keep], normal)
-    angle = np.rad2deg(np.arccos(np.clip(np.einsum("ij,ij->i", normal, found), -1.0, 1.0)))
-    return out | {
-        "force_rms": float(np.sqrt(np.mean((force - size) ** 2))),
-        "force_mean": float(force.mean()),
-        "normal_rms_deg": float(np.sqrt(np.mean(angle**2))),
-        "normal_max_deg": float(angle.max()),
-    }
 
 
 def surfaces(
@@ -56,8 +28,6 @@ def surfaces(
 
 def one_surface(task: str, scenario: str, seed: int) -> dict[str, Any]:
     """The score of one run with what became of it."""
-    from seed_sim.closed_loop.evaluate import evaluate
-
     try:
         result = evaluate(task, scenario=scenario, seed=seed, estimator="noisy").result
     except SeedError as error:
