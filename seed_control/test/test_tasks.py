@@ -15,7 +15,7 @@ from seed_control.tasks.steps import steps_of
 from seed_core.config import ConfigError, load_text
 from seed_core.spatial import pose_from_rpy
 
-NAMES = ["follow", "insert_peg", "peg", "pen", "squeegee", "torque_driver", "write"]
+NAMES = ["find_edge", "follow", "insert_peg", "peg", "pen", "squeegee", "torque_driver", "write"]
 
 
 def bench_at(task_name: str) -> tuple[Bench, TaskPlayer]:

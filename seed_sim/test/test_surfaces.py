@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.tasks import read_task, shipped_tasks
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy
 from seed_sim.closed_loop.evaluate import evaluate
 from seed_sim.closed_loop.surfaces import MOST_NORMAL, MOST_PEAK, WORST_FORCE, failure, table
@@ -21,6 +22,7 @@ from seed_sim.scenario import Scenario, ServoSection, TableSection, load_scenari
 WORK = make_pose(None, (0.45, 0.0, 0.0))
 LEVEL = TableSection(tilt_x=(0.0, 0.0), tilt_y=(0.0, 0.0), height=(0.0, 0.0))
 AHEAD = 0.05  # [m/s]
+FIND = shipped_tasks()["find_edge"].read_text()
 
 
 def on(**surface: object) -> Scenario:
@@ -144,3 +146,42 @@ def test_a_task_follows_a_cylinder_that_it_does_not_know() -> None:
     assert score["peak"] < MOST_PEAK
     assert failure({**result}) == ""
     assert "cylinder" in table([result])
+
+
+CORNER = """
+name: corner
+tool: ball
+frame: {position: 0.45 0.0 0.0 m}
+phases:
+  - {name: approach, to: 0 0 0.008 m, speed: 0.1 m/s}
+  - {name: floor, contact_stop: {towards: -z, force: 3 N}, speed: 0.03 m/s}
+  - {name: rise, to: 0 0 0.004 m}
+  - {name: wall, contact_stop: {towards: x, force: 3 N}, speed: 0.03 m/s}
+  - {name: back, to: 0 0 0.02 m}
+"""
+
+
+def test_two_contact_stops_find_a_corner_within_their_deviations() -> None:
+    scenario = on(kind="step", step=20.0, at=(0.03, 0.03))
+    run = evaluate(read_task(CORNER), scenario=scenario, estimator="noisy", seed=4)
+    assert run.result["finished"], run.result["message"]
+    floor, wall = run.recording.found
+    assert [floor.name, wall.name] == ["floor", "wall"]
+    pressed = 3.0 / 8000.0  # [m] that the tip sinks in
+    assert abs(floor.X_W_tip[2, 3] + pressed) < max(3.0 * floor.deviation[2], 2e-4)
+    # the ball's side touches, 8 mm before its tip's axis
+    assert abs(wall.X_W_tip[0, 3] - (0.45 + 0.03 - 0.008 + pressed)) < max(3.0 * wall.deviation[0], 5e-4)
+    assert_allclose(wall.towards, (1.0, 0.0, 0.0))
+
+
+def test_an_edge_is_told_and_one_that_is_not_there_is_missed_by_name() -> None:
+    there = evaluate("find_edge", scenario="edge", estimator="noisy", seed=1)
+    edge = there.recording.found[-1]
+    assert there.result["finished"], there.result["message"]
+    assert abs(edge.X_W_tip[0, 3] - 0.52) < 3.0 * edge.deviation[0]
+    assert "edge at (0.52" in there.result["message"]
+    short = FIND.replace("0.12 m", "0.02 m")
+    assert short != FIND
+    missed = evaluate(read_task(short), scenario="ball", estimator="noisy", seed=1).result
+    assert not missed["finished"]
+    assert missed["message"].startswith("phase 'edge' found no edge within reach = 0.02 m along x")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
@@ -14,10 +15,11 @@ from seed_control.controller import Controller
 from seed_control.ros.task_operator import Operator
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus, check_fits, read_task
+from seed_control.tasks.contact_stop import Found
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
 from seed_ros import SeedNode
-from seed_ros.conversions import fill_wrench
+from seed_ros.conversions import fill_pose, fill_wrench
 
 FEEDBACK_PERIOD = 0.1  # [s]
 
@@ -42,7 +44,7 @@ class FollowServer:
     """Call before_step and after_step around each control step."""
 
     def __init__(
-        self, node: SeedNode, core: Controller, why_not: Callable[[], str], operator: Operator, lost: str
+        self, node: SeedNode, core: Controller, why_not: Callable[[], str], operator: Operator, lost: str, base: str
     ) -> None:
         """Offer the action.
 
@@ -50,9 +52,10 @@ class FollowServer:
             why_not: why no task may begin now; '' for nothing.
             operator: whoever has a task played.
             lost: 'lift' or 'hold', when it is gone.
+            base: name of the frame W.
         """
         self._node, self._core, self._why_not = node, core, why_not
-        self._operator, self._lost = operator, lost
+        self._operator, self._lost, self._base = operator, lost, base
         self._run: _Run | None = None
         self._server = node.serve_action(FollowSetpoints, "~/follow_setpoints", self._execute)
 
@@ -152,6 +155,15 @@ class FollowServer:
         fill_wrench(message.error, self._core.law.regulated_error() or Wrench.zero())
         run.goal.publish_feedback(message)
 
+    def _pose(self, found: Found) -> PoseWithCovarianceStamped:
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id = self._base
+        fill_pose(message.pose.pose, found.X_W_tip)
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = np.diag(found.deviation**2)
+        message.pose.covariance = covariance.ravel().tolist()
+        return message
+
     def _finish(self, run: _Run, status: TaskStatus) -> FollowSetpoints.Result:
         text = run.refusal or status.message
         success = not (status.failed or status.cancelled or run.refusal)
@@ -163,6 +175,8 @@ class FollowServer:
             run.goal.abort()
         result = _result(success, text)
         result.duration = self._node.now() - run.started
+        result.found = [f.name for f in run.player.found]
+        result.found_poses = [self._pose(f) for f in run.player.found]
         if run.samples:
             result.force_rmse, result.torque_rmse = (float(v) for v in np.sqrt(run.squares / run.samples))
         if success:  # rclpy wants one severity per line of code

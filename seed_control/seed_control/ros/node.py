@@ -148,7 +148,9 @@ class ControllerNode(SeedNode):
         operator = Operator(
             self, "~/follow_setpoints", self.settings.operator_timeout, must_beat=self.settings.operator_beats
         )
-        self.follow = FollowServer(self, self.core, self._why_not, operator, self.settings.operator_lost)
+        self.follow = FollowServer(
+            self, self.core, self._why_not, operator, self.settings.operator_lost, self.frames.base
+        )
         self.payload = PayloadIdentification(self, self.core, lambda: self.follow.busy)
         skewed = self._estimator_clock.skew
         self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)

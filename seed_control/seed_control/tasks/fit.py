@@ -43,6 +43,8 @@ def _controls(task: Task) -> Iterator[tuple[str, Control]]:
     for phase in task.phases:
         if phase.control is not None:
             yield f"phase '{phase.name}'", phase.control
+        if phase.contact_stop is not None:
+            yield f"phase '{phase.name}'", Control((0.0, 0.0, phase.contact_stop.force))
     if task.draw is not None:
         yield "the drawing", task.draw.control
         for number, force in enumerate(task.draw.forces, start=1):

@@ -7,6 +7,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
+from seed_control.tasks.contact_stop import Found, StopRun
 from seed_control.tasks.insertion.runs import run_of
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, steps_of
@@ -39,7 +40,11 @@ class TaskStatus:
 
 
 class TaskPlayer:
-    """One run of one task. Call `step` at the control rate with the controller's newest state."""
+    """One run of one task. Call `step` at the control rate with the controller's newest state.
+
+    Attributes:
+        found: where steps `contact_stop` have touched something, in order.
+    """
 
     def __init__(self, task: Task) -> None:
         self.task = task
@@ -52,6 +57,7 @@ class TaskPlayer:
         self._ending = ""  # why the task ends early
         self._cancelled = False
         self._paused = False
+        self.found: tuple[Found, ...] = ()
         self._last: float | None = None
         self._before = np.cumsum([0.0, *(s.expected_time for s in self._steps)])
 
@@ -99,10 +105,12 @@ class TaskPlayer:
             phase = self._run.step.phase
             self._end_early(self._run.why or f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
         elif ended:
+            if isinstance(self._run, StopRun) and self._run.found is not None:
+                self.found = (*self.found, self._run.found)
             if self._index >= len(self._steps):
                 return self._ended(self._ending)
             if not self._ending and self._index + 1 == len(self._steps):
-                return TaskStatus(None, "done", 1.0, done=True, message="finished")
+                return TaskStatus(None, "done", 1.0, done=True, message="; ".join(["finished", *map(str, self.found)]))
             self._run = self._next(state.X_W_tip)
         return TaskStatus(
             self._run.setpoint(),
@@ -143,6 +151,8 @@ class TaskPlayer:
         R_end = R_start if self._run else self._R_tip
         if phase.tilt is not None:
             R_end = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
+        if phase.contact_stop is not None:
+            return StopRun(step, start, R_end, self._X_W)
         if phase.along == "surface":
             if phase.control is not None:
                 tilt = rotation_from_rpy(np.deg2rad(phase.tilt or (0.0, 0.0, 0.0)))

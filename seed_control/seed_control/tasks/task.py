@@ -14,6 +14,7 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
 
 Vector = tuple[float, float, float]
+WAYS = ("x", "-x", "y", "-y", "z", "-z")
 CONDITIONS = ("arrived", "contact", "settled")
 _NO_VECTOR: Vector = (0.0, 0.0, 0.0)
 
@@ -79,6 +80,21 @@ class Control:
 
 
 @dataclass(frozen=True)
+class ContactStop:
+    """Going until something is touched, or over a surface until it ends."""
+
+    towards: str = field("-z", choices=WAYS, doc="axis of the work frame along which it goes and presses")
+    force: float = field(2.0, unit="N", quantity=True, low=0.5, high=20.0, doc="with which it touches")
+    reach: float = field(0.04, unit="m", quantity=True, low=1e-3, high=0.5, doc="within which something must be found")
+    edge: str = field("", choices=("", *WAYS), doc="go on this way over the surface, until it falls away")
+    drop: float = field(0.0015, unit="m", quantity=True, low=5e-4, high=0.02, doc="of the tip that is an edge")
+
+    def __post_init__(self) -> None:
+        if self.edge and self.edge[-1] == self.towards[-1]:
+            raise ConfigError(f"edge = {self.edge} lies along towards = {self.towards}: give a way across it")
+
+
+@dataclass(frozen=True)
 class Phase:
     """One piece: a straight path (or none) under one control, until a condition holds for `dwell`."""
 
@@ -100,6 +116,7 @@ class Phase:
     speed: float = field(0.05, unit="m/s", quantity=True, low=1e-4, high=0.25, doc="along the path")
     acceleration: float = field(0.2, unit="m/s^2", quantity=True, low=1e-3, high=5.0, doc="along the path")
     control: Control | None = field(None, doc="force and torque; none: position only")
+    contact_stop: ContactStop | None = field(None, doc="go until something is touched, and tell where")
     search: Search | None = field(None, doc="slide over a plate until a hole is found")
     insert: Insert | None = field(None, doc="push into the hole that was found")
     until: str = field("arrived", choices=CONDITIONS, doc="what ends the phase")
@@ -114,6 +131,8 @@ class Phase:
     )
 
     def __post_init__(self) -> None:
+        if self.contact_stop is not None and (self.to or self.control or self.search or self.insert):
+            raise ConfigError("contact_stop brings its own way and force: leave out to, control, search and insert")
         if self.search is not None and self.insert is not None:
             raise ConfigError("a phase is either search or insert: give two phases")
         for name, section in (("search", self.search), ("insert", self.insert)):

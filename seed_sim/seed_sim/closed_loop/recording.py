@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_control.tasks import Task
+from seed_control.tasks.contact_stop import Found
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, so3_log
 
@@ -32,6 +33,7 @@ class Recording:
     torque_axes: tuple[bool, bool, bool] = (True, False, False)
     rows: dict[str, list[Any]] = field(default_factory=dict)
     finished: bool = False
+    found: tuple[Found, ...] = ()
     message: str = ""
 
     def add(self, **values: Any) -> None:
@@ -77,6 +79,9 @@ def scored_phase(task: Task) -> str:
     if task.draw is not None:
         return "draw"
     controls = {p.name: p.control for p in task.phases if p.control is not None}
+    stops = [p.name for p in task.phases if p.contact_stop is not None]
+    if not controls and stops:
+        return stops[-1]
     if not controls:
         raise SeedError(f"task '{task.name}' controls no force in any phase: there is nothing to score")
     if "wipe" in controls:

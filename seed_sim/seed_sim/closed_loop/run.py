@@ -62,7 +62,7 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
             progress(status.progress, status.phase)
         if status.done:
             recording.finished = not (status.failed or status.cancelled)
-            recording.message = status.message
+            recording.message, recording.found = status.message, player.found
             break
     return recording
 
