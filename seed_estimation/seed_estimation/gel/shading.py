@@ -28,6 +28,7 @@ FEW = 30  # [px] of an imprint tell nothing
 LEAST = 8  # imprints that must be seen whole
 ROUNDS, WHOLE_ROUNDS = 6, 3  # imprints at the edge of the view come in when the map is known roughly
 CHANGED = 0.05  # of the logarithm, by which a colour has changed
+PRESSED = 0.45  # of its radius by which a ball is pressed in: so much nearer, it is seen larger
 WITHIN = 0.42  # share of the ball's radius within which it touches the gel, pressed in by 0.4 of it
 STEEPEST = np.float32(0.9)  # slope beyond which colours tell nothing that a ball has calibrated
 _POWERS = [
@@ -142,21 +143,21 @@ def fit_shading(presses: Sequence[Press], canvas: Canvas, radius: float) -> Shad
             f"{whole} of {len(presses)} images show the whole imprint of a ball; press it in at {LEAST} places or "
             "more, all over the gel, and some at the edge of the view besides"
         )
-    within = WITHIN * radius
+    within, nearer = WITHIN * radius, np.float32(1.0 - PRESSED * radius / canvas.distance)
     shading: Shading | None = None
     middles = [middle for _, middle, _ in imprints]
     for turn in range(ROUNDS):
         if shading is not None:
             maps = shading.maps(canvas)
             middles = [
-                _middle(press, maps, shading, canvas, middle, within, radius)
+                _middle(press, maps, shading, canvas, middle, (within, nearer), radius)
                 for (press, _, _), middle in zip(imprints, middles, strict=True)
             ]
         A, b = [], []
         for (press, _, is_whole), middle in zip(imprints, middles, strict=True):
             if not is_whole and turn < WHOLE_ROUNDS:
                 continue
-            off = canvas.place - np.asarray(middle, np.float32)[:, None, None]
+            off = (canvas.place - np.asarray(middle, np.float32)[:, None, None]) * nearer
             square = (off * off).sum(0)
             inside = (square < within**2) & (press.hidden == 0)
             if np.count_nonzero(inside) < FEW:  # its middle is out of view
@@ -194,10 +195,17 @@ def _imprint(press: Press, canvas: Canvas) -> tuple[Array, bool] | None:
 
 
 def _middle(
-    press: Press, maps: Array32, shading: Shading, canvas: Canvas, middle: Array, within: float, radius: float
+    press: Press,
+    maps: Array32,
+    shading: Shading,
+    canvas: Canvas,
+    middle: Array,
+    where: tuple[float, np.float32],
+    radius: float,
 ) -> Array:
     """Where the slopes of a ball vanish: the middle (2,) that they agree with best."""
-    off = canvas.place - np.asarray(middle, np.float32)[:, None, None]
+    within, nearer = where
+    off = (canvas.place - np.asarray(middle, np.float32)[:, None, None]) * nearer
     square = (off * off).sum(0)
     inside = (square < within**2) & (press.hidden == 0)
     gx, gy = shading.slopes(press.r, maps)

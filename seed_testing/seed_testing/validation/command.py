@@ -6,6 +6,7 @@ seed validate estimator --method rigid_fit --from BAG
 seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
 seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
+seed validate gel --draws 20 --seed 100 [--jobs 2] [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
 seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--jobs 2] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
@@ -32,7 +33,7 @@ from seed_sim.faults.draw import KINDS
 from seed_sim.gripper import score as pulled
 from seed_sim.gripper.pulls import KINDS as PULLS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
-from seed_testing.validation import run, slip, worlds
+from seed_testing.validation import gel, run, slip, worlds
 from seed_testing.validation.figure import draw
 from seed_testing.validation.maps import score
 from seed_testing.validation.other.run import run_other
@@ -50,7 +51,7 @@ def main(argv: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults|surfaces")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults|surfaces|gel")
     one = commands.add_parser(
         "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
     )
@@ -128,7 +129,12 @@ def _parser() -> argparse.ArgumentParser:
     six.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
     six.add_argument("--task", default="follow", help="name or file of a task along a surface")
     six.set_defaults(run=_surfaces)
-    for either in (one, two, three, four, five, six):
+    seven = commands.add_parser(
+        "gel", formatter_class=Help, help="two GelSight-class gels, and one alone, over drawn tools and poses"
+    )
+    seven.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
+    seven.set_defaults(run=_gel)
+    for either in (one, two, three, four, five, six, seven):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -189,6 +195,12 @@ def _map(options: argparse.Namespace) -> int:
     seeds = range(options.seed, options.seed + options.membranes)
     result = score.score_membranes(seeds, options.noise, options.jobs, options.out)
     print(to_json(result) if options.json else score.table(result))
+    return 0
+
+
+def _gel(options: argparse.Namespace) -> int:
+    result = gel.score_draws(options.seed, options.draws, options.jobs)
+    print(to_json(result) if options.json else gel.table(result))
     return 0
 
 
