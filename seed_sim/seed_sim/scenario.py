@@ -13,6 +13,7 @@ from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
+from seed_sim.gel.parameters import GelParameters
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
@@ -149,6 +150,9 @@ class Scenario:
     hole: HoleSection | None = field(None, doc="a plate with a hole on the table, and what goes into it")
     measurement: MeasurementSection = field(MeasurementSection(), doc="relative poses")
     tactile: TactileParameters = field(TactileParameters(), doc="rendered images")
+    gel: GelParameters | None = field(
+        None, doc="gels in place of bubbles, for --estimator gel; see docs/other_sensors.md"
+    )
     trajectory: TrajectorySection = field(TrajectorySection(), doc="motion in the grasp of ./seed validate")
     estimator: dict[str, Any] = field({}, doc="parameters of the estimator that differ from their defaults")
     calibrate: bool = field(False, doc="run the calibration of range and cameras before the estimator")

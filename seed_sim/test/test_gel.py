@@ -6,12 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy, so3_log
 from seed_estimation import EstimatorError
+from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.gel import GelParameters, GelRenderer, gel_hand
 from seed_sim.gel.estimator import calibrate_gels, gel_estimator
 from seed_sim.gel.shapes import ball_surface, tool_surface
+from seed_sim.gel.stiffness import gel_stiffness
 from seed_sim.gel.surface import CELL, GelSurface
+from seed_sim.scenario import load_scenario
 from seed_sim.tactile.parameters import ToolShape
 
 P = GelParameters()
@@ -101,3 +105,27 @@ def test_two_gels_tell_the_pose(gels: GelRenderer) -> None:
     assert estimator.debug_image().shape == (240, 640, 3)
     black = {f: replace(i, rgb=0 * i.rgb, stamp=0.5) for f, i in gels.no_contact(0.5).items()}
     assert "lamps" in estimator.update(black, 0.5).reason
+
+
+def test_the_shipped_scenario_is_what_its_gels_make_it() -> None:
+    scenario = load_scenario("gel")
+    assert scenario.gel is not None
+    hand, tool = gel_hand(scenario.gel), scenario.gel.tool
+    np.testing.assert_allclose(scenario.hand.X_CL, hand.X_CL, atol=1e-9)
+    np.testing.assert_allclose(scenario.hand.X_CR, hand.X_CR, atol=1e-9)
+    stiffness = gel_stiffness(1.5e5, scenario.gel.thickness, tool.width, 0.020, tool.radius)
+    np.testing.assert_allclose(scenario.grasp.stiffness.vector(), stiffness.vector(), rtol=0.01)
+
+
+def test_a_gel_half_as_thick_is_sheared_twice_as_hard_and_pressed_more_than_four_times() -> None:
+    thick, thin = (gel_stiffness(1e5, t, 0.009, 0.02, 0.012) for t in (0.003, 0.0015))
+    assert thick.translation[0] == pytest.approx(2 * 1e5 * 0.009 * 0.02 / 0.003)
+    assert thin.translation[0] == pytest.approx(2.0 * thick.translation[0])
+    assert thin.translation[1] > 4.0 * thick.translation[1]
+
+
+def test_each_estimator_says_which_scenarios_it_can_read() -> None:
+    with pytest.raises(SeedError, match="--scenario gel"):
+        pose_source("gel", load_scenario("nominal"), 0, 250.0)
+    with pytest.raises(SeedError, match="--estimator gel"):
+        pose_source("rigid_fit", load_scenario("gel"), 0, 250.0)

@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from seed_bringup.pictures import concepts, drawing, gallery
+from seed_bringup.pictures import concepts, drawing, gallery, gel
 
 PICTURES = {
     "frames": drawing.frames_drawing,
@@ -17,6 +17,7 @@ PICTURES = {
     "sees": gallery.sees,
     "holds": gallery.knows,
     "deforms": gallery.deforms,
+    "gel": gel.gel_images,
 }
 
 

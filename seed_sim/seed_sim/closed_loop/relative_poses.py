@@ -2,6 +2,7 @@
 """Relative poses of a simulated run, as the controller gets them: the truth, the truth with noise, or from images."""
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,14 +11,18 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
 from seed_estimation import METHODS, Estimator, EstimatorParameters, TactileImages
+from seed_estimation.gel.image import GelImage
 from seed_sim.bubbles import renderer_of
+from seed_sim.gel.estimator import calibrate_gels, gel_estimator
+from seed_sim.gel.renderer import GelRenderer
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.pressure import PressureSensors, ambient_of
 from seed_sim.scenario import Scenario
 
 FROM_IMAGES = tuple(sorted(METHODS))
-ESTIMATORS = ("truth", "noisy", *FROM_IMAGES)
+GEL = "gel"
+ESTIMATORS = ("truth", "noisy", *FROM_IMAGES, GEL)
 _NOISE_DELAY, _IMAGE_DELAY = 0.05, 0.03  # [s] unless the scenario says otherwise
 _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5
 
@@ -103,6 +108,8 @@ class PosesFromImages(PoseSource):
 
     def __init__(self, scenario: Scenario, seed: int, method: str, hold: MembraneHold | None = None) -> None:
         """hold: the plant's membranes, which the images show; the tool is as it was grasped."""
+        if scenario.gel is not None:
+            raise SeedError(f"scenario {scenario.name} has gels, which '{method}' cannot read: use --estimator {GEL}")
         X_taken = taken_at(scenario, hold)
         super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
         self.renderer = renderer_of(scenario, seed, hold)
@@ -123,6 +130,29 @@ class PosesFromImages(PoseSource):
         return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
 
+class PosesFromGels(PoseSource):
+    """Rendered images of both gels, calibrated by a ball, through the estimator over sensors.
+
+    Attributes:
+        images: the newest, by finger.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        if scenario.gel is None:
+            raise SeedError(f"scenario {scenario.name} has no gels: use --scenario gel, or give it a section `gel`")
+        X_taken = taken_at(scenario)
+        super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
+        self.renderer = GelRenderer(scenario.gel, scenario.hand, seed)
+        self.estimator = gel_estimator(self.renderer, calibrate_gels(self.renderer, seed=seed))
+        held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
+        self.estimator.initialize_grasp([self.renderer.render(X_taken, t) for t in held])
+        self.images: dict[str, GelImage] = {}
+
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        self.images = self.renderer.render(plant.X_CT, plant.time)
+        return self.estimator.update({f: replace(i, stamp=stamp) for f, i in self.images.items()}, stamp)
+
+
 def pose_source(
     kind: str, scenario: Scenario, seed: int, control_rate: float, plant: Plant | None = None
 ) -> PoseSource:
@@ -139,6 +169,8 @@ def pose_source(
     hold = plant.membranes if plant is not None else None
     if kind in FROM_IMAGES:
         return PosesFromImages(scenario, seed, kind, hold)
+    if kind == GEL:
+        return PosesFromGels(scenario, seed)
     X_taken = taken_at(scenario, hold)
     if hold is not None:
         hold.restart()

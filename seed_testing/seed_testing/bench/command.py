@@ -12,6 +12,7 @@ from seed_testing.figures import text
 
 BENCHES = {
     "estimator": "seed_testing.bench.estimator",
+    "gel": "seed_testing.bench.gel",
     "control": "seed_testing.bench.control",
     "membrane": "seed_testing.bench.membrane",
     "gym": "seed_testing.bench.gym",

@@ -19,7 +19,7 @@ from seed_estimation.gel.sensor import Gel
 from seed_estimation.gel.settings import GelSettings
 from seed_estimation.sensors.estimator import SensorEstimator
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
-from seed_sim.gel.estimator import calibrate_gels
+from seed_sim.gel.estimator import PLACES, calibrate_gels
 from seed_sim.gel.parameters import GelParameters, gel_hand, mount
 from seed_sim.gel.renderer import GelRenderer
 from seed_sim.tactile.parameters import ToolShape
@@ -40,9 +40,10 @@ def parameters(rng: np.random.Generator) -> GelParameters:
     tool = ToolShape(kind=kind, radius=radius, width=float(rng.uniform(0.006, 0.010)), length=length)
     shift = 1e-3 * rng.uniform((-1.5, -0.05, -1.0), (1.5, 0.05, 1.0))
     turn = rng.uniform((-1.0, -90.0, -1.0), (1.0, 90.0, 1.0))
+    x, y, z, roll, pitch, yaw = np.concatenate([shift, turn]).tolist()
     return GelParameters(
         tool=tool,
-        T_held=Frame((float(shift[0]), float(shift[1]), float(shift[2])), (float(turn[0]), float(turn[1]), float(turn[2]))),
+        T_held=Frame((x, y, z), (roll, pitch, yaw)),
         squeeze=float(rng.uniform(0.0005, 0.0009)),
         skirt=float(rng.uniform(0.3, 0.5)),
         creep=float(rng.uniform(0.0, 0.0006)),
@@ -63,14 +64,18 @@ def believed(hand: Hand, rng: np.random.Generator) -> Hand:
     return replace(hand, C_L=off(hand.C_L), C_R=off(hand.C_R))
 
 
-def one(seed: int, motion: TrajectorySection = MOTION) -> dict[str, Any]:
-    """Scores of one draw, by case; an estimator that refuses the grasp has its words instead."""
+def one(seed: int, motion: TrajectorySection = MOTION, places: tuple[int, int] = PLACES) -> dict[str, Any]:
+    """Scores of one draw, by case; places: columns and rows of the ball's presses.
+
+    Raises:
+        EstimatorError: the grasp is refused.
+    """
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, 0x6E1))
     p = parameters(rng)
     renderer = GelRenderer(p, gel_hand(p), seed)
     hand, settings = believed(renderer.hand, rng), GelSettings()
-    shadings = calibrate_gels(renderer, settings, seed)
+    shadings = calibrate_gels(renderer, settings, seed, places)
     cameras = {f: _with_focal(c, 1.0 + FOCAL * float(rng.standard_normal())) for f, c in renderer.cameras.items()}
     free = [renderer.no_contact(-2.0 + 0.01 * i) for i in range(10)]
     held = [renderer.render(np.eye(4), -0.1 + 0.01 * i) for i in range(5)]
