@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the camera behind a gel sees: free, with a ball, with a handle, and the handle turned, as the sensor reads it."""
+"""What the camera behind a gel sees: free, with a ball, with a handle, and the handle turned and read."""
 
 import cv2
 import numpy as np
