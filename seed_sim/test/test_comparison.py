@@ -13,11 +13,13 @@ from seed_sim.closed_loop.recording import Recording
 from seed_sim.comparison import campaign as campaign_module
 from seed_sim.comparison.bumps import Bumps
 from seed_sim.comparison.campaign import campaign
+from seed_sim.comparison.cases import CASES, case_named
 from seed_sim.comparison.command import main
-from seed_sim.comparison.methods import method_named
-from seed_sim.comparison.run import Run
+from seed_sim.comparison.methods import METHODS, method_named
+from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.score import SCORES, scores_of
 from seed_sim.comparison.table import lines_of, text
+from seed_sim.comparison.tuning import SEEDS, chosen_settings
 
 RATE = 250.0  # [Hz]
 
@@ -117,15 +119,43 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
         campaign([(Run("seed", "nominal", 0), {})], 1, file)
 
 
+def test_every_method_has_settings_of_its_own_and_tuning_has_other_seeds() -> None:
+    chosen = chosen_settings(m.name for m in METHODS)
+    for method in METHODS:
+        as_which = method_named(method.tuned_as) if method.tuned_as else method
+        assert set(chosen[method.name]) <= set(as_which.grid), method.name
+        assert bool(chosen[method.name]) == bool(as_which.grid), method.name
+    assert max(SEEDS) < 2000
+    assert len(CASES) >= 10
+
+
+@pytest.mark.parametrize("name", ["PI", "admittance, soft", "impedance"])
+def test_a_tuned_rival_wipes_in_the_plant(name: str) -> None:
+    """The same plant as ours, a sensor with its noise: within 15 % of the wanted force, and nothing breaks."""
+    done = scored(Run(name, "nominal", 2100), chosen_settings([name])[name])
+    assert done["finished"], done["message"]
+    assert done["rms"] < 1.5
+    assert done["torque"] < 0.4  # three deviations of what motors and joint torques are off by, 0.09 N m each
+
+
+def test_bumps_are_felt_by_a_tool_that_does_not_give_way() -> None:
+    assert case_named("bumps").bumps.size == 1e-3
+    smooth, bumpy = (scored(Run("PI", c, 2101), chosen_settings(["PI"])["PI"]) for c in ("nominal", "bumps"))
+    assert bumpy["rms"] > 2.0 * smooth["rms"]
+
+
 def test_the_command_writes_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--case", "pen", "--method", "seed", "--method", "open loop", "--seeds", "1", "--jobs", "1"]
+    arguments = ["--case", "pen", "--method", "seed", "--method", "force mode", "--seeds", "1", "--jobs", "1"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "Force error [N]" in said
-    assert method_named("open loop").short in said
+    assert method_named("force mode").short in said
     runs = (tmp_path / "runs.jsonl").read_text(encoding="utf-8")
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     assert (tmp_path / "runs.jsonl").read_text(encoding="utf-8") == runs
     result = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
     assert {line["case"] for line in result["lines"]} == {"pen", "all cases"}
-    assert (tmp_path / "table.csv").read_text(encoding="utf-8").startswith("case,score,unit,seed,open loop")
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64" in page
+    assert "http" not in page  # it opens offline
+    assert (tmp_path / "table.csv").read_text(encoding="utf-8").startswith("case,score,unit,seed,force mode")

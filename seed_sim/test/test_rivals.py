@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.hand import Hand, Tool
-from seed_core.spatial import make_pose, rotation_from_rpy, so3_exp
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy, so3_exp
 from seed_sim.rivals.admittance import Admittance, AdmittanceSettings
 from seed_sim.rivals.force_mode import INERTIA, ForceMode, ForceModeSettings
 from seed_sim.rivals.force_pi import ForcePI, ForcePISettings
@@ -20,7 +20,7 @@ ALONG_Z = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 PRESS = Wanted(-10.0 * ALONG_Z, ALONG_Z)
 
 
-def pressed(law: RivalLaw, stiffness: float, lag: float, duration: float = 3.0) -> np.ndarray:
+def pressed(law: RivalLaw, stiffness: float, lag: float, duration: float = 4.0) -> np.ndarray:
     """Force [N] over time on a wall of that stiffness [N/m], behind an arm with a first-order lag [s]."""
     at, forces = 0.0, []
     for _ in range(round(duration / law.period)):
@@ -32,7 +32,7 @@ def pressed(law: RivalLaw, stiffness: float, lag: float, duration: float = 3.0) 
 
 
 LAWS: dict[str, Callable[[], RivalLaw]] = {
-    "force mode": lambda: ForceMode(ForceModeSettings(damping=0.5, gain_scaling=0.25)),
+    "force mode": lambda: ForceMode(ForceModeSettings(damping=0.5, gain_scaling=0.06)),
     "admittance": lambda: Admittance(AdmittanceSettings(mass=10.0, stiffness=2.0, damping_ratio=60.0)),
     "PI": lambda: ForcePI(ForcePISettings(gain=3e-4, integral_time=0.5)),
 }
@@ -48,7 +48,7 @@ def test_force_mode_bounces_on_a_rigid_body_by_default_and_damping_helps() -> No
     by_default = pressed(ForceMode(ForceModeSettings()), 40e3, 0.015)[1000:]
     assert by_default.max() > 15.0
     assert by_default.min() == 0.0
-    damped = pressed(ForceMode(ForceModeSettings(damping=0.5, gain_scaling=0.25)), 40e3, 0.015)[1000:]
+    damped = pressed(ForceMode(ForceModeSettings(damping=0.5, gain_scaling=0.06)), 40e3, 0.015)[1000:]
     assert np.ptp(damped) < 0.1 * np.ptp(by_default)
 
 
@@ -149,6 +149,6 @@ def test_a_flange_pose_turns_about_the_tip() -> None:
     hand, tool = Hand(), Tool()
     X_W_tip = make_pose(rotation_from_rpy((np.pi, 0.0, 0.0)), (0.4, 0.1, 0.02))
     offset = np.array((0.1, 0.0, 0.0, 0.0, 0.0, -0.003))
-    X_tip = flange_pose(X_W_tip, offset, np.eye(3), tool.X_Ttip, hand) @ hand.X_EC @ tool.X_Ttip
+    X_tip = flange_pose(X_W_tip, offset, np.eye(3), tool.X_Ttip, inverse_pose(hand.X_EC)) @ hand.X_EC @ tool.X_Ttip
     assert_allclose(X_tip[:3, 3], (0.4, 0.1, 0.017), atol=1e-12)
     assert_allclose(X_tip[:3, :3], X_W_tip[:3, :3] @ so3_exp(offset[:3]), atol=1e-12)

@@ -2,7 +2,7 @@
 """All runs of a comparison on this machine's cores; each is kept in a file as it ends, and none is repeated."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +56,3 @@ def _known(file: Path) -> dict[str, dict[str, Any]]:
                 break
             raise SeedError(f"{file}:{number}: not a run of ./seed compare ({error}): name another folder") from error
     return rows
-
-
-def failed(rows: Iterable[dict[str, Any]]) -> list[str]:
-    """Which runs did not come to their end, and why."""
-    return [f"{_key(r)}: {r['message']}" for r in rows if not r["finished"]]

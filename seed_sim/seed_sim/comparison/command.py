@@ -12,7 +12,7 @@ from seed_sim.comparison.campaign import campaign, scored_in_parallel
 from seed_sim.comparison.page import write_page
 from seed_sim.comparison.run import Run
 from seed_sim.comparison.table import lines_of, text, write_csv
-from seed_sim.comparison.tuning import chosen_settings, tune, tuning_file, written
+from seed_sim.comparison.tuning import KEPT, chosen_settings, tune, tuning_file, written
 
 SEED, SEEDS, QUICK_SEEDS = 2000, 10, 1
 
@@ -28,7 +28,7 @@ def main(argv: list[str]) -> int:
     count = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
     settings = chosen_settings(chosen, args.tuning)
     seeds = range(args.seed, args.seed + count)
-    works = [(Run(m, c, s), dict(settings[m])) for c in names for s in seeds for m in chosen]
+    works = [(Run(m, c, s), dict(settings[m])) for s in seeds for c in names for m in chosen]
     folder = args.out or results_folder() / "compare"
     rows = campaign(works, args.jobs, folder / "runs.jsonl")
     lines = lines_of(rows)
@@ -50,7 +50,7 @@ def _tune(args: argparse.Namespace, chosen: list[str]) -> int:
         method = methods.method_named(name)
         if method.grid:
             print(f"{name}: {len(method.points())} points", file=sys.stderr)
-            done[name] = tune(method, lambda works: scored_in_parallel(works, args.jobs))
+            done[name] = tune(method, lambda works: scored_in_parallel(works, args.jobs), args.kept)
             written(done, file)
             print(f"{name}: cost {done[name]['cost']} with {done[name]['settings']}")
     return 0
@@ -73,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--jobs", type=whole(1), default=2, metavar="J", help="processes")
     p.add_argument("--quick", action="store_true", help="three methods, three cases, one seed")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: results/compare")
+    p.add_argument("--kept", type=whole(1), default=KEPT, metavar="N", help="tuning: points for further cases")
     p.add_argument("--tune", action="store_true", help="find each method's best settings anew, and write them down")
     p.add_argument(
         "--tuning", type=Path, metavar="FILE", help="settings of the methods; default: those that are shipped"

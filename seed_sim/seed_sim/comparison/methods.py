@@ -47,6 +47,7 @@ class Method:
         rigid: the tool is welded to the gripper; else the soft grasp holds it.
         build: its steering, from plant, scenario, task, seed and settings.
         grid: what its tuning tries; empty: nothing to tune.
+        tuned_as: name of the method whose settings it has.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Method:
     rigid: bool
     build: Build
     grid: Grid
+    tuned_as: str = ""
 
     def points(self) -> list[dict[str, float]]:
         """All settings of the grid."""
@@ -105,40 +107,43 @@ def _torque(friction: JointFriction, sensor: Sensor) -> Build:
 
 
 _FORCE_MODE: Grid = {
-    "damping": (0.005, 0.02, 0.05, 0.1, 0.3, 1.0),
-    "gain_scaling": (0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0),
+    "damping": (0.005, 0.02, 0.05, 0.15, 0.5, 1.0),
+    "gain_scaling": (0.005, 0.015, 0.05, 0.15, 0.5, 2.0),
 }
 _ADMITTANCE: Grid = {
     "mass": (2.0, 10.0, 50.0),
     "stiffness": (2.0, 20.0),
-    "damping_ratio": (1.0, 4.0, 16.0, 64.0),
+    "damping_ratio": (3.0, 10.0, 30.0),
+    "filter_coefficient": (0.05, 0.3),
+}
+_STIFF_ADMITTANCE: Grid = {
+    "mass": (3.0, 10.0, 50.0),
+    "stiffness": (2.0, 20.0),
+    "damping_ratio": (10.0, 30.0, 100.0, 300.0),
     "filter_coefficient": (0.05, 0.3),
 }
 _PI: Grid = {
-    "gain": (1e-4, 3e-4, 1e-3, 3e-3, 1e-2),
-    "integral_time": (0.1, 0.3, 1.0),
+    "gain": (3e-4, 1e-3, 3e-3, 1e-2, 3e-2),
+    "integral_time": (0.03, 0.1, 0.3),
     "filter_time": (0.0, 0.02),
 }
-_IMPEDANCE: Grid = {
-    "damping": (30.0, 100.0, 300.0, 1000.0),
-    "integral": (0.0, 2.0, 5.0, 10.0),
-    "lever": (0.05, 0.15),
-}
+_IMPEDANCE: Grid = {"damping": (30.0, 100.0, 300.0, 1000.0), "integral": (0.0, 3.0, 10.0, 30.0), "lever": (0.05, 0.15)}
 
 METHODS = (
     Method("seed", "ours", "soft grasp, poses with noise and delay, stiffness as identified", False, _ours("seed"), {}),
     Method("published", "Alg. 2", "the paper's law, with the same grasp and poses", False, _ours("published"), {}),
     Method("open loop", "open", "the taught path in the soft grasp; nothing is measured", False, _open_loop, {}),
+    Method("PI", "PI", "welded, PI on a wrist sensor", True, _position(ForcePI, ForcePISettings, WRIST), _PI),
+    Method("PI, soft", "PI soft", "the same above our grasp", False, _position(ForcePI, ForcePISettings, WRIST), _PI),
     Method(
         "ideal sensor",
         "ideal",
-        "welded, PI on a sensor without noise, delay or offset: a bound that nobody can buy",
+        "welded, PI with a sensor without noise, delay or offset, which nobody can buy",
         True,
         _position(ForcePI, ForcePISettings, IDEAL),
-        _PI,
+        {},
+        "PI",
     ),
-    Method("PI", "PI", "welded, PI on a wrist sensor", True, _position(ForcePI, ForcePISettings, WRIST), _PI),
-    Method("PI, soft", "PI soft", "the same above our grasp", False, _position(ForcePI, ForcePISettings, WRIST), _PI),
     Method(
         "force mode",
         "UR",
@@ -161,7 +166,7 @@ METHODS = (
         "welded, ros2_control's admittance_controller on a wrist sensor",
         True,
         _position(Admittance, AdmittanceSettings, WRIST),
-        _ADMITTANCE,
+        _STIFF_ADMITTANCE,
     ),
     Method(
         "admittance, soft",
@@ -185,7 +190,8 @@ METHODS = (
         "welded, UR's direct torque control with its flange sensor",
         True,
         _torque(UR_DIRECT_TORQUE, UR_E_SERIES),
-        _IMPEDANCE,
+        {},
+        "impedance",
     ),
 )
 OURS, BOUND = "seed", "ideal sensor"

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores of one run, from the plant's own forces: from first contact on and over the whole wipe, nothing left out."""
 
-from typing import Any
-
 import numpy as np
 
 from seed_core.spatial import Array
@@ -88,11 +86,3 @@ def _lost(pressed: Array, force: float) -> int:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def better(name: str, a: float, b: float) -> bool:
-    """Whether a is the better value of the score."""
-    return a > b if name in LARGER_IS_BETTER else a < b
-
-
-Row = dict[str, Any]

@@ -5,7 +5,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState, Mode
-from seed_core.spatial import Array, Wrench
+from seed_core.spatial import Array, Wrench, inverse_pose
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.rivals.impedance import PERIOD as TORQUE_PERIOD
 from seed_sim.rivals.impedance import Impedance, TorqueArm
@@ -24,7 +24,8 @@ class _Sensing:
 
     def __init__(self, plant: Plant, reader: Reader) -> None:
         self._plant, self._reader = plant, reader
-        self._X_E_tip = plant.hand.X_EC @ plant.tool.X_Ttip
+        self._X_Ttip, self._X_CE = plant.tool.X_Ttip, inverse_pose(plant.hand.X_EC)
+        self._X_E_tip, self._R_EC = plant.hand.X_EC @ plant.tool.X_Ttip, plant.hand.X_EC[:3, :3]
         self._zero, self._zeroing, self._zeroed = np.zeros(6), np.zeros(6), 0
         self._measured = np.zeros(6)
         self._setpoint: HybridSetpoint | None = None
@@ -46,7 +47,7 @@ class _Sensing:
         on_flange = Wrench.from_vector(self._reader.read(t, load - self._zero))
         X_WE, s = self._plant.X_WE, self._setpoint
         R_W_task = s.R_W_task if s is not None else np.eye(3)
-        R_WT = X_WE[:3, :3] @ self._plant.hand.X_EC[:3, :3]
+        R_WT = X_WE[:3, :3] @ self._R_EC
         at_tip = on_flange.about(self._X_E_tip[:3, 3]).rotated(X_WE[:3, :3])
         self._measured = -np.concatenate([R_WT.T @ at_tip.torque, R_W_task.T @ at_tip.force])
         if (self._measured[3:] ** 2).sum() > PROTECTIVE_STOP**2:
@@ -125,7 +126,7 @@ class PositionSteering(_Sensing):
             self._anchor, self._touched = None, False
             self._law.reset()
             self._offset = np.concatenate([self._offset[:3], np.zeros(3)])
-        plant.command(flange_pose(X_W_tip, self._offset, s.R_W_task, plant.tool.X_Ttip, plant.hand))
+        plant.command(flange_pose(X_W_tip, self._offset, s.R_W_task, self._X_Ttip, self._X_CE))
 
 
 class TorqueSteering(_Sensing):
@@ -177,4 +178,4 @@ class TorqueSteering(_Sensing):
         load, R_WT = plant.contact_wrench, plant.X_WT[:3, :3]
         on_environment = np.concatenate([R_WT.T @ load.torque, s.R_W_task.T @ load.force])
         self._offset = self._offset + self._arm.step(commanded, on_environment)
-        plant.drive(flange_pose(s.X_W_tip, self._offset, s.R_W_task, plant.tool.X_Ttip, plant.hand), now)
+        plant.drive(flange_pose(s.X_W_tip, self._offset, s.R_W_task, self._X_Ttip, self._X_CE), now)

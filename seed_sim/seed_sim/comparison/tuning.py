@@ -17,7 +17,8 @@ FIRST = "nominal"
 FURTHER = ("hard table", "moving table", "force steps")
 SEEDS = (900, 901)  # a comparison's begin at 2000
 PRESS_SHARE = 0.25  # of the error before the wipe in the cost
-KEPT = 6, 3  # points that go on to the further cases, and of those to the further seed
+KEPT = 8  # points that go on to the further cases ...
+OF_THESE = 0.4  # ... and the share of these that goes on to the further seed
 COMMAND = "./seed compare --tune"
 
 Work = tuple[Run, dict[str, float]]
@@ -36,13 +37,14 @@ def chosen_settings(names: Iterable[str], file: Path | None = None) -> dict[str,
         SeedError: the file is no tuning, or lacks a method.
     """
     settings: dict[str, Settings] = {name: {} for name in names}
-    tuned = [name for name in settings if method_named(name).grid]
+    by = {name: method_named(name).tuned_as or name for name in settings}
+    tuned = [name for name in settings if method_named(by[name]).grid]
     if not tuned:
         return settings
     file = file or tuning_file()
     try:
         methods = json.loads(file.read_text(encoding="utf-8"))["methods"]
-        return settings | {name: dict(methods[name]["settings"]) for name in tuned}
+        return settings | {name: dict(methods[by[name]]["settings"]) for name in tuned}
     except (ValueError, KeyError, TypeError) as error:
         raise SeedError(f"{file}: not a tuning of these methods ({error}): make it with {COMMAND}") from error
 
@@ -52,7 +54,7 @@ def cost(row: dict[str, Any]) -> float:
     return float(row["rms"] + PRESS_SHARE * (row["press_rms"] if row["press_rms"] is not None else row["rms"]))
 
 
-def tune(method: Method, runner: Runner) -> dict[str, Any]:
+def tune(method: Method, runner: Runner, kept: int = KEPT) -> dict[str, Any]:
     """The grid in three rounds: all points in one case, the best in further ones, the best of those on another seed."""
     costs: dict[str, list[float]] = {}
 
@@ -63,11 +65,12 @@ def tune(method: Method, runner: Runner) -> dict[str, Any]:
         return sorted(points, key=lambda p: float(np.mean(costs[_name(p)])))
 
     points = try_out(method.points(), (FIRST,), SEEDS[:1])
-    points = try_out(points[: KEPT[0]], FURTHER, SEEDS[:1])
-    points = try_out(points[: KEPT[1]], (FIRST, *FURTHER), SEEDS[1:])
+    points = try_out(points[:kept], FURTHER, SEEDS[:1])
+    points = try_out(points[: max(round(OF_THESE * kept), 1)], (FIRST, *FURTHER), SEEDS[1:])
     return {
         "settings": points[0],
         "cost": round(float(np.mean(costs[_name(points[0])])), 4),
+        "kept": kept,
         "grid": {name: list(values) for name, values in method.grid.items()},
         "tried": {name: [round(float(np.mean(c)), 4), len(c)] for name, c in costs.items()},
     }

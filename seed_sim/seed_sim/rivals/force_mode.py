@@ -6,8 +6,8 @@ damping is 0 (keeps its speed) to 1 (stops at once without force), by default 0.
 default 1, and above 1 it "can make force mode unstable, e.g. in case of collisions or pushing against hard surfaces".
 Users see it bounce on a rigid body at 10 N, more damping helping slightly (forum.universal-robots.com/t/22537).
 
-The controller's inner gain is published nowhere. Here it is an inertia of 20 kg, with which the defaults bounce on a
-rigid body, as users see; a scaling of 0.05 to 2 covers 10 to 400 kg, so tuning finds the best of them all.
+The controller's inner gain is published nowhere. Here it is an inertia of 5 kg, with which the defaults bounce on a
+rigid body, as users see; a scaling of 0.005 to 2 covers 2.5 to 1000 kg, so tuning can find the best of them all.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from seed_core.spatial import Array
 from seed_sim.rivals.law import Wanted, scale
 
 PERIOD = 0.002  # [s] of the robot's controller
-INERTIA = 20.0  # [kg] at a gain scaling of 1
+INERTIA = 5.0  # [kg] at a gain scaling of 1
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ForceModeSettings:
     """What a user sets."""
 
     damping: float = field(0.005, low=0.0, high=1.0, doc="share of the speed that is lost in a step")
-    gain_scaling: float = field(1.0, low=0.01, high=2.0, doc="of the missing force's effect")
+    gain_scaling: float = field(1.0, low=0.001, high=2.0, doc="of the missing force's effect")
     speed_limit: float = field(0.03, unit="m/s", low=1e-3, high=0.5, doc="along compliant axes")
     lever: float = field(0.1, unit="m", low=0.01, high=1.0, doc="at which inertia and speed limit count for rotation")
 

@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from seed_core.hand import Hand
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_core.spatial import Array, make_pose, so3_exp
 
 TOUCH = 2.0  # [N] along a free axis that counts as contact, above any noise and offset of the sensors
 
@@ -62,10 +61,13 @@ def scale(value: float, lever: float) -> Array:
     return np.array((value * lever * lever,) * 3 + (value,) * 3)
 
 
-def flange_pose(X_W_tip: Array, offset: Array, R_W_task: Array, X_Ttip: Array, hand: Hand) -> Array:
-    """X_WE (4, 4) that puts a rigidly held tool's tip at X_W_tip (4, 4) plus the offset (6,)."""
-    X_Ttip_W = X_W_tip @ inverse_pose(X_Ttip)
-    R_WT = X_Ttip_W[:3, :3] @ so3_exp(offset[:3])
+def flange_pose(X_W_tip: Array, offset: Array, R_W_task: Array, X_Ttip: Array, X_CE: Array) -> Array:
+    """X_WE (4, 4) that puts a rigidly held tool's tip at X_W_tip (4, 4) plus the offset (6,).
+
+    Args:
+        R_W_task: (3, 3) axes of the offset's translation.
+        X_Ttip, X_CE: (4, 4) of the tip in the tool, and of the flange in the gripper.
+    """
+    R_WT = X_W_tip[:3, :3] @ X_Ttip[:3, :3].T @ so3_exp(offset[:3])
     p_tip = X_W_tip[:3, 3] + R_W_task @ offset[3:]
-    X_WT = make_pose(R_WT, p_tip - R_WT @ X_Ttip[:3, 3])
-    return np.asarray(X_WT @ inverse_pose(hand.X_EC))
+    return np.asarray(make_pose(R_WT, p_tip - R_WT @ X_Ttip[:3, 3]) @ X_CE)
