@@ -117,6 +117,19 @@ def test_friction_slips_a_little_first_then_all_and_then_bears_mu_n():
     assert forces[-1] - forces[-8] < 0.1 * (forces[8] - forces[1])
 
 
+def test_a_patch_lets_go_in_a_jump_where_its_equilibrium_ends():
+    """Pressed and turned until part of the patch lets go: without the jump two or three solves find no equilibrium."""
+    p = replace(random_membrane(11, 0.008), squeeze=0.017)
+    g = MembraneGrasp(p, ToolShape("box", length=0.06, width=0.03))
+    g.close()
+    for z in np.linspace(0.0, -0.004, 9):
+        assert g.solve(moved(z=z)).converged
+    for angle in -np.deg2rad(np.arange(1.0, 24.0)):
+        x = 1e-4 * np.rad2deg(angle)
+        assert g.solve(moved(x, 0.0, -0.004, (0.1 * angle, angle, 0.0))).converged
+    assert g._state(0, True).sliding_share > 0.4
+
+
 def test_a_loop_leaves_work_behind_with_friction_and_none_without():
     areas = []
     for friction in (0.7, 0.0):

@@ -196,6 +196,16 @@ def test_load_that_friction_does_not_bear_is_refused():
         hold.under(Wrench(np.zeros(3), np.array((0.0, 0.0, 30.0))))
 
 
+def test_a_tool_counts_as_torn_out_by_time_not_by_how_often_one_looks(monkeypatch):
+    hold = MembraneHold(COARSE, HANDLE)
+    kept = hold.state._replace(converged=False)
+    monkeypatch.setattr(hold._grasp, "solve", lambda *_: kept)
+    for i in range(1, 500):  # the plant looks every millisecond while the tool moves fast
+        hold.at(make_pose(None, (0.0, 0.0, 1e-6 * i)), 1e-3 * i)
+    with pytest.raises(MembraneError, match=r"for 0\.5. s: the tool is torn out"):
+        hold.at(np.eye(4), 0.51)
+
+
 def test_tool_with_hardly_any_inertia_is_refused_with_numbers():
     feather = replace(SCENARIO, tool=replace(SCENARIO.tool, mass=1e-4))
     with pytest.raises(PlantError, match=r"rad/s, would need\s+\d+ sub-steps.*pad_mass"):

@@ -24,10 +24,11 @@ _CALM = 8  # of them that may leave more unbalanced than before
 _HALVINGS = 5  # of a step that leaves more unbalanced
 _TURNS = 12  # of friction and equilibrium
 _LAGGED = 0.02  # [N] unbalanced with friction of the turn before
+_JUMP, _OIL = 150, 50.0  # steps of a patch that lets go in a jump, and [N/m] damping of the first
 _ENOUGH = 10.0  # [tolerances] that will do where no step comes nearer
 _WORTH = 0.45  # share of the unbalanced forces that a step with old factors may leave
 _LONGEST = 0.5  # [spacings] that a node moves in one Newton step
-_DEEPEST = 0.0015  # [m] that a node may lie inside the tool
+_DEEPEST = 0.0025  # [m] that a node may lie inside the tool
 _STRETCH = 4.0  # [1] Green's strain at which rubber is torn: a stretch of 3
 
 
@@ -74,6 +75,7 @@ class Bubble:
         self._pose: Pose | None = None
         self._factors_now: Factors | None = None
         self._sensitivity: Array | None = None
+        self._nearest = math.inf, self.x  # [N] unbalanced, and nodes of the last move
         self.tangent = np.zeros((6, 6))
         self.t = 0.0
         self._inflate()
@@ -224,6 +226,7 @@ class Bubble:
             step *= min(1.0, cap / max(float(np.abs(step).max()), 1e-15))
             x = x.copy()
             x.ravel()[rows] += step
+        self._nearest = min(self._nearest, best, key=lambda b: b[0])
         return self._accept(best[1], pose, gauge) if best[0] < _ENOUGH * self.p.tolerance else False
 
     def _accept(self, x: Array, pose: Pose | None, gauge: float | None) -> bool:
@@ -261,9 +264,12 @@ class Bubble:
         self.x = start
         return False
 
-    def move(self, pose: Pose) -> bool:
-        """To the equilibrium with the tool at pose (R_TF (3, 3), p_TF (3,) [m]); False where none is found."""
-        start = self.x
+    def move(self, pose: Pose, jump: bool = False) -> bool:
+        """To the equilibrium with the tool at pose (R_TF (3, 3), p_TF (3,) [m]); False where none is found.
+
+        jump: where no equilibrium is near, let the patch slide to one in a jump.
+        """
+        start, anchors, self._nearest = self.x, self.contact.anchors, (math.inf, self.x)
         guess = start
         if self._pose is not None and self._sensitivity is not None:
             R0, o0 = self._pose
@@ -271,14 +277,43 @@ class Bubble:
             guess = start.copy()
             guess.ravel()[self._band.rows] += self._sensitivity @ motion
         settled = self._settle(pose, x=guess, factors=self._factors_now)
-        if not settled and not self._settle(pose, x=start) and not self._settle_by_turns(pose):
+        settled = settled or self._settle(pose, x=start) or self._settle_by_turns(pose) or (jump and self._jump(pose))
+        if not settled:
             return False
         assert self.load is not None
         if self.load.depth > _DEEPEST:
+            self.x, self.contact.anchors = start, anchors
             return False
         self.contact.keep(self.load)
         self._pose = pose
         return True
+
+    def _jump(self, pose: Pose) -> bool:
+        """To an equilibrium beyond one that has ceased to exist: a patch that lets go in a jump.
+
+        Damped steps, as of a membrane in oil, on which nodes that slide take their anchors along.
+        """
+        before, anchors = self.x, self.contact.anchors
+        x, rows, cap, first = self._nearest[1], self._band.rows, _LONGEST * self.p.spacing, 0.0
+        for _ in range(_JUMP):
+            whole, touch = self.residual(x, pose)
+            assert touch is not None
+            force = whole.ravel()[rows]
+            norm = math.sqrt(float(force @ force))
+            self.contact.keep(touch)
+            if norm < _ENOUGH * self.p.tolerance:
+                self.x, self.load = x, touch
+                return True
+            first = max(first, norm)
+            factors = self._factors(x, pose, None, _OIL * norm / first)
+            if factors.info != 0 or not math.isfinite(norm):
+                break
+            self.iterations += 1
+            step = -factors.solve(force)
+            x = x.copy()
+            x.ravel()[rows] += step * min(1.0, cap / max(float(np.abs(step).max()), 1e-15))
+        self.x, self.contact.anchors = before, anchors
+        return False
 
     def age(self, t: float) -> None:
         """Let sheet and gas flow up to time t [s]."""

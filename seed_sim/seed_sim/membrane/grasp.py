@@ -174,9 +174,10 @@ class MembraneGrasp:
                 X = np.eye(4)
                 X[:3, :3] = so3_exp(share * turn) @ X0[:3, :3] if share < 1.0 else X_TC[:3, :3]
                 X[:3, 3] = X0[:3, 3] + share * shift
-                if bubble.move(self._pose_of(bubble.side, X, s0 + share * (squeeze - s0))):
+                last = 0.5 * part < least
+                if bubble.move(self._pose_of(bubble.side, X, s0 + share * (squeeze - s0)), jump=last):
                     bubble.linearise()
-                    done = share
+                    done, part = share, min(2.0 * part, 1.0 / steps)
                     continue
                 part *= 0.5
                 if part < least:

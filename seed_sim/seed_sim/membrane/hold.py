@@ -9,7 +9,7 @@ from seed_sim.membrane.parameters import MembraneError, MembraneParameters
 from seed_sim.membrane.state import BubbleState, GraspState
 from seed_sim.tactile.parameters import ToolShape
 
-_PATIENCE = 25  # solves in a row that may not settle: half a second of images
+_PATIENCE = 0.5, 25  # [s] and solves in a row that may not settle
 _SETTLED = 1e-3  # [N, and N m over 0.1 m] of a load that is looked for
 _LOOKS = 25  # solves of that search
 
@@ -34,6 +34,7 @@ class MembraneHold:
         self._grasp = MembraneGrasp(parameters, tool)
         self.parameters, self.tool, self.free = parameters, tool, self._grasp.free()
         self.solves = self.unsettled = self._failed = 0
+        self._settled = 0.0  # [s] of the last solve before some that did not
         self.most_sliding = 0.0
         self.close(parameters.squeeze)
 
@@ -101,16 +102,19 @@ class MembraneHold:
 
     def _count(self) -> None:
         self.solves += 1
+        if self.state.converged or self._failed == 0:
+            self._settled = self._at[1]
         self.most_sliding = max(self.most_sliding, self.state.sliding_share)
         if self.state.converged:
             self._failed = 0
             return
         self.unsettled += 1
         self._failed += 1
-        if self._failed >= _PATIENCE:
+        lasting = self._at[1] - self._settled
+        if self._failed >= _PATIENCE[1] and lasting >= _PATIENCE[0]:
             raise MembraneError(
-                f"the membranes find no equilibrium, {self._failed} times in a row: the tool is torn out of the grasp; "
-                "load it less or squeeze more"
+                f"the membranes find no equilibrium, {self._failed} times in a row for {lasting:.2f} s: the tool is "
+                "torn out of the grasp; load it less or squeeze more"
             )
 
 
