@@ -226,8 +226,10 @@ def test_a_fall_that_the_pose_explains_is_no_slip() -> None:
 
 
 def test_markers_without_load_are_set_free() -> None:
-    assert without_load(observed([*PULLED, (0.0, 0.0, 1.7)]))
-    assert not without_load(observed([*PULLED, (0.0, 0.0, 2.3)]))  # sliding friction of 0.64 of what it stuck with
+    assert without_load([s.size for s in observed([*PULLED, (0.0, 0.0, 1.7)])])
+    assert not without_load(
+        [s.size for s in observed([*PULLED, (0.0, 0.0, 2.3)])]
+    )  # sliding friction of 0.64 of what it stuck with
 
 
 def test_depth_that_goes_on_without_the_markers_is_seen() -> None:

@@ -90,18 +90,19 @@ class GrossSlip:
         if falls:  # markers that cannot be found say nothing either way
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
-        fallen = self._fallen([self._markers[f.model.finger].seen for f in judged], stamp)
+        fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
         return fallen or gone_on or (not locked and self._torn(stamp))
 
-    def _fallen(self, observed: Sequence[Sequence[Observation]], stamp: float) -> bool:
-        """Whether markers have sprung back, and to where friction bears them still; observed: by finger."""
-        if self._evidence >= EVIDENCE * len(observed):
+    def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
+        """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""
+        if self._evidence >= EVIDENCE * len(judged):
             self._fell = min(self._fell, stamp)
         since = stamp - self._fell
         if since < 0.0:
             return False
-        now = [seen for seen in observed if seen and seen[-1].stamp == stamp]
-        if now and all(without_load(seen) for seen in now):
+        found = [m for m in judged if m.seen and m.seen[-1].stamp == stamp]
+        now = [m.seen for m in found]
+        if now and all(without_load([size for _, size in m.sizes]) for m in found):
             self._evidence, self._fell = 0.0, math.inf
             return False
         falling = any(len(seen) > 1 and seen[-1].size < seen[-2].size - FALL for seen in now)
@@ -155,9 +156,9 @@ def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = 
     return 0.0 if fell_too else min(share, MOST)
 
 
-def without_load(seen: Sequence[Observation]) -> bool:
+def without_load(sizes: Sequence[float]) -> bool:
     """Whether one finger's markers have gone back further than friction lets them while the tool is under a load."""
-    return seen[-1].size < SET_FREE * max(s.size for s in seen)
+    return sizes[-1] < SET_FREE * max(sizes)
 
 
 def depth_went_on(observations: Iterable[Observation]) -> bool:

@@ -19,7 +19,7 @@ THREE = np.ix_(SIDEWAYS, SIDEWAYS)
 # Keeps roll, yaw and y, which the markers of one finger hardly show
 HOLD = np.diag((1e9, 4.0, 1e9, 2.5e3, 1e12, 2.5e3))
 FREE = np.diag((4.0, 2.5e3, 2.5e3))  # the same of the three alone
-SPAN = 0.12  # [s] that is looked back
+SPAN, RELEASE = 0.12, 0.5  # [s] that is looked back; the same for the load under which a tool was, which is let go
 JITTER = 3e-5  # [m] that noise is taken for at first
 BACK = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 1.0)  # shares of the displacement by which they are searched for; 1: set free
 DOUBT, DOUBT_SURE = 0.03, 3.0  # [1], spreads; less explained than usual: the patch does not move as one
@@ -64,6 +64,7 @@ class Markers:
 
     Attributes:
         seen: observations of the last SPAN seconds.
+        sizes: of the displacements of the last RELEASE seconds: stamp [s], size [m].
         X_CT: (4, 4) where they would put the tool, when last found.
         jitter: deviation of the displacement's second difference over frames [m].
     """
@@ -73,15 +74,18 @@ class Markers:
         self._model, self._lever, self._centre = model.without_depth(), lever, centre
         self._creep = creep_weights(model)
         self.seen: deque[Observation] = deque()
+        self.sizes: deque[tuple[float, float]] = deque()
         self.X_CT = np.eye(4)
         self.jitter = JITTER
         self._usual = 0.0  # [1] how much of the image is explained while the tool sticks
         self._spread = 0.0  # [1] how far it strays from that
 
     def forget(self, stamp: float) -> None:
-        """Drops what lies more than SPAN before a time [s]."""
+        """Drops what lies too long before a time [s]."""
         while self.seen and stamp - self.seen[0].stamp > SPAN:
             self.seen.popleft()
+        while self.sizes and stamp - self.sizes[0][0] > RELEASE:
+            self.sizes.popleft()
 
     def follow(
         self, crop: Crop, near: Array, known: FingerResiduals | None, slip: float, stamp: float, depth: Depth
@@ -105,6 +109,7 @@ class Markers:
         incipient = incipient_slip(known, motion_vector(near), self._creep, HOLD)
         size, doubtful = math.hypot(*displacement), self._doubts(explained)
         self.seen.append(Observation(stamp, displacement, size, depth, incipient, doubtful, loss))
+        self.sizes.append((stamp, size))
         self._learn(explained)
         return True
 
