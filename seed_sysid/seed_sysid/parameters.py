@@ -23,6 +23,15 @@ class ExcitationParameters:
     guess: Stiffness = field(DEFAULT_STIFFNESS, doc="rough stiffness, for planning within the wrench limit only")
     homes: int = field(4, low=2, high=50, doc="visits of the centre, spread over the poses: they show drift")
     seed: int = field(1, low=0, high=2**31, doc="of the search for combined poses")
+    work_force: Vector3 = field(
+        (0.0, 0.0, 0.0),
+        unit="N",
+        low=0.0,
+        high=200.0,
+        doc="largest force of the tool on its work, at work_tip: along x and y of T whatever friction drags, along z "
+        "the press; eight poses load the grasp so in place of combinations. 0 0 0: none",
+    )
+    work_tip: Vector3 = field((0.0, 0.0, 0.12), unit="m", low=-1.0, high=1.0, doc="where the tool works, in T")
 
     @property
     def amplitudes(self) -> Array:

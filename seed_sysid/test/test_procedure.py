@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from seed_bringup import identify
+from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import pose_from_rpy, so3_log
@@ -16,7 +17,7 @@ from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.data.dataset import Header
 from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure
-from seed_sysid.run.excitation import Target
+from seed_sysid.run.excitation import Target, design
 from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
 from seed_sysid.run.reach import Reach
@@ -168,6 +169,32 @@ def test_combinations_keep_below_the_wrench_limit_by_the_stiffness_that_was_seen
     uses = np.linalg.norm(twice[3:] * near[3:]) / limits.force, np.linalg.norm(twice[:3] * near[:3]) / limits.torque
     assert max(uses) == pytest.approx(0.9)
     np.testing.assert_allclose(near / near[0], np.array(far.xi) / far.xi[0])  # the same direction
+
+
+def test_poses_of_the_work_load_the_grasp_as_it_will_be_whatever_its_stiffness() -> None:
+    """A press of 10 N dragged at the tip 0.12 m away, on a grasp of twice and half the guessed stiffness, by axis."""
+    excitation = ExcitationParameters(work_force=(6.0, 3.0, 10.0), work_tip=(0.0, 0.0, 0.12))
+    targets = [t for t in design(excitation, LimitParameters()) if t.kind == "work"]
+    assert len(targets) == 8
+    assert len(design(excitation, LimitParameters())) == excitation.poses
+    np.testing.assert_allclose(targets[1].load, (0.0, 0.72, 0.0, 6.0, 0.0, 10.0), atol=1e-12)
+    true, reach = np.array((2.0, 0.5, 1.0, 2.0, 0.5, 2.0)) * K, Reach(excitation, LimitParameters())
+    for j, axis in enumerate(AXES):
+        xi = np.zeros(6)
+        xi[j] = excitation.amplitudes[j]
+        reach.measured(Target("a", axis, tuple(xi)), true * xi)
+    for target in targets:
+        wrench = true * reach.within(target).xi
+        np.testing.assert_allclose(wrench, target.load, rtol=1e-9)
+        reach.measured(target, wrench)
+    stiffer = 1.2 * true * reach.within(targets[1]).xi  # than on the single axes: the next goes less far
+    reach.measured(targets[1], stiffer)
+    np.testing.assert_allclose(1.2 * true * reach.within(targets[1]).xi, targets[1].load, rtol=1e-9)
+
+
+def test_too_few_poses_for_those_of_the_work_are_named() -> None:
+    with pytest.raises(ConfigError, match=r"excitation\.work_force needs"):
+        design(ExcitationParameters(poses=42, work_force=(6.0, 3.0, 10.0)), LimitParameters())
 
 
 def test_an_axis_is_not_driven_again_to_where_it_failed() -> None:

@@ -152,7 +152,7 @@ def make_problem(data: Dataset, source: str, parameters: FitParameters) -> Probl
         wrench=data.wrenches() @ wrench_transform(data.header.X_TS).T,
         grip=np.unique([s.grip for s in samples], return_inverse=True)[1],
         time=np.array([s.stamp for s in samples]),
-        group=np.array([int(s.kind == "combination") for s in samples]),
+        group=np.array([int(s.kind in ("combination", "work")) for s in samples]),
         path=path,
         index=index,
         z=np.zeros((len(samples), 6)),

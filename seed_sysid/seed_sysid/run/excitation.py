@@ -4,7 +4,8 @@
 A pose is a displacement xi (6,) = [roll, pitch, yaw (rad), x, y, z (m)] of C in T. Every axis runs to both ends and
 back through half of each, so that loading and unloading can be told apart; the centre is visited again and again, so
 that drift shows; the rest are combinations, picked one by one so that they add most to the information
-about stiffness, sensor bias and frame offset together (D-optimal, greedy).
+about stiffness, sensor bias and frame offset together (D-optimal, greedy). The last eight of them may load the grasp as
+the work to come does: pressed at the tip and dragged there by friction, which a map that is not linear must have seen.
 """
 
 from __future__ import annotations
@@ -21,16 +22,22 @@ from seed_sysid.stiffness_map import AXES, frame_derivatives, stiffness_map
 
 _CANDIDATES = 160
 _RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back
+# Shares of the work's load, and where it is dragged [deg] in the plane of x and y: as far as it goes, twice each way
+_WORK = ((0.6, 0.0), (1.0, 0.0), (1.0, 180.0), (0.6, 180.0), (1.0, 90.0), (1.0, 0.0), (1.0, 270.0), (1.0, 180.0))
 _LEVER = 0.05  # [m]; makes torques and forces, turns and translations comparable
 
 
 @dataclass(frozen=True)
 class Target:
-    """One pose to visit: its name, why it is there ('home', an axis or 'combination'), and xi (6,)."""
+    """One pose to visit: its name, why it is there ('home', an axis, 'combination' or 'work'), and xi (6,).
+
+    load: (6,) [N m, N] about T's origin, in T, that the grasp is to bear at a pose of the work; else empty.
+    """
 
     name: str
     kind: str
     xi: tuple[float, ...]
+    load: tuple[float, ...] = ()
 
     @property
     def X_TC(self) -> Array:
@@ -39,7 +46,7 @@ class Target:
 
     def scaled(self, factor: float) -> Target:
         """The same direction, nearer to the centre."""
-        return Target(self.name, self.kind, tuple(factor * v for v in self.xi))
+        return replace(self, xi=tuple(factor * v for v in self.xi))
 
 
 def design(parameters: ExcitationParameters, limits: LimitParameters, model: Model = "midpoint") -> list[Target]:
@@ -56,9 +63,30 @@ def design(parameters: ExcitationParameters, limits: LimitParameters, model: Mod
             f"{parameters.homes} of the centre need {len(ramps) + parameters.homes}"
         )
     single = [within_limits(share * parameters.amplitudes, parameters, limits) for share in ramps]
+    loads = work_loads(parameters)
+    if combinations < len(loads):
+        raise ConfigError(
+            f"excitation.poses = {parameters.poses} is too few: excitation.work_force needs "
+            f"{len(loads) - combinations} more, or must be 0 0 0"
+        )
+    combinations -= len(loads)
     chosen = _combinations(np.array(single), combinations, parameters, limits, model)
-    kinds = [axis for axis in AXES for _ in _RAMP] + ["combination"] * combinations
-    return _with_homes([*single, *chosen], kinds, parameters.homes)
+    kinds = [axis for axis in AXES for _ in _RAMP] + ["combination"] * combinations + ["work"] * len(loads)
+    targets = _with_homes([*single, *chosen, *(w / parameters.guess.vector() for w in loads)], kinds, parameters.homes)
+    of_work = iter(loads)
+    return [replace(t, load=tuple(next(of_work).tolist())) if t.kind == "work" else t for t in targets]
+
+
+def work_loads(parameters: ExcitationParameters) -> list[Array]:
+    """(6,) loads of the grasp on the tool at the poses of the work, about T's origin, in T [N m, N]."""
+    x, y, z = parameters.work_force
+    if not any(parameters.work_force):
+        return []
+    loads = []
+    for share, deg in _WORK:
+        force = share * np.array((x * np.cos(np.deg2rad(deg)), y * np.sin(np.deg2rad(deg)), z))
+        loads.append(np.concatenate((np.cross(parameters.work_tip, force), force)))
+    return loads
 
 
 def designs(procedure: Procedure) -> list[list[Target]]:

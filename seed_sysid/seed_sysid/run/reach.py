@@ -6,6 +6,8 @@ estimator lost the tool, is not driven that far again; and combinations keep bel
 that the single axes have shown.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from seed_core.spatial import Array, so3_log
@@ -16,6 +18,8 @@ from seed_sysid.stiffness_map import AXES
 _MARGIN = 0.9  # of the wrench limit that combinations are to reach at most
 _FEWER = 0.85  # factor on combinations after one that could not be visited
 _LEAST = 0.3  # factor below which nothing is reduced
+_SLOW, _FAST = 0.7, 1.4  # bounds on what one pose of the work changes of the next
+_TOLD = 0.3  # share of the largest force, or torque, of a load that tells about its axis
 
 
 class Reach:
@@ -23,15 +27,22 @@ class Reach:
 
     Attributes:
         axis: (6,) share of each axis' amplitude that the grasp bears. combined: the same of combinations as a whole.
+        work: (6,) factor on poses of the work, by axis.
     """
 
     def __init__(self, excitation: ExcitationParameters, limits: LimitParameters) -> None:
         self._excitation, self._limits = excitation, limits
         self.axis, self.combined = np.ones(6), 1.0
         self._stiffness = np.zeros(6)  # [N m/rad, N/m] seen along each axis
+        self.work: Array | None = None
 
     def within(self, target: Target) -> Target:
         """The target, drawn towards the centre as far as what was learnt asks for."""
+        if target.kind == "work":
+            if self.work is None:
+                guess = self._excitation.guess.vector()
+                self.work = guess / np.where(self._stiffness > 0.0, self._stiffness, guess)
+            return replace(target, xi=tuple((self.work * target.xi).tolist()))
         return target.scaled(self._factor(target))
 
     def _factor(self, target: Target) -> float:
@@ -53,6 +64,8 @@ class Reach:
             j = AXES.index(target.kind)
             share = factor * abs(target.xi[j]) / self._excitation.amplitudes[j]
             self.axis[j] = min(self.axis[j], max(share, _LEAST))
+        elif target.kind == "work":
+            self.work = _FEWER * self.work if self.work is not None else None
         else:
             self.combined = max(_LEAST, _FEWER * self.combined)
 
@@ -61,6 +74,12 @@ class Reach:
         if target.kind in AXES:
             j = AXES.index(target.kind)
             self._stiffness[j] = max(self._stiffness[j], abs(float(wrench[j])) / max(abs(target.xi[j]), 1e-9))
+        elif target.kind == "work" and self.work is not None:
+            load = np.array(target.load)
+            size = np.repeat((np.abs(load[:3]).max(), np.abs(load[3:]).max()), 3)
+            tells = np.abs(load) > _TOLD * size
+            change = load[tells] / np.where(wrench[tells] * load[tells] > 0.0, wrench[tells], load[tells])
+            self.work[tells] *= np.clip(change, _SLOW, _FAST)
 
 
 def limit_reached(X_TC: Array, wrench: Array, limits: LimitParameters) -> str:
