@@ -14,21 +14,22 @@ NEW_GRASP = "a new grasp is taken"  # in the reason of poses around such a momen
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-DEFORMATIONS = 9  # of a patch: see MembraneMotion.deformation
+DEFORMATIONS = 9  # see MembraneMotion.deformation
 
 
 @dataclass(frozen=True)
 class MembraneMotion:
-    """What the membrane of one bubble does where it touches the tool, since the grasp.
+    """What the membrane of one bubble does around the tool, since the grasp.
 
-    The membrane is the spring: what its material does tells the wrench, whatever the tool does on it.
+    The membrane is the spring: what its material does around the patch tells the wrench, whatever the tool does on it.
 
     Attributes:
         finger: 'left' or 'right'.
-        X_CM: (4, 4) rigid motion of the patch's material: a point p in C of it has moved to X_CM p.
+        X_CM: (4, 4) rigid motion of the material in a band around the patch (seed_core.membrane.material.BAND): a point
+            p in C of it has moved to X_CM p.
         covariance: (6, 6) of rotation vector in C and translation in C, in rad^2, rad m and m^2.
         observed: whether its x, y, z, roll, pitch, yaw are seen, as in RelativePoseEstimate.
-        deformation: (9,) [m] motion along x and z of C beyond X_CM, over (u, v) = (x, z) from the patch's middle at the
+        deformation: (9,) [m] motion along x and z of C beyond X_CM, over (u, v) = (x, z) from the band's middle at the
             grasp in units of its root mean square distance from there: stretch (u, 0), stretch (0, v), shear (v, u);
             then u^2, u v, v^2 along x, and u^2, u v, v^2 along z. Empty where not told.
         area: of the patch [m^2]. centroid: (3,) its middle in C [m]. indentation: mean depth of the imprint [m].

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from seed_core.membrane.material import deformation, patch_of, rigid_motion
+from seed_core.membrane.material import BAND, around, deformation, patch_of, rigid_motion
 
 
 def _points(rng: np.random.Generator) -> np.ndarray:
@@ -22,6 +22,16 @@ def test_a_rigid_motion_is_found_and_nothing_is_left() -> None:
     assert_allclose(X[:3, :3], R.as_matrix(), atol=1e-12)
     assert_allclose(X[:3, 3:], t, atol=1e-12)
     assert_allclose(deformation(X, p, after), 0.0, atol=1e-12)
+
+
+def test_the_band_lies_around_the_patch() -> None:
+    x, z = (1e-3 * g.ravel() for g in np.meshgrid(np.arange(-30.0, 31.0), np.arange(-40.0, 41.0)))
+    p = np.stack((x, 0.0 * x, z))
+    patch = p[:, (np.abs(x) <= 0.010) & (np.abs(z) <= 0.020)]
+    band = around(p, patch)
+    away = np.hypot(np.maximum(np.abs(x) - 0.010, 0.0), np.maximum(np.abs(z) - 0.020, 0.0))
+    clear = (np.abs(away - BAND[0]) > 1e-9) & (np.abs(away - BAND[1]) > 1e-9)  # not on an edge of the band
+    assert (band == ((away > BAND[0]) & (away < BAND[1])))[clear].all()
 
 
 def test_the_rigid_part_is_that_of_a_general_least_squares_fit() -> None:

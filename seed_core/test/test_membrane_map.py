@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
-from seed_core.membrane.features import MIRROR, NAMES, SCALES, by_finger, features
+from seed_core.membrane.features import MIRROR, NAMES, SCALES, by_finger, features, gripper_rates
 from seed_core.membrane.map import HISTORY, MembraneMap, pressure_reason
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_map, save_membrane_map, texts
 from seed_core.spatial import Array, Wrench, inverse_pose, pose_from_rpy, so3_exp
@@ -126,6 +126,18 @@ def test_local_stiffness_is_the_derivative_by_the_grippers_motion(gas: bool) -> 
     assert_allclose(model.stiffness.vector(), K, rtol=5e-3)  # the turn's inverse Jacobian ends at its second term
 
 
+def test_a_band_that_follows_by_half_makes_the_local_stiffness_half() -> None:
+    file, X_CT = made(()), pose_from_rpy((0.03, -0.02, 0.04), (0.002, 0.001, -0.003))
+    at_rest = stuck(np.eye(4)).membrane
+    whole = -gripper_rates(by_finger(at_rest), MIDDLES)  # while C stays and the tool moves
+    half = replace(file, grips=(replace(file.grips[0], follow=texts(0.5 * whole)),))
+    assert_allclose(MembraneMap(half).stiffness.vector(), 0.5 * MembraneMap(file).stiffness.vector(), rtol=1e-5)
+    models = MembraneMap(file), MembraneMap(half)
+    for model in models:
+        model.spring(stuck(X_CT))
+    assert (models[1].stiffness.vector() < 0.7 * models[0].stiffness.vector()).all()
+
+
 def test_covariance_has_the_estimates_the_coefficients_and_the_residuals_share() -> None:
     X_CT, model = pose_from_rpy((0.02, 0.01, -0.03), (0.001, 0.001, 0.002)), MembraneMap(made())
     alone = model.spring(stuck(X_CT)).covariance
@@ -228,7 +240,8 @@ def test_between_grips_the_map_is_straight(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("- x+ * y-", "- x+ * yaw", "'x\\+ \\* yaw' is no product of at most 3 features"),
-        ("version: 1", "version: 2", "version = 2 must be within 1 and 1"),
+        ("version: 2", "version: 1", "version = 1 must be within 2 and 2"),
+        ("  follow: []", "  follow: [0 1 2 3 4 5]", "follow is \\(1, 6\\); 32 rows of 6 are needed"),
         ("- x+ * y-\n", "", "coefficients is 6 by 10; 6 rows of 9"),
         ("scales:\n- 0.07", "scales:\n- 0.08", "scales are not those of this program"),
         ("force_std:\n  - 0.1", "force_std:\n  - -0.1", "must be within 0 and 1000"),

@@ -268,7 +268,7 @@ class Estimator:
 
         # Report: report.py
         estimate = report.rigid_fit(stamp, fit, covariance, tracker, touching, p)
-        estimate = replace(estimate, membrane=report.membranes(tracker.material, self.patches, p))
+        estimate = replace(estimate, membrane=report.membranes(tracker.around, self.patches, p))
         return report.from_free(estimate, self.zero)
 
     def _problem(self, images: Frame, stamp: float) -> str:

@@ -13,7 +13,7 @@ from seed_core.spatial import Array, make_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
-from seed_estimation.material.motion import MaterialMotion
+from seed_estimation.material.motion import BAND_GOES, BAND_TURNS, MaterialMotion
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import PublishedMethod, eight_bit
 from seed_estimation.rigid_fit.fit import Fit
@@ -22,6 +22,7 @@ from seed_estimation.tracker import Tracker
 
 SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
 NO_POSE = 0.0524, 0.002  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
+UNSURE = 0.1  # [1] deviation of the share of the tool's shift by which the band around its patch goes along
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
 
@@ -50,7 +51,7 @@ def rigid_fit(
         angle, length = np.rad2deg(deviation[:3].max()), 1e3 * deviation[3:].max()
         reason = f"too little is in contact: the pose is known to {angle:.1f} degrees and {length:.1f} mm only"
         return invalid(stamp, reason, "rigid_fit")
-    followed = {f for f, motion in tracker.material.items() if motion.explained > 0.0}
+    followed = {f for f, motion in tracker.patches.items() if motion.explained > 0.0}
     unlocked = [f for f, share in fit.explained.items() if share < p.lock and not (f in touching and f in followed)]
     words = [f"{f} bubble {'is not followed' if f in touching else 'touches nothing'}" for f in unlocked]
     if len(fit.explained) < 2:
@@ -68,7 +69,7 @@ def rigid_fit(
 def membranes(
     motions: Mapping[str, MaterialMotion], patches: Mapping[str, ContactPatch], p: EstimatorParameters
 ) -> tuple[MembraneMotion, ...]:
-    """What the membranes do, by finger, from the motion of their material and from their contact patches."""
+    """What the membranes do, by finger: motion of the material around each patch, and the patch itself."""
     return tuple(
         MembraneMotion(
             finger=finger,
@@ -88,14 +89,15 @@ def from_free(estimate: RelativePoseEstimate, zero: GraspZero) -> RelativePoseEs
     """Counted from where the tool would have been without load when its grasp was taken."""
     if not zero.loaded or not estimate.valid:
         return estimate
-    X = make_pose(None, zero.shift)
+    X, X_band = make_pose(None, zero.shift), make_pose(None, BAND_GOES * zero.shift)
+    share = np.concatenate((np.full(3, BAND_TURNS), BAND_GOES))
+    of_band = np.outer(share, share) * zero.covariance
+    of_band[3:, 3:] += np.diag(np.square(UNSURE * zero.shift))
     return replace(
         estimate,
         X_CT=estimate.X_CT @ X,
         covariance=estimate.covariance + zero.covariance,
-        membrane=tuple(
-            replace(m, X_CM=m.X_CM @ X, covariance=m.covariance + zero.covariance) for m in estimate.membrane
-        ),
+        membrane=tuple(replace(m, X_CM=m.X_CM @ X_band, covariance=m.covariance + of_band) for m in estimate.membrane),
     )
 
 
@@ -139,8 +141,8 @@ def debug_image(
         lines = np.stack((model.pixels(np.eye(4), p), model.pixels(tracker.X_CT, p)), axis=1).T  # (N, 2, 2)
         lines = lines[np.isfinite(lines).all(axis=(1, 2))]
         cv2.polylines(panel, list(np.rint(lines).astype(np.int32)), False, (60, 160, 255), 1)
-        if finger in tracker.material:
-            _draw_material(panel, model, tracker.material[finger])
+        if finger in tracker.patches:
+            _draw_material(panel, model, tracker.patches[finger])
     return panel
 
 

@@ -51,7 +51,8 @@ class Tracker:
         lost: no pose is known; the tool is looked for.
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
         slip: micro-slip. timing: skew of the fingers and lag of depth.
-        material: motion of the membranes' material in the last frame, by finger; only of those that are found.
+        patches, around: motion of the membranes' material in the last frame, of the patches and of the bands around
+            them, by finger; only of those that are found.
     """
 
     def __init__(
@@ -64,8 +65,10 @@ class Tracker:
         self.gross_slip = False
         self.slip, self.timing = MicroSlip(max_slip), timing
         self._course: Course | None = None
-        self.material: dict[str, MaterialMotion] = {}
-        self._membranes = [MaterialTracker(m) for m in models]
+        self.patches: dict[str, MaterialMotion] = {}
+        self.around: dict[str, MaterialMotion] = {}
+        self._patches = [MaterialTracker(m, m.patch) for m in models]
+        self._around = [MaterialTracker(m, m.around) for m in models if m.around is not None]
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
         self._stamp = max(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
@@ -85,7 +88,7 @@ class Tracker:
 
         touching: fingers whose depth shows a contact, wherever it is; p: in force.
         """
-        start, dt = self._predicted(stamp), stamp - self._stamp
+        was, start, dt = self.X_CT, self._predicted(stamp), stamp - self._stamp
         behind = self.timing.behind({f: i.stamp for f, i in images.items()}, stamp)
         on_course = not self.lost and 0.0 < dt <= FOLLOWED and any(behind.values())
         self._course = Course(self._rate, behind) if on_course else None
@@ -96,34 +99,28 @@ class Tracker:
         if share < p.lock:
             best = max([best, *self._fits_elsewhere(crops, start, p.iterations)], key=quality)
             share = quality(best)
-        before, material = self.X_CT, None
+        before, patches = self.X_CT, None
         if share < p.lock and self._fits_in_part(touching, best, share):
-            material = self._materials(crops, before, best.X_CT)
-            if all(f in material and material[f].explained >= WHOLE for f in touching):
+            patches = _followed(self._patches, crops, before, best.X_CT)
+            if all(f in patches and patches[f].explained >= WHOLE for f in touching):
                 share = max(share, p.lock + 2.0 * SURE)
             else:
-                before, material = best.X_CT, None
+                before, patches = best.X_CT, None
         locked = share >= (p.lock + SURE if self.lost else p.lock)
         if locked or 0.0 < stamp - self._stamp <= SPAN:
             self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
         if share < p.lock and not self.lost:  # the markers may have sprung back, and the tool with them
             best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._detector.places)], key=quality)
             share = quality(best)
-        if share >= p.lock and not self.lost and material is None:
+        if share >= p.lock and not self.lost and patches is None:
             best = self._without_hidden_images(crops, best, touching, p.iterations)
             share = quality(best)
         self._accept(best, share, stamp, p)
-        if self.lost:
-            self.material = {}
-        else:
-            self.material = material if material is not None else self._materials(crops, before, self.X_CT)
+        self.patches, self.around = {}, {}
+        if not self.lost:
+            self.patches = patches or _followed(self._patches, crops, before, self.X_CT)
+            self.around = _followed(self._around, crops, was, self.X_CT)
         return best
-
-    def _materials(self, crops: Mapping[str, Crop], before: Array, X_CT: Array) -> dict[str, MaterialMotion]:
-        """What the membranes do where the tool has gone from `before` to X_CT (4, 4), by finger that is found."""
-        step = X_CT @ inverse_pose(before)
-        found = {m.model.finger: m.follow(crops[m.model.finger], step, X_CT) for m in self._membranes}
-        return {f: motion for f, motion in found.items() if motion is not None}
 
     def _fits_in_part(self, touching: Collection[str], found: Fit, share: float) -> bool:
         """Whether a fit that explains too little may be right: it explains a part, and depth fits as usual."""
@@ -219,3 +216,12 @@ class Tracker:
             if np.isfinite(rms):
                 usual = self._usual.setdefault(f, rms)
                 self._usual[f] = usual + USUAL * (min(rms, 2.0 * usual) - usual)
+
+
+def _followed(
+    materials: Sequence[MaterialTracker], crops: Mapping[str, Crop], before: Array, X_CT: Array
+) -> dict[str, MaterialMotion]:
+    """How materials have moved where the tool has gone from `before` to X_CT (4, 4), by finger that is found."""
+    step = X_CT @ inverse_pose(before)
+    found = {m.model.finger: m.follow(crops[m.model.finger], step, X_CT) for m in materials}
+    return {f: motion for f, motion in found.items() if motion is not None}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.spatial import inverse_pose, make_pose, so3_exp
+from seed_core.membrane.material import around, rigid_motion
+from seed_core.spatial import inverse_pose, make_pose, rotation_error, so3_exp
 from seed_sim.identification.membrane_cell import MembraneCell, cell_of
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, identify_on_membrane
 from seed_sim.identification.tactile_poses import TactilePoses
@@ -87,6 +88,25 @@ def test_estimates_see_the_membranes_that_the_sensor_feels():
     for motion, pressure in zip(reading.membrane, reading.pressures, strict=True):
         assert motion.pressure == pressure
         assert_allclose(motion.X_CM[:3, 3], -X_TC[:3, 3], atol=1e-3)  # the material goes with the tool
+
+
+def test_the_band_around_each_patch_is_followed_where_the_membranes_have_it():
+    poses = TactilePoses(SCENARIO, 3)
+    cell = cell_of(SCENARIO, 3, poses)
+    for share in np.linspace(0.0, 1.0, 7):
+        X = make_pose(so3_exp(share * np.array((0.0, 0.1, 0.0))), share * np.array((0.001, 0.0, 0.003)))
+        reading = cell.step(command(X, 1, measuring=True))
+    hold = cell.hold
+    for motion in reading.membrane:
+        before, after = hold.grasped.bubbles[motion.finger], hold.state.bubbles[motion.finger]
+        band = around(before.nodes.T, before.nodes[before.touching].T)
+        p, q = before.nodes[band].T, after.nodes[band].T
+        middle = p.mean(axis=1)
+        off = motion.X_CM[:3, :3] @ middle + motion.X_CM[:3, 3] - q.mean(axis=1)
+        assert np.linalg.norm((q - p).mean(axis=1)) > 1e-3
+        assert np.abs(off).max() < 2.5e-4  # [m]; nodes 8 mm apart show a band of 7 mm coarsely
+        turn = rotation_error(motion.X_CM[:3, :3], rigid_motion(p, q)[:3, :3])
+        assert np.abs(turn).max() < np.deg2rad(1.0)
 
 
 def test_images_of_a_pose_that_rests_keep_the_track():

@@ -34,7 +34,7 @@ from seed_core.membrane.features import (
     of_finger,
 )
 from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, load_membrane_map, texts
-from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.spatial import Array, Wrench, inverse_pose, skew, so3_log
 from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
@@ -68,6 +68,7 @@ class MembraneMap:
         self.grip = file.grips[len(file.grips) // 2] if grip is None else grip
         self._middles = self.grip.middles
         self._products, self._coefficients = file.products, self.grip.matrix
+        self._follow = self.grip.follow_matrix
         self._gas, self._gas_std = self.grip.pressure_matrix, np.array(self.grip.pressure_std)
         self._at_grasp: Array | None = None  # (2,) [hPa]
         self._spread, self._variance = self.grip.spread_matrix, (HISTORY * self.grip.std) ** 2
@@ -167,8 +168,10 @@ class MembraneMap:
         return a * b * c, slopes
 
     def _local_stiffness(self, X_TC: Array, w_C: Array, slopes: Array, motions: Motions) -> Array:
-        """(6,) diagonal of d w_T / d X_TC, in T, while the patches stick to the tool [N m/rad, N/m]."""
+        """(6,) diagonal of d w_T / d X_TC, in T, where patches stick and the membranes follow [N m/rad, N/m]."""
         moved = gripper_rates(motions, self._middles)
+        if len(self._follow):
+            moved = self._follow @ _tool_rates(inverse_pose(X_TC))
         if len(self._gas):  # the gas follows
             moved[PRESSURES] = slopes[6:] @ moved
         rates = slopes[:6] @ moved  # (6, 6) in C, for C's motion in C
@@ -230,6 +233,14 @@ def pressure_reason(finger: str, pressure: float, identified: float) -> str:
     )
 
 
+def _tool_rates(X_CT: Array) -> Array:
+    """(6, 6) d [rotation vector, place of T] in C while C moves: by its turn [rad] and its origin's shift [m], in C."""
+    out = -np.eye(6)
+    out[:3, :3] += 0.5 * skew(so3_log(X_CT[:3, :3]))  # inverse left Jacobian, up to angle^2 / 12
+    out[3:, :3] = skew(X_CT[:3, 3])
+    return out
+
+
 def _wrench_to(X_TC: Array) -> Array:
     """(6, 6) from a wrench about C's origin, in C, to one about T's, in T."""
     out = np.zeros((6, 6))
@@ -267,5 +278,6 @@ def _mixed(a: GripMap, b: GripMap, s: float) -> GripMap:
         torque_std=tuple(std[:3]),
         force_std=tuple(std[3:]),
         coefficients=texts(mean(a.matrix, b.matrix)),
+        follow=texts(mean(a.follow_matrix, b.follow_matrix)) if a.follow and b.follow else (),
         spread=texts(np.vstack([np.sqrt(1.0 - s) * a.spread_matrix, np.sqrt(s) * b.spread_matrix])),
     )

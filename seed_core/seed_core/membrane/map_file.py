@@ -37,6 +37,9 @@ class GripMap:
     force_std: Vector3 = field(unit="N", low=0.0, high=1000.0, doc="what the map leaves unexplained")
     coefficients: tuple[str, ...] = field(doc="torque x, y, z, force x, y, z: a number for each term [N m, N]")
     spread: tuple[str, ...] = field(doc="rows S: the coefficients' covariance is S^T S times the square of each std")
+    follow: tuple[str, ...] = field(
+        (), doc="rows: change of each feature, in its scale, by the tool's roll, pitch, yaw [1/rad], x, y, z [1/m] in C"
+    )
     pressure_rise: tuple[str, ...] = field((), doc="two rows: common and other part, in their scale; none: no sensor")
     pressure_std: tuple[float, float] = field((0.0, 0.0), low=0.0, high=100.0, doc="what these leave unexplained")
 
@@ -54,6 +57,11 @@ class GripMap:
     def pressure_matrix(self) -> Array:
         """(2, terms) or (0, terms)."""
         return rows(self.pressure_rise, "pressure_rise") if self.pressure_rise else np.zeros((0, self.matrix.shape[1]))
+
+    @cached_property
+    def follow_matrix(self) -> Array:
+        """(32, 6), or (0, 6) where it is not told: then the membranes go with the tool."""
+        return rows(self.follow, "follow") if self.follow else np.zeros((0, 6))
 
     @property
     def middles(self) -> Array:
@@ -81,7 +89,7 @@ class MembraneMapFile:
     leverage: float = field(low=0.0, high=1e9, doc="largest |spread . terms|^2 among the poses identified")
     grips: tuple[GripMap, ...] = field(doc="at least one")
     motion: float = field(0.0, low=0.0, high=1e6, doc="mean squared motion of a sticking tool identified; 0: not told")
-    version: int = field(1, low=1, high=1, doc="of this format")
+    version: int = field(2, low=2, high=2, doc="of this format")
 
     def __post_init__(self) -> None:
         if not self.grips:
@@ -97,6 +105,8 @@ class MembraneMapFile:
             raise ConfigError(f"largest has {len(self.largest)} values; it needs {COUNT}, one for each feature")
         _ = self.products
         for i, g in enumerate(self.grips):
+            if g.follow and g.follow_matrix.shape != (COUNT, 6):
+                raise ConfigError(f"grips[{i}].follow is {g.follow_matrix.shape}; {COUNT} rows of 6 are needed")
             known = (g.matrix, 6), (g.spread_matrix, len(g.spread)), (g.pressure_matrix, 2 if g.pressure_rise else 0)
             for name, (matrix, height) in zip(("coefficients", "spread", "pressure_rise"), known, strict=True):
                 if matrix.shape != (height, len(self.terms)):

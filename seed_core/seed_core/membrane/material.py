@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a membrane's material: the rigid part of how points have moved, and the smooth remainder.
 
+What the wrench is told from is a band of the free membrane around the patch (`around`). Tool and patch slide on each
+other; what is outside the band is free and elastic, and pulls at the band as the band has moved, whatever the history.
+
 With u and v the points' x and z from their middle, in units of their root mean square distance from there, what moves
 along x and z beyond the rigid motion is
 
@@ -13,10 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from seed_core.estimate import DEFORMATIONS
 from seed_core.spatial import Array, make_pose
 
+BAND = 0.003, 0.010  # [m] from the patch along x and z of C: near it, and beyond where its edge may slide
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # of u and v
 # Rows: coefficient of each power along x, then along z; columns: deformation
 _SHAPES = np.zeros((2, len(POWERS), DEFORMATIONS))
@@ -31,10 +36,19 @@ class Patch(NamedTuple):
     middle: Array
     size: float
 
-    def powers(self, p: NDArray[np.floating]) -> Array:
-        """(6, N) of 1, u, v, u^2, u v, v^2 at points p (3, N) of the grasp in C."""
+    def powers(self, p: NDArray[np.floating], degree: int = 2) -> Array:
+        """(6, N) of 1, u, v, u^2, u v, v^2 at points p (3, N) of the grasp in C; at degree 3 (10, N)."""
         u, v = (p[[0, 2]] - self.middle[:, None]) / self.size
-        return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v))
+        out = [np.ones_like(u), u, v, u * u, u * v, v * v]
+        if degree == 3:
+            out += [u * u * u, u * u * v, u * v * v, v * v * v]
+        return np.stack(out)
+
+
+def around(p: NDArray[np.floating], patch: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(N,) which points p (3, N) of the grasp in C lie in the band around the patch that points (3, M) make."""
+    distance, _ = cKDTree(patch[[0, 2]].T).query(p[[0, 2]].T, distance_upper_bound=BAND[1])
+    return np.asarray((distance > BAND[0]) & (distance < BAND[1]))
 
 
 def patch_of(p: NDArray[np.floating]) -> Patch:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the material of one finger's membrane has moved since the grasp: the membrane is the spring, the tool is not.
 
-Points p of the patch at the grasp are followed by their dots and lie on the membrane that depth shows, whether the tool
-still touches them or not, and whether they stick to it or not. They move as
+Points p of a piece of the membrane at the grasp, its patch or the band around that, are followed by their dots. They lie
+on the membrane that depth shows, whether the tool touches them or not, and whether they stick to it or not, and move as
 
-    q = X (p + F powers(p)),    X a rigid motion, F (3, 6) a smooth field in powers 1, u, v, u^2, u v, v^2
+    q = X (p + F powers(p)),    X a rigid motion, F (3, K) a smooth field in powers 1, u, v, u^2, u v, v^2 ...
 
 Robust Gauss-Newton finds F from the fine infrared image of the grasp (r = I_t(q) - I_0(p)) and from depth (distance of
 q along its normal from the membrane) with Jacobians that are made once, for p. X is where the tool's last motion would
@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.material import Patch, deformation, patch_of, rigid_motion
-from seed_core.spatial import Array, inverse_pose, skew, so3_log
+from seed_core.spatial import Array, inverse_pose, make_pose, skew, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, sample
 from seed_estimation.images.tactile_images import Array32
-from seed_estimation.rigid_fit.reference import FingerModel
+from seed_estimation.rigid_fit.reference import FingerModel, Material
 from seed_estimation.rigid_fit.residuals import (
     DEPTH_COMMON,
     DEPTH_FLOOR,
@@ -35,8 +35,7 @@ from seed_estimation.rigid_fit.residuals import (
     solved,
 )
 
-UNKNOWNS = 18  # 3 axes, 6 powers
-STRAIN = 1e-3  # [m] deviation of what bends the patch, before anything is seen: hardly more than 1e-3 is met
+STRAIN = 1e-3, 3e-3  # [m] deviation of what bends patch and band, before anything is seen
 STEPS = 3  # at most, of one frame
 DONE = 2e-5  # [m] of the patch's mean motion in one step: the next would be a fraction of it
 FOUND = 0.5  # [1] of the image that the motion explains where it is found well
@@ -47,11 +46,13 @@ UNCLEAR = 0.2  # [1] share of what is not rigid by which the rigid part is uncer
 SCATTER = 0.65  # [1] deviations of how far pieces of the patch contradict each other
 ASSUMED = 0.0003, 0.5  # [m] and share of the tool's way since, by which material that is not found may be elsewhere
 FRAMES = 8  # for which it is assumed at most
+# [1] share of the tool's turn, and of its shift along x, y, z of C, by which the band about its patch goes along
+BAND_TURNS, BAND_GOES = 0.4, np.array((0.75, 0.35, 0.75))
 ONE = np.float32(1.0)
 
 
 class MaterialMotion(NamedTuple):
-    """Motion of the patch's material since the grasp.
+    """Motion of the material since the grasp.
 
     Attributes:
         X_CM: (4, 4) its rigid part.
@@ -67,38 +68,44 @@ class MaterialMotion(NamedTuple):
 
 
 class MaterialTracker:
-    """Follows the material of one finger's patch from frame to frame, in one grasp."""
+    """Follows a piece of one finger's membrane from frame to frame, in one grasp: its patch, or the band around that.
 
-    def __init__(self, model: FingerModel) -> None:
-        points = model.material
+    The band hangs free, between a patch that goes with the tool and a rim that does not, and bends the more.
+    """
+
+    def __init__(self, model: FingerModel, material: Material) -> None:
+        points = material.points
+        self._degree = 2 if material is model.patch else 3
         self.model, self._p, self._n = model, points.p, points.n
         self._value = points.value
-        self.patch: Patch = patch_of(model.patch)
-        self._powers = self.patch.powers(points.p).astype(np.float32)  # (6, N)
+        self.patch: Patch = patch_of(material.area)
+        self._powers = self.patch.powers(points.p, self._degree).astype(np.float32)  # (K, N)
+        self._count = 3 * len(self._powers)  # unknowns
         slope = (points.J_along + points.J_rest)[3:]  # of the image in space
         self._image = Residuals(self._spread(slope), points.cells, SHARE_IMAGE, IMAGE_FLOOR)
         self._depth = Residuals(self._spread(points.n), points.cells, SHARE_DEPTH, DEPTH_FLOOR, DEPTH_COMMON)
-        self._area = model.patch.astype(float)  # (3, M) evenly over the patch
-        self._area_powers = self.patch.powers(model.patch)
-        self._field_of = np.linalg.pinv(self._area_powers)  # (M, 6)
+        self._area = material.area.astype(float)  # (3, M)
+        self._area_powers = self.patch.powers(self._area, self._degree)
+        self._field_of = np.linalg.pinv(self._area_powers)  # (M, K)
         self._rigid_of = self._rigid_part()
-        bends = np.array((0.0, *(STRAIN**-2,) * 5))
-        self._prior = np.diag(np.concatenate([bends] * 3))
-        self._X, self._F = np.eye(4), np.zeros((3, 6))
+        bends = np.full(len(self._powers), STRAIN[self._degree - 2] ** -2.0)
+        bends[0] = 0.0
+        self._prior = np.diag(np.tile(bends, 3))
+        self._X, self._F = np.eye(4), np.zeros((3, len(self._powers)))
         self._found: MaterialMotion | None = None  # last
         self._missed, self._way = 0, 0.0  # frames since, and how far the tool has gone in them [m]
         self.lost = False
 
     def _spread(self, direction: Array32) -> Array32:
-        """(18, N) change of a value with F from its change with a point's place (3, N)."""
+        """(3 K, N) change of a value with F from its change with a point's place (3, N)."""
         J = direction[:, None, :] * self._powers[None]
-        return np.ascontiguousarray(J.reshape(UNKNOWNS, -1), np.float32)
+        return np.ascontiguousarray(J.reshape(self._count, -1), np.float32)
 
     def _rigid_part(self) -> Array:
-        """(6, 18) [rotation vector, translation] that fits a small field best over the patch."""
+        """(6, 3 K) [rotation vector, translation] that fits a small field best over the patch."""
         p, powers = self._area, self._area_powers
         motion = np.concatenate([np.hstack((-skew(x), np.eye(3))) for x in p.T])  # (3 M, 6)
-        field = np.einsum("kl,am->mkla", np.eye(3), powers).reshape(-1, UNKNOWNS)  # (3 M, 18)
+        field = np.einsum("kl,am->mkla", np.eye(3), powers).reshape(-1, self._count)  # (3 M, 3 K)
         return np.asarray(np.linalg.lstsq(motion, field, rcond=None)[0])
 
     def follow(self, crop: Crop, step: Array, X_CT: Array) -> MaterialMotion | None:
@@ -106,7 +113,8 @@ class MaterialTracker:
 
         step: (4, 4) how the tool has moved in C since the frame before; X_CT: where it is now.
         """
-        starts = [(X_CT, np.zeros((3, 6)))]
+        step = self._share(step)
+        starts = [(self._share(X_CT), np.zeros_like(self._F))]
         if not self.lost:
             starts.insert(0, (step @ self._X, self._F))
         tried: list[tuple[float, Array, Array]] = []
@@ -123,8 +131,17 @@ class MaterialTracker:
             return self._found
         return self._assumed(step)
 
+    def _share(self, X: Array) -> Array:
+        """What a motion X (4, 4) of the tool is likely to be of this material."""
+        if self._degree == 2:
+            return X
+        middle = self._area.mean(axis=1)
+        turn = so3_exp(BAND_TURNS * so3_log(X[:3, :3]))
+        shift = BAND_GOES * (X[:3, :3] @ middle + X[:3, 3] - middle)
+        return make_pose(turn, middle + shift - turn @ middle)
+
     def _assumed(self, step: Array) -> MaterialMotion | None:
-        """The motion where the material is not found: from where it was last, with the tool."""
+        """The motion where the material is not found: from where it was last, as it is likely to go with the tool."""
         self._missed += 1
         if self._found is None or self.lost or self._missed > FRAMES:
             self.lost = True
@@ -143,14 +160,14 @@ class MaterialTracker:
             self._evaluate(crop, X, F, rescale=i == 0)
             H = self._prior + self._image.H + self._depth.H
             g = self._prior @ F.ravel() + self._image.g + self._depth.g
-            change = solved(H, g).reshape(3, 6)
+            change = solved(H, g).reshape(F.shape)
             F = F - change
             if np.square(change @ self._area_powers).sum(axis=0).mean() < DONE**2:
                 break
         return F
 
     def _evaluate(self, crop: Crop, X: Array, F: Array, rescale: bool) -> None:
-        """Residuals at a field (3, 6) beyond a motion (4, 4)."""
+        """Residuals at a field (3, K) beyond a motion (4, 4)."""
         model = self.model
         q = self._p + F.astype(np.float32) @ self._powers
         X_XM = model.X_XC @ X

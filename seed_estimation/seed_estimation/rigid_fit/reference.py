@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from seed_core.membrane.material import around
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.patch import PatchFinder
@@ -61,6 +62,14 @@ class ImagePoints:
 
 
 @dataclass(frozen=True, eq=False)
+class Material:
+    """A piece of the membrane whose material is followed: fine infrared points, and pixels (3, K) of it, evenly [m]."""
+
+    points: ImagePoints
+    area: Array32
+
+
+@dataclass(frozen=True, eq=False)
 class FingerModel:
     """One finger at the moment of grasp; C and T coincide."""
 
@@ -76,9 +85,9 @@ class FingerModel:
     rest: Array32  # (H, W, 3) depth of the membrane at rest [m], its slope to the right and downwards [1]
     decay: float  # [m]
     picture: Image  # (H, W) coarse infrared of the patch, 0 beside it
-    material: ImagePoints  # fine, of all the membrane that touches the tool
-    patch: Array32  # (3, K) pixels of it, evenly [m]
-    seen: Array32  # (3, L) some of all that is followed, of `p` and `patch`: what an image has to show [m]
+    patch: Material  # all of the membrane that touches the tool
+    around: Material | None  # the band of the free membrane around that, where it is seen
+    seen: Array32  # (3, L) some of all that is followed: what an image has to show [m]
 
     def without_image(self) -> FingerModel:
         """The same of which depth alone is followed."""
@@ -123,7 +132,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         _image_points(blurred, good, points, normals, membrane, p.image_points // 2),
         _image_points(picture, good, points, normals, membrane, p.image_points),
     )
-    material, patch = _material(membrane, depth, picture, good, mask, p)
+    patch, band = _materials(membrane, depth, picture, good, mask, p)
     v, u, cells = _sorted_by_cell(*_spread(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
     rows = _rows(P)
@@ -140,23 +149,32 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         rest=membrane.rest,
         decay=p.decay,
         picture=np.where(good, blurred, np.float32(0.0)),
-        material=material,
         patch=patch,
-        seen=np.concatenate((rows[:, ::7], patch[:, ::7]), axis=1),
+        around=band,
+        seen=np.concatenate([a[:, ::7] for a in (rows, patch.area, *([band.area] if band else []))], axis=1),
     )
 
 
-def _material(
+def _materials(
     membrane: Membrane, depth: Image, picture: Image, good: Bools, mask: Mask, p: EstimatorParameters
-) -> tuple[ImagePoints, Array32]:
-    """Points of all the membrane that touches, and pixels (3, K) of it, evenly; `good` where that is not to be told."""
+) -> tuple[Material, Material | None]:
+    """All the membrane that touches (`good` where that is not to be told), and the band around it where it is seen."""
     points, normals = surface(membrane.camera, depth, np.isfinite(depth) & (membrane.area > 0), SURFACE_BLUR)
-    touches = touching(membrane, depth, mask) & np.isfinite(normals).all(axis=2)
+    known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
+    touches = touching(membrane, depth, mask) & known
     if np.count_nonzero(touches) < p.least_area // 3:
         touches = good
-    v, u = _spread(touches, p.depth_points)
-    evenly, _ = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
-    return _image_points(picture, touches, points, normals, membrane, p.image_points), _rows(evenly)
+
+    def material(area: Bools) -> Material:
+        v, u = _spread(area, p.depth_points)
+        evenly, _ = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
+        return Material(_image_points(picture, area, points, normals, membrane, p.image_points), _rows(evenly))
+
+    patch = material(touches)
+    P, _ = _in_hand(points[known], normals[known], membrane.X_CX)
+    band = np.zeros(known.shape, bool)
+    band[known] = around(_rows(P), patch.area)
+    return patch, material(band) if np.count_nonzero(band) >= p.least_area else None
 
 
 def _spread(area: Bools, wanted: int) -> tuple[Indices, Indices]:

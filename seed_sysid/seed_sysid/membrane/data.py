@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.features import COUNT, features
-from seed_core.spatial import Array, inverse_pose
+from seed_core.spatial import Array, inverse_pose, so3_log
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample
 from seed_sysid.data.membrane_sample import MembraneSample, since
 from seed_sysid.membrane.terms import MAIN
@@ -31,6 +31,7 @@ class MembraneData(NamedTuple):
         pressures: (G,) [hPa] at the grasp, nan where unknown. widths: (G,) [m].
         nuisance: (n, 6, k) derivatives of `wrench` by bias of each grip, drift, and the offset of the sensor's frame;
             nuisance_std: (k,) of their prior.
+        motion: (n, 6) of the tool since its grip's first sample, in C: rotation vector [rad], translation [m].
         path: (n,) number of the path that a sample lies on: those along one axis, at all grips, are one; each
             combination is one of its own.
         with_pressure: whether all samples tell the pressures of both.
@@ -46,6 +47,7 @@ class MembraneData(NamedTuple):
     widths: Array
     nuisance: Array
     nuisance_std: Array
+    motion: Array
     path: np.ndarray
     with_pressure: bool
     lost: tuple[str, ...]
@@ -56,7 +58,7 @@ class MembraneData(NamedTuple):
         good = ~bad
         return self._replace(
             Z=self.Z[good], wrench=self.wrench[good], grip=self.grip[good], nuisance=self.nuisance[good],
-            path=self.path[good], kept=self.kept[good],
+            motion=self.motion[good], path=self.path[good], kept=self.kept[good],
         )  # fmt: skip
 
 
@@ -96,6 +98,8 @@ def membrane_data(data: Dataset) -> MembraneData:
         pressures.append(np.mean([m.pressure for m in first]) if told else np.nan)
     _check(Z, grip, grips)
     X_TC = data.poses("kinematic" if all(s.kinematic is not None for s in samples) else "estimator")
+    motion = np.array([_motion(inverse_pose(X)) for X in X_TC])
+    motion -= np.array([motion[grip == g][0] for g in range(len(grips))])[grip]
     to_C = np.array([wrench_transform(inverse_pose(X)) for X in X_TC])
     w_T = data.wrenches() @ wrench_transform(data.header.X_TS).T
     time = np.array([s.stamp for s in samples])
@@ -112,11 +116,16 @@ def membrane_data(data: Dataset) -> MembraneData:
         widths=np.array([np.mean([s.width for s in samples if s.grip == g]) for g in grips]),
         nuisance=to_C @ np.concatenate(columns, axis=2),
         nuisance_std=np.concatenate([np.tile(_BIAS_STD, len(grips)), _DRIFT_STD, _OFFSET_STD]),
+        motion=motion,
         path=_paths(samples),
         with_pressure=told,
         lost=missing,
         kept=index,
     )
+
+
+def _motion(X: Array) -> Array:
+    return np.concatenate((so3_log(X[:3, :3]), X[:3, 3]))
 
 
 def _paths(samples: list[Sample]) -> np.ndarray:

@@ -97,6 +97,11 @@ class MembraneFit:
                 row[place[term]] = value
         return out[:6], out[6:]
 
+    def follow(self) -> Array:
+        """(32, 6) change of each feature with the tool's motion in C, over all poses; small ones count more."""
+        weight = sample_weights(self.data.Z)[:, None]
+        return np.asarray(np.linalg.lstsq(self.data.motion * weight, self.data.Z * weight, rcond=None)[0].T)
+
     def spread(self) -> Array:
         """(rows, terms) S: the coefficients' covariance is about S^T S times each component's variance."""
         place = {t: i for i, t in enumerate(self.terms)}

@@ -26,7 +26,7 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
         ConfigError: no map that can be used, such as one with a stiffness that is not positive.
     """
     data, std = fit.data, np.maximum(rms(fit.unseen), _LEAST_STD)
-    spread = fit.spread()
+    spread, follow = fit.spread(), fit.follow()
     gas_std = rms(np.array([c.unseen for c in fit.gas]).T) if fit.gas else np.zeros(2)
     grips = []
     for i in np.argsort(-data.widths):
@@ -42,6 +42,7 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
                 force_std=tuple(std[3:].tolist()),
                 coefficients=texts(coefficients),
                 spread=texts(spread),
+                follow=texts(follow),
                 pressure_rise=texts(gas) if len(gas) else (),
                 pressure_std=(float(gas_std[0]), float(gas_std[1])),
             )

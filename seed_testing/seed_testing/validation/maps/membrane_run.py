@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A random membrane identified by the suite's own procedure at rest, and then moved on all six axes at once.
 
-What the material does is known from the nodes, those that touched at the grasp, with errors added as an estimator's.
+What the material does is known from the nodes of the band around the patch, with errors added as an estimator's.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
-from seed_core.membrane.material import deformation, rigid_motion
+from seed_core.membrane.material import around, deformation, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, skew, so3_exp
 from seed_sim.membrane import BubbleState, GraspState, MembraneGrasp, random_membrane
 from seed_sim.tactile.parameters import ToolShape
@@ -59,8 +59,8 @@ class Watcher:
     """Tells membranes' motions since a grasp as an estimator would, with noise times its usual errors."""
 
     def __init__(self, grasped: GraspState, noise: float, rng: np.random.Generator) -> None:
-        self._touching = {f: b.touching for f, b in grasped.bubbles.items()}
-        self._before = {f: b.nodes[b.touching].T for f, b in grasped.bubbles.items()}
+        self._band = {f: around(b.nodes.T, b.nodes[b.touching].T) for f, b in grasped.bubbles.items()}
+        self._before = {f: b.nodes[self._band[f]].T for f, b in grasped.bubbles.items()}
         self._noise, self._rng = noise, rng
 
     def motions(self, state: GraspState, ambient: float, images: float = 1.0) -> tuple[MembraneMotion, ...]:
@@ -68,7 +68,7 @@ class Watcher:
         return tuple(self._motion(f, state.bubbles[f], ambient, self._noise / np.sqrt(images)) for f in self._before)
 
     def _motion(self, finger: str, bubble: BubbleState, ambient: float, noise: float) -> MembraneMotion:
-        before, after = self._before[finger], bubble.nodes[self._touching[finger]].T
+        before, after = self._before[finger], bubble.nodes[self._band[finger]].T
         X, middle = rigid_motion(before, after), before.mean(axis=1)
         turn = so3_exp(noise * NOISE_TURN * self._rng.normal(size=3))
         shift = noise * NOISE_SHIFT * self._rng.normal(size=3)
