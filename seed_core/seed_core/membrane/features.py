@@ -2,10 +2,10 @@
 """What the wrench of a grasp is computed from: the motion of both fingers' membranes as one vector.
 
 Each finger gives 16 numbers: rotation vector and shift of the material around its patch, the shift taken at the middle
-of the patch, the nine deformations of `MembraneMotion`, and the rise of its pressure since the grasp. The fingers face each other
-along y of C, so that the right one, seen in a mirror (y turned over), is a left one. Half the sum of both, the finger
-and the mirrored other, is the common part of a feature ('x+'), half the difference the other part ('x-'). A tool that
-sticks and moves along x moves 'x+', along y 'y-'.
+of the patch, the nine deformations of `MembraneMotion`, and the rise of its pressure since the grasp. The fingers face
+each other along y of C, so that the right one, seen in a mirror (y turned over), is a left one. Half the sum of both,
+the finger and the mirrored other, is the common part of a feature ('x+'), half the difference the other part ('x-').
+A tool that sticks and moves along x moves 'x+', along y 'y-'.
 """
 
 from collections.abc import Sequence

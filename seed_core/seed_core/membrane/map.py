@@ -39,9 +39,6 @@ from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
-# Times the residual's deviation: a task lets the patch's edge slide further than the short visits of an identification,
-# while its core sticks (docs/membrane_map.md). From 19 wipes on membranes; checked on others.
-HISTORY = 1.4
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, FOLLOWED = 0.15, 0.02  # motion [scales] that counts as none; share by which pressures at the grasp follow then
@@ -71,7 +68,7 @@ class MembraneMap:
         self._follow = self.grip.follow_matrix
         self._gas, self._gas_std = self.grip.pressure_matrix, np.array(self.grip.pressure_std)
         self._at_grasp: Array | None = None  # (2,) [hPa]
-        self._spread, self._variance = self.grip.spread_matrix, (HISTORY * self.grip.std) ** 2
+        self._spread, self._variance = self.grip.spread_matrix, self.grip.std**2
         self._largest = np.array(file.largest)
         self._stacked = np.vstack([self._coefficients, self._gas])  # (6 or 8, terms)
         feature = self._products.T.ravel()  # of each factor of each term

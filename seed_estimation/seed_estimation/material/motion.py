@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the material of one finger's membrane has moved since the grasp: the membrane is the spring, the tool is not.
 
-Points p of a piece of the membrane at the grasp, its patch or the band around that, are followed by their dots. They lie
-on the membrane that depth shows, whether the tool touches them or not, and whether they stick to it or not, and move as
+Points p of a piece of the membrane at the grasp, its patch or the band around that, are followed by their dots. They
+lie on the membrane that depth shows, whether the tool touches them or not, and whether they stick to it or not:
 
     q = X (p + F powers(p)),    X a rigid motion, F (3, K) a smooth field in powers 1, u, v, u^2, u v, v^2 ...
 
