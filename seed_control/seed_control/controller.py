@@ -307,10 +307,11 @@ class Controller:
     def _check_force(self, m: Measurement) -> None:
         """What the newest image says against going on."""
         law, guard, k = self.law, self._guard, self.wrench_estimator.mean_stiffness
-        if guard.held and law.regulates_force:
-            plan = law.plan
-            wanted = plan.wanted @ plan.normals
-            self._relief.image(m.on_environment.force, wanted, k, k * m.variance**0.5, m.X_WC[:3, 3], self._held_at)
+        if law.regulates_force:
+            wanted = law.plan.wanted @ law.plan.normals
+            self._relief.image(m.on_environment.force, wanted, k * m.variance**0.5)
+            if guard.held:
+                self._relief.give_way(k, m.X_WC[:3, 3], self._held_at)
         guard.check_overload(m)
         guard.free_travel.image(*law.shares())
         if guard.following and law.setpoint is not None:
@@ -347,7 +348,7 @@ class Controller:
             command.turn_to(X_WC[:3, :3])
             return command.towards(as_vector3(X_WC[:3, 3]), dt, self.parameters.approach_speed)
         lead = command.lead
-        p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02)
+        p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02, command.p_WC)
         return law.plan.limits + command.towards(p_WC, dt, self.parameters.max_speed)
 
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:

@@ -124,4 +124,7 @@ class ControllerParameters(MotionLimits):
     slope_noise: float = field(0.002, unit="1/sqrt(s)", low=0.0, high=1.0, doc="random walk of the surface's slope")
     slope_prior: float = field(0.03, low=0.0, high=1.0, doc="standard deviation of the slope at first contact")
     compliance_prior: float = field(0.1, low=0.0, high=1.0, doc="standard deviation of the environment's share beta")
+    moving_surface: float = field(
+        0.02, low=0.0, high=0.5, doc="likelihood at first that the surface moves in time; 0: it never does"
+    )
     stiffness_blend: float = field(0.5, unit="s", low=0.0, high=10.0, doc="time over which a new stiffness takes over")

@@ -18,20 +18,45 @@ def test_a_retreat_has_the_grippers_speed_a_press_its_own(height: float, step: f
     reference.lead(np.eye(4), np.zeros(3))
     n = (0.0, 0.0, float(sign))
     reference.follow([HeightReference(n, sign * height, ZERO, 0.045, back=0.25, pushes=-sign)], ZERO, ZERO)
-    x, y, z = reference.target(0.004, 0.0, 0.06)
+    x, y, z = reference.target(0.004, 0.0, 0.06, ZERO)
     assert (x, y) == (0.0, 0.0)
     assert z == pytest.approx(0.004 * step)
 
 
 def test_relief_counts_from_where_the_gripper_was_at_the_image() -> None:
     relief, held_at = Relief(2.0, 0.03), (0.0, 0.0, 0.5)
-    for _ in range(3):
-        relief.image(np.array((0.0, 0.0, -14.0)), PRESS, 1000.0, 0.1, np.array(held_at), held_at)
+
+    def image(force: float, place: float, held: bool = True) -> None:
+        relief.image(np.array((0.0, 0.0, force)), PRESS, 0.1)
+        if held:
+            relief.give_way(1000.0, np.array((0.0, 0.0, place)), held_at)
+
+    for _ in range(2):
+        image(-14.0, 0.5, held=False)  # while it still moves
+    assert relief.way == 0.0
+    image(-14.0, 0.5)  # the third, and it has come to hold
     assert relief.way == pytest.approx(4e-3)
     # late images of the same press ask for no more than the same way
-    relief.image(np.array((0.0, 0.0, -13.0)), PRESS, 1000.0, 0.1, np.array((0.0, 0.0, 0.501)), held_at)
+    image(-13.0, 0.501)
     assert relief.way == pytest.approx(4e-3)
     # a surface that goes on rising asks for more at once
-    relief.image(np.array((0.0, 0.0, -14.0)), PRESS, 1000.0, 0.1, np.array((0.0, 0.0, 0.504)), held_at)
+    image(-14.0, 0.504)
     assert relief.way == pytest.approx(8e-3)
     assert relief.target(held_at) == pytest.approx((0.0, 0.0, 0.508))
+
+
+def test_a_retreat_that_the_limits_did_not_allow_is_not_made_good_at_press_speed() -> None:
+    """A bump of 20 mm for 40 ms: the command has hardly begun to give way, so it need not come back."""
+    n, dt = (0.0, 0.0, 1.0), 0.004
+    reference = TipReference()
+    reference.lead(np.eye(4), np.zeros(3))
+
+    def ask(height: float, commanded: float) -> float:
+        reference.follow([HeightReference(n, height, ZERO, 0.045, back=0.25, pushes=-1)], ZERO, ZERO)
+        return reference.target(dt, 0.0, 0.06, (0.0, 0.0, commanded))[2]
+
+    for _ in range(10):
+        away = ask(0.02, 0.001)
+    assert away == pytest.approx(0.01)
+    assert ask(0.0, 0.001) == pytest.approx(0.001 - 0.045 * dt)
+    assert ask(0.02, 0.001) == pytest.approx(0.001 + (0.25 - 0.045) * dt)  # and it gives way as fast as before

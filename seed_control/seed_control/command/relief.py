@@ -15,7 +15,7 @@ _NOISE = 3.0  # deviations of the estimated force
 
 
 class Relief:
-    """`image` with each image while it holds, `target` at every step, `restart` when it is enabled."""
+    """`image` with each image, `give_way` while it holds, `target` at every step, `restart` when it is enabled."""
 
     def __init__(self, most: float, furthest: float) -> None:
         """most: [N] that may be borne beyond the wanted force; furthest: [m] that it retreats."""
@@ -24,26 +24,33 @@ class Relief:
 
     def restart(self) -> None:
         """It moves by itself again."""
-        self._back, self.way, self._pressed = ZERO, 0.0, 0
+        self._back, self.way = ZERO, 0.0
+        self._over, self._pressed = 0.0, 0
 
-    def image(
-        self, force: Array, wanted: Array, stiffness: float, deviation: float, place: Array, held_at: Vector3
-    ) -> None:
-        """Take in an image.
+    def image(self, force: Array, wanted: Array, deviation: float) -> None:
+        """Take in an image, while it moves as well: what made it hold has been seen when it comes to hold.
 
         Args:
-            force, wanted: of the tool on the environment (3,) [N] in W. stiffness: [N/m]; deviation: of a force [N].
-            place: of C when the image was taken (3,) [m] in W. held_at: where C came to hold [m].
+            force, wanted: of the tool on the environment (3,) [N] in W. deviation: of a force [N].
         """
         size = float(np.sqrt(wanted @ wanted))
         if size == 0.0:
+            self._pressed = 0
             return
-        over = float(force @ wanted) / size - size
-        self._pressed = self._pressed + 1 if over > max(self._most, _NOISE * deviation) else 0
+        self._back = as_vector3(-wanted / size)
+        self._over = float(force @ wanted) / size - size
+        self._pressed = self._pressed + 1 if self._over > max(self._most, _NOISE * deviation) else 0
+
+    def give_way(self, stiffness: float, place: Array, held_at: Vector3) -> None:
+        """Retreat, if the last images were pressed.
+
+        Args:
+            stiffness: of the grasp [N/m].
+            place: of C when the newest image was taken (3,) [m] in W. held_at: where C came to hold [m].
+        """
         if self._pressed >= _IMAGES:
-            self._back = as_vector3(-wanted / size)
             gone = dot(self._back, minus(as_vector3(place), held_at))
-            self.way = min(max(self.way, gone + over / stiffness), self._furthest)
+            self.way = min(max(self.way, gone + self._over / stiffness), self._furthest)
 
     def target(self, held_at: Vector3) -> Vector3:
         """Where C is to go [m], from where it came to hold."""

@@ -58,8 +58,11 @@ class HybridLaw(PublishedLaw):
         self.normal = SurfaceNormal()  # of the task frame 'found'
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
+        self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
 
     def image(self, m: Measurement, loop_time: float) -> None:
+        frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
+        self._ahead = max(loop_time - 0.5 * max(frame, 0.0), 0.0)
         s = self.setpoint
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
@@ -166,12 +169,12 @@ class HybridLaw(PublishedLaw):
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
         if self._finds(s):
             self.observers[i].tilt(self.normal.slope(behind=False))
-        offset, gradient = self.observers[i].wanted_height(reference.normal, deflection)
+        offset, gradient, rate = self.observers[i].wanted_height(reference.normal, deflection, self._ahead)
         speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)
         back = self.parameters.max_speed
-        return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes)
+        return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes, rate=rate)
 
 
 def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:

@@ -119,6 +119,7 @@ class PublishedLaw:
             loop_time: [s] from the image to the arm's answer.
         """
         self.measured = m
+        self.reference.renew()
         self.tool.update(m)
         self.X_W_tip = m.X_WT @ self.wrench_estimator.tool.X_Ttip
         if self.setpoint is not None:

@@ -21,6 +21,7 @@ class HeightReference(NamedTuple):
         reach: [m] that may be covered within one loop time.
         back: [m/s], at most, against the force that is wanted; no less than `speed`.
         pushes: 1 where the force is wanted along the normal, -1 against it, 0 where none is.
+        rate: [m/s] at which the wanted height rises since the newest image came.
     """
 
     normal: Vector3
@@ -30,6 +31,7 @@ class HeightReference(NamedTuple):
     reach: float = inf
     back: float = 0.0
     pushes: int = 0
+    rate: float = 0.0
 
 
 class TipReference:
@@ -43,10 +45,15 @@ class TipReference:
         self.undeflected = self._to_undeflected = self._lever = ZERO
         self._tip = self._velocity = ZERO
         self._references: Sequence[HeightReference] = ()
+        self._since = 0.0  # [s] since the newest image
 
     def lead(self, X_W_tip: Array, velocity: Array) -> None:
         """Where the path is now: wanted tip (4, 4), and its velocity (3,) [m/s], in W."""
         self._tip, self._velocity = as_vector3(X_W_tip[:3, 3]), as_vector3(velocity)
+
+    def renew(self) -> None:
+        """An image has come, from which on rates count."""
+        self._since = 0.0
 
     def follow(self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3) -> None:
         """What an image settles: a height reference per force direction, and the grasp.
@@ -57,21 +64,30 @@ class TipReference:
         """
         self._references, self._lever, self._to_undeflected = references, lever, to_undeflected
 
-    def target(self, dt: float, lead: float, loop_time: float) -> Vector3:
+    def target(self, dt: float, lead: float, loop_time: float, commanded: Vector3) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
+
+        A retreat that the limits have not let the command make need not be made good when the force is wanted again:
+        the bound on pressing counts from where the command is.
 
         Args:
             lead: [s] by which the arm trails its command.
             loop_time: [s] from an image to the arm's answer, which bounds the approach.
+            commanded: the gripper's place p_WC [m] that the limits have let it reach.
         """
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
-        for n, offset, gradient, speed, reach, back, pushes in self._references:
+        for n, offset, gradient, speed, reach, back, pushes, rate in self._references:
             now = dot(n, self.undeflected)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             retreat = max(bound, back * dt)
             low, high = (retreat if pushes > 0 else bound), (retreat if pushes < 0 else bound)
-            step = min(max(offset + dot(gradient, tip) - now, -low), high)
+            wanted = offset + dot(gradient, tip) + rate * self._since
+            if pushes:
+                ahead = pushes * (dot(n, commanded) + dot(n, self._lever) - now)
+                now += pushes * min(max(ahead, 0.0), max(pushes * (wanted - now), 0.0))
+            step = min(max(wanted - now, -low), high)
             goal = plus_scaled(goal, now + step - dot(n, path), n)
+        self._since += dt
         self.undeflected = goal
         return minus(goal, self._lever)
