@@ -9,7 +9,7 @@ measured height of the tip, s the tip's position across n, and c0 the value of c
 beta = k / (k + k_env) is the share of gripper motion that the tip follows, and e [s] by how much images are dated late:
 then y is off by as far as the gripper has gone since. Left out, that would pass for a surface that moves as the gripper
 does. The model is linear in [zeta, g (3), beta, e, u], since c is known from kinematics. u is how the surface moves in
-time: one filter for each of `SurfaceModels`, weighted by how well each has foretold the images (multiple-model estimation).
+time: one filter for each of `SurfaceModels`, weighted by how well each has foretold the images.
 A surface that rests is all but always the likeliest, and then the bank is the one filter of a plane. One of those that
 rest expects soft ground: what gives way as it is pressed would else look as if it sank by itself.
 
