@@ -152,6 +152,12 @@ def _text(r: dict[str, Any]) -> str:
         lines.append(f"  found      rms  {s['normal_rms_deg']:8.2f} deg   worst {s['normal_max_deg']:7.2f} deg")
     lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
     lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
+    if hole := r["insertion"]:
+        end = f"{hole['inserted']:.1f} s after contact" if hole["success"] else "not inserted"
+        lines.append(
+            f"  hole       {hole['depth_mm']:.1f} mm deep, {end}; largest force {hole['largest_force']:.1f} N; it was "
+            f"{hole['away_mm']:.1f} mm and {hole['tilt_deg']:.1f} degrees off"
+        )
     lines.append(f"  contact    at {made['time']:.2f} s; {r['message'] or 'no end'}")
     lines.append(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
     return "\n".join(lines)

@@ -10,6 +10,7 @@ from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import Task, check_fits, check_tool, load_task
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
+from seed_sim.closed_loop.insertion import insertion_of
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
@@ -105,6 +106,7 @@ def evaluate(
         "seed": seed,
         "estimator": estimator,
         **score(recording, scored_phase(task)),
+        "insertion": insertion_of(plant, recording, task),
         "message": recording.message,
         "surface": surface_score(recording, task),
         "membrane": _of_membranes(plant, membrane),

@@ -28,6 +28,7 @@ LONG = {  # commands with arguments of their own
     "soak": "seed_testing.live.soak",
     "fuzz": "seed_testing.bench.fuzz",
     "law": "seed_testing.bench.law",
+    "insertion": "seed_testing.bench.insertion",
     "hosts": "seed_testing.two_hosts.command",
 }
 

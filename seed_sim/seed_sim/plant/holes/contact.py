@@ -39,7 +39,7 @@ class HoleContact:
     Attributes:
         X_WH: (4, 4) the hole: origin in the middle of its mouth, z out of the plate.
         friction: Coulomb's.
-        largest: [N] largest net force since the start. squeeze: [N] largest sum of what all points bear by themselves:
+        deepest: [m] that the peg's end has been below the plate. largest: [N] largest net force since the start. squeeze: [N] largest sum of what all points bear by themselves:
             a wedged peg is squeezed from both sides, of which the net force tells nothing.
     """
 
@@ -57,7 +57,7 @@ class HoleContact:
         self._end = _edges(self._peg, -self._peg_chamfer)
         self._mouth = _edges(self._hole, self._chamfer) if hole.drilled else np.zeros((0, 3))
         self._stick = StickSlip(2 * len(self._end) + len(self._mouth), self.friction, hole.stiffness)
-        self.largest = self.squeeze = 0.0
+        self.largest = self.squeeze = self.deepest = 0.0
         self._load = NOTHING
 
     def reset(self) -> None:
@@ -83,6 +83,7 @@ class HoleContact:
         X = self._to_hole @ X_WT @ self._X_Ttip
         R, p = X[:3, :3], X[:3, 3]
         end = self._end @ R.T + p
+        self.deepest = max(self.deepest, -float(p[2]))
         if end[:, 2].min() > _NEAR:
             if self._load is not NOTHING:
                 self.reset()
