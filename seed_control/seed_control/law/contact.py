@@ -67,13 +67,18 @@ class ContactDetector:
         """Contact is to be found anew."""
         self._directions, self.touching, self.once = [], (), False
 
-    def update(self, along: Array, wanted: Array, deviation: float) -> tuple[int, ...]:
+    def update(self, along: Array, wanted: Array, deviation: float, known: bool = False) -> tuple[int, ...]:
         """Take in one image; the directions along which it has made contact.
 
         Args:
             along, wanted: estimated and wanted force (m,) [N] along the force directions.
             deviation: standard deviation of the estimate [N].
+            known: it touches, however little it presses.
         """
+        if known:
+            before = self.touching if len(self.touching) == len(along) else (False,) * len(along)
+            self._directions, self.touching, self.once = [], (True,) * len(along), True
+            return tuple(i for i, was in enumerate(before) if not was)
         if len(self._directions) != len(along):
             self._directions = [_Direction(self._parameters) for _ in along]
             self.touching = (False,) * len(along)

@@ -135,7 +135,8 @@ class PublishedLaw:
     def _observe(self, m: Measurement) -> tuple[int, ...]:
         """Look for contact; the force directions along which this very image has made it."""
         deviation = self.wrench_estimator.mean_stiffness * m.variance**0.5
-        return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation)
+        known = self.setpoint is not None and self.setpoint.touches
+        return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation, known)
 
     def shares(self) -> tuple[list[float], list[bool], list[float], list[float]]:
         """By force direction: share of the wanted force that there is, whether it is there, deflection it needs [m].

@@ -84,6 +84,7 @@ class HybridSetpoint:
         velocity: (3,) [m/s] of the wanted tip position in the world; lets the law lead the servo's lag.
         approach_speed: [m/s] at which to walk towards contact; None means the controller's default.
         press_speed: [m/s] at most, building up the force in contact; None means the controller's default.
+        touches: the tool is known to touch, however little it presses: contact is not looked for.
         stamp: when it was sent [s], or None.
     """
 
@@ -98,6 +99,7 @@ class HybridSetpoint:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
     press_speed: float | None = None
+    touches: bool = False
     stamp: float | None = None
 
     def __post_init__(self) -> None:
@@ -125,8 +127,8 @@ class HybridSetpoint:
         if self.wrench is other.wrench:  # each set-point has a copy of its own: one was moved from the other
             return True
         return (
-            (self.task_frame, self.torque_axes, self.approach_speed, self.press_speed)
-            == (other.task_frame, other.torque_axes, other.approach_speed, other.press_speed)
+            (self.task_frame, self.torque_axes, self.approach_speed, self.press_speed, self.touches)
+            == (other.task_frame, other.torque_axes, other.approach_speed, other.press_speed, other.touches)
             and np.array_equal(self.wrench, other.wrench)
             and np.array_equal(self.force_projector, other.force_projector)
             and np.array_equal(self.R_W_task, other.R_W_task)

@@ -56,6 +56,7 @@ class TaskPlayer:
         self._status = TaskStatus(None, "waiting", 0.0)
         self._ending = ""  # why the task ends early
         self._cancelled = False
+        self._searches = 0  # once more, where an insertion found no way in
         self._paused = False
         self.found: tuple[Found, ...] = ()
         self._last: float | None = None
@@ -101,7 +102,9 @@ class TaskPlayer:
         if self._run is None:
             self._run = self._next(state.X_W_tip)
         ended = self._run.advance(0.0 if self._paused and not self._ending else dt, state)
-        if ended in ("timeout", "failed") and not self._ending:
+        if ended == "again" and not self._ending and self._search_again():
+            ended = "done"
+        if ended in ("timeout", "failed", "again") and not self._ending:
             phase = self._run.step.phase
             self._end_early(self._run.why or f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
         elif ended:
@@ -120,6 +123,17 @@ class TaskPlayer:
             cancelled=self._cancelled,
             message="paused" if self._paused and not self._ending else self._ending,
         )
+
+    def _search_again(self) -> bool:
+        """Go back to the search before an insertion that found no way in, as often as it says."""
+        assert self._run is not None
+        searches = [i for i, step in enumerate(self._steps[: self._index]) if step.phase.search is not None]
+        insert = self._run.step.phase.insert
+        if not searches or insert is None or self._searches >= insert.searches:
+            return False
+        self._searches += 1
+        self._index = searches[-1] - 1
+        return True
 
     def _ended(self, message: str) -> TaskStatus:
         """Done early: failed, if it was not cancelled."""

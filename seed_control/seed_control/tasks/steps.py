@@ -10,7 +10,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks.font import strokes_of_text
 from seed_control.tasks.path import Path
 from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
-from seed_core.spatial import Array, Wrench, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
 
 _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
@@ -70,7 +70,7 @@ class StepRun:
         share: of the step, 0 to 1.
         finish: set to end it at once.
         why: it failed.
-        R_seen: (3, 3) of the tip where torque rules, smoothed over the images; None elsewhere.
+        R_seen, p_seen: (3, 3), (3,) [m] of the tip where torque rules, smoothed over the images; None elsewhere.
         axes: (3, 3) of the surface, z out of it, as a step along it has found them.
     """
 
@@ -85,6 +85,7 @@ class StepRun:
         self._t = self._waited = self._held = self.share = 0.0
         self.finish, self.why = False, ""
         self.R_seen: Array | None = None
+        self.p_seen: Array | None = None
         self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
@@ -114,9 +115,12 @@ class StepRun:
         """Take in the tip of a new image (4, 4)."""
         if X_W_tip is None or X_W_tip is self._image:
             return
-        self._image, R = X_W_tip, self._X_W[:3, :3].T @ X_W_tip[:3, :3]
-        before = R if self.R_seen is None else self.R_seen
-        self.R_seen = before @ so3_exp(_SEEN * so3_log(before.T @ R))
+        self._image, X = X_W_tip, inverse_pose(self._X_W) @ X_W_tip
+        R, p = X[:3, :3], X[:3, 3]
+        if self.R_seen is None or self.p_seen is None:
+            self.R_seen, self.p_seen = R, p
+        self.R_seen = self.R_seen @ so3_exp(_SEEN * so3_log(self.R_seen.T @ R))
+        self.p_seen = self.p_seen + _SEEN * (p - self.p_seen)
 
     def _go(self, dt: float, state: ControllerState) -> None:  # noqa: ARG002 (a run along the surface uses it)
         """Move the reference on by dt [s]."""

@@ -55,7 +55,8 @@ class ForceWatch:
             self._since = stamp
         errors = [f - w for f, w in zip(along, wanted, strict=True)]
         fall, sizes = _FALLS * (stamp - self._stamp), [abs(w) for w in wanted]
-        before = self._allowed if len(self._allowed) == len(sizes) else sizes
+        # What other directions bore before they were to carry force has to fall, too.
+        before = self._allowed if len(self._allowed) == len(sizes) else [abs(f) for f in along]
         self._allowed = [max(w, a - fall) for w, a in zip(sizes, before, strict=True)]
         self._stamp = stamp
         over = max(

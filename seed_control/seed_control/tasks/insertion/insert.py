@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pushing in: compliance about the tip by the law, depth and wrench watched here, jams and wedges answered."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
@@ -11,10 +13,11 @@ from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
 
-_SHARE = 0.2  # of an image in the pose that the next try starts from
+_SHARE = 0.35  # of an image in the pose that the next try starts from
 _ANCHOR = 0.15  # [s] after which the reference is put where the tip is: force control has left it
 _GIVE, _GIVE_TURN = 5e-4, 0.1  # [m/N], [rad/(N m)] by which the reference gives way at each anchor
 _BACK_SPEED = 0.01  # [m/s]
+_MOUTH = 1.5e-3  # [m] of depth below which it is not in the hole: what was found was something else
 _BEYOND = 5e-3  # [m] more than the depth: what is below is no hole of this kind
 
 
@@ -37,12 +40,12 @@ class InsertRun(StepRun):
         self._mouth = (
             float(self._axis @ start) if plate is None else float(self._axis[2] * plate + self._axis[:2] @ start[:2])
         )
+        self._keyed = len(control.torque_axes) == 3
         self._watch = StuckWatch(float(np.sqrt(force @ force)), insert.stuck)
         self._to_work = inverse_pose(X_W)
         self._place, self._R = start.copy(), R_start  # smoothed
         self._newest: Array | None = None
-        self._pushing = self._first
-        self._current = self._first
+        self._pushing = self._current = replace(self._first, touches=True)  # a slack peg touches as well
         self._anchored = self._began = 0.0
         self._retreat: Path | None = None
         self._since = 0.0  # [s] of the retreat
@@ -99,7 +102,8 @@ class InsertRun(StepRun):
         force, moment = to_work @ state.filtered.force, to_work @ state.filtered.torque
         axial = float(self._axis @ force)
         across = np.eye(3) - np.outer(self._axis, self._axis)
-        return Push(self._t, self.depth, axial, across @ force, across @ moment)
+        about = np.eye(3) if self._keyed else across  # friction alone turns a round peg
+        return Push(self._t, self.depth, axial, across @ force, about @ moment)
 
     def _anchor(self) -> None:
         """The reference goes to where the tip is, and on away from what it presses sideways.
@@ -123,6 +127,9 @@ class InsertRun(StepRun):
             f"{watch.ratio:.2f}, moment over axial force {1e3 * watch.lever:.1f} mm"
         )
         self._tries += 1
+        if self.depth < _MOUTH:
+            self.why = f"phase '{self.step.phase.name}': no way in: {self._told}: check hole, part and work frame"
+            return "again"
         if self._tries > i.tries:
             return self._fail(f"stuck after {i.tries} tries: {self._told}")
         turn = np.zeros(3)

@@ -16,10 +16,11 @@ def run_of(step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array, b
     before: the run that has ended.
     """
     phase = step.phase
-    if (phase.search is not None or phase.insert is not None) and before is not None and before.R_seen is not None:
-        R_start = R_end = before.R_seen  # as it lies: torque has left the reference
+    own = phase.search is not None or phase.insert is not None
+    if own and before is not None and before.R_seen is not None and before.p_seen is not None:
+        start, R_start, R_end = before.p_seen, before.R_seen, before.R_seen  # torque has left the reference
     if phase.search is not None:
-        return SearchRun(step, start, R_start, R_end, X_W)
+        return SearchRun(step, start, R_start, R_end, X_W, before)
     if phase.insert is not None:
         plate = before.plate if isinstance(before, SearchRun) else None
         return InsertRun(step, start, R_start, R_end, X_W, plate)

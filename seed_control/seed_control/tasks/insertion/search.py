@@ -37,10 +37,13 @@ class SearchRun(StepRun):
 
     Attributes:
         plate: height [m] of the plate where the tip was last, in the work frame.
+        found: the tip has dropped, or met a rim.
     """
 
-    def __init__(self, step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array) -> None:
-        """As a `StepRun`, from the tip's place `start` (3,) in the work frame."""
+    def __init__(
+        self, step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array, before: StepRun | None = None
+    ) -> None:
+        """As a `StepRun`, from the tip's place `start` (3,) in the work frame; before: the run that has ended."""
         search = step.phase.search
         assert search is not None
         self._search: Search = search
@@ -58,19 +61,23 @@ class SearchRun(StepRun):
         self._rounds = _ROUNDS * 2.0 * np.pi * np.deg2rad(search.angle) / _ROCKING  # [s] of tilting
         if search.pattern == "tilt":
             self.duration = max(self.duration, self._rounds)
-        self.plate = float(start[2])
+        self.plate, self.found, self._touched = -search.within, False, False
+        if isinstance(before, SearchRun) and before.found:
+            self.plate, self.found = before.plate, True
 
     def advance(self, dt: float, state: ControllerState) -> str:
-        super().advance(dt, state)
-        if self.finish:
+        ended = super().advance(dt, state)
+        if self.finish or self.found:
             return "done"
-        if state.X_W_tip is not self._newest and state.X_W_tip is not None:
+        self._touched = self._touched or state.in_contact
+        if state.X_W_tip is not None and state.X_W_tip is not self._newest:
             self._newest = state.X_W_tip
-            tip = (self._to_work @ state.X_W_tip)[:3, 3]
-            self._surface.image(tip)
-            self.plate = self._surface.height(tip)
-        if self._surface.dropped > self._search.drop or self._sideways(state) > self._search.rim:
+            self._look((self._to_work @ state.X_W_tip)[:3, 3])
+        if self.found or self._surface.dropped > self._search.drop or self._sideways(state) > self._search.rim:
+            self.found = True
             return "done"
+        if self._search.pattern == "here":
+            return ended
         if self._t < self.duration + _AGAIN:
             return ""
         self.why = (
@@ -80,9 +87,17 @@ class SearchRun(StepRun):
         )
         return "failed"
 
+    def _look(self, tip: Array) -> None:
+        """Take in the tip's place (3,) of a new image."""
+        if self._touched:
+            self._surface.image(tip)
+            self.plate = self._surface.height(tip)
+        if tip[2] < -self._search.within - self._search.drop:  # below any plate: it went straight into the hole
+            self.plate, self.found = max(self.plate, -self._search.within), True
+
     def _sideways(self, state: ControllerState) -> float:
         """[N] across the press, less what there was as it began."""
-        if state.filtered is None:
+        if state.filtered is None or not self._touched:
             return 0.0
         across = self._to_work[:2, :3] @ state.R_W_task @ state.filtered.force
         if self._at_rest is None:

@@ -14,7 +14,7 @@ from seed_sim.plant.holes.section import Section
 
 Indices = NDArray[np.intp]
 SUBSTEPS = 3  # of a millisecond, at least: contact is as stiff as parts of metal are rough
-_DISSIPATION = 5.0  # [s/m] Hunt and Crossley's
+_DISSIPATION = 1.0  # [s/m] Hunt and Crossley's
 _NEAR = 1e-3  # [m] over the plate
 _Z = np.array((0.0, 0.0, 1.0))
 
