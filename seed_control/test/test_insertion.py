@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Searching and inserting: what a file may say, what a spiral covers, what a wrench without progress means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from quasi_static import Bench
+from quasi_static import DT, Bench
 from test_tasks import play
 
+from seed_control.law.contact import ContactDetector
+from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task, TaskError, TaskPlayer, check_fits, load_task
 from seed_control.tasks.insertion.search import spiral
@@ -90,6 +94,8 @@ def test_a_force_that_the_controller_may_not_be_asked_for_is_refused_before_it_b
 def test_a_hole_that_is_not_there_ends_with_a_reason_and_a_lift() -> None:
     """On a bare table the whole spiral is searched, then the tool is lifted."""
     task = load_task("insert_peg")
+    short = [replace(p, search=replace(p.search, radius=1.5e-3)) if p.search else p for p in task.phases]
+    task = replace(task, phases=tuple(short))
     place = np.array(task.frame.position) + np.array((0.0, 0.0, 0.03))
     bench = Bench(start=pose_from_rpy((np.pi, 0.0, 0.0), place)).enabled()
     player = TaskPlayer(task)
@@ -99,3 +105,56 @@ def test_a_hole_that_is_not_there_ends_with_a_reason_and_a_lift() -> None:
     bench.run(0.5)
     assert bench.force == 0.0
     assert bench.tip_height() > 0.04
+
+
+def test_a_peg_that_falls_straight_into_its_hole_is_in_it() -> None:
+    """Nothing was touched where the plate can lie: the spiral is left out, and the insertion goes on from there."""
+    task = load_task("insert_peg")
+    place = np.array(task.frame.position) + np.array((0.0, 0.0, 0.02))
+    bench = Bench(start=pose_from_rpy((np.pi, 0.0, 0.0), place), table=-0.02).enabled()
+    player = TaskPlayer(task)
+    play(bench, player, 20.0, until="insert")
+    assert bench.force == 0.0
+    assert -0.008 < bench.tip_height() < -0.003
+    status = play(bench, player, 20.0)
+    assert status.done
+    assert not status.failed
+
+
+def test_a_way_in_that_is_none_is_searched_again_and_then_given_up() -> None:
+    """A step of 1 mm looks like a hole; nothing goes in there."""
+    task = load_task("insert_peg")
+    small = [
+        replace(p, search=replace(p.search, radius=1.5e-3, rim=50.0, drop=3e-4) if p.search else None)
+        for p in task.phases
+    ]
+    small = [replace(p, insert=replace(p.insert, searches=1, tries=1)) if p.insert else p for p in small]
+    bench = Bench(start=pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.02)), bumps=(8e-4, 0.02)).enabled()
+    player = TaskPlayer(replace(task, phases=tuple(small)))
+    seen = []
+    for _ in range(round(60.0 / DT)):
+        status = play(bench, player, DT)
+        if not seen or status.phase != seen[-1]:
+            seen.append(status.phase)
+        if status.done:
+            break
+    assert status.failed
+    assert seen.count("search") == 2
+    assert "no hole found" in status.message
+
+
+def test_contact_that_is_known_needs_no_force() -> None:
+    detector = ContactDetector(ControllerParameters())
+    assert detector.update(np.zeros(3), np.array((0.0, 0.0, -4.0)), 0.2) == ()
+    assert detector.update(np.zeros(3), np.array((0.0, 0.0, -4.0)), 0.2, known=True) == (0, 1, 2)
+    assert detector.made
+    assert detector.update(np.zeros(3), np.array((0.0, 0.0, -4.0)), 0.2, known=True) == ()
+
+
+def test_what_presses_sideways_as_it_is_to_be_let_go_may_fall_and_must() -> None:
+    for rate, holds in ((20.0, False), (0.0, True)):
+        watch = ForceWatch(3.0)
+        for i in range(40):
+            sideways = max(6.0 - rate * i / 45.0, 0.0)
+            watch.update(i / 45.0, [sideways, 0.0, -4.0], [0.0, 0.0, -4.0], 0.1, False)
+        assert bool(watch.reason) == holds

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError, load_text
 from seed_core.spatial import make_pose, so3_exp
+from seed_sim.closed_loop.evaluate import evaluate
 from seed_sim.plant.holes.contact import HoleContact
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.holes.section import Section
@@ -87,6 +88,18 @@ def test_distance_to_a_rectangle_has_the_gradient_of_finite_differences() -> Non
         assert_allclose(
             (section.distance(p + step) - section.distance(p - step)) / (2.0 * h), gradient[:, i], atol=1e-5
         )
+
+
+def test_a_peg_is_found_its_hole_and_put_in_with_little_force() -> None:
+    """The whole chain: law, search and insertion on poses with noise and delay; everything scored is the plant's."""
+    run = evaluate("insert_peg", estimator="noisy", seed=1)
+    hole = run.result["insertion"]
+    assert hole["success"]
+    assert hole["away_mm"] > 2.5
+    assert hole["depth_mm"] > 14.0
+    assert hole["largest_force"] < 12.0
+    tip = run.plant.hole.place_of(run.plant.X_WT)[:3, 3]
+    assert tip[2] > 0.04  # pulled out again
 
 
 class FreePeg:

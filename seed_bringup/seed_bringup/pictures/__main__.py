@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from seed_bringup.pictures import concepts, drawing, gallery, gel
+from seed_bringup.pictures import concepts, drawing, gallery, gel, insertion
 
 PICTURES = {
     "frames": drawing.frames_drawing,
@@ -14,6 +14,7 @@ PICTURES = {
     "wipes": gallery.wipes,
     "writes": gallery.writes,
     "fits": gallery.fits,
+    "inserts": insertion.inserts,
     "sees": gallery.sees,
     "holds": gallery.knows,
     "deforms": gallery.deforms,

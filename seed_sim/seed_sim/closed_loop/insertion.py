@@ -13,7 +13,7 @@ TOLERANCE = 1e-3  # [m] by which the true depth may miss the wanted one
 
 
 def insertion_of(plant: Plant, recording: Recording, task: Task) -> dict[str, Any] | None:
-    """Success, depth [mm], times [s] from the first contact on, forces [N]; None where there is no hole or no insertion.
+    """Success, depth [mm], times [s] from the first contact on, forces [N]; None without hole or insertion.
 
     largest_force: the largest net force of the tool on the environment at any step of the plant, pulling out included.
     squeeze: the largest sum of what all points of contact bear, each by itself.
@@ -37,6 +37,6 @@ def insertion_of(plant: Plant, recording: Recording, task: Task) -> dict[str, An
         "largest_force": hole.largest,
         "squeeze": hole.squeeze,
         "friction": hole.friction,
-        "away_mm": float(1e3 * np.linalg.norm((hole.X_WH[:3, 3] - plant.surface.X_WS[:3, 3]))),
+        "away_mm": float(1e3 * np.linalg.norm(hole.X_WH[:3, 3] - plant.surface.X_WS[:3, 3])),
         "tilt_deg": float(np.rad2deg(np.arccos(min(hole.X_WH[2, 2], 1.0)))),
     }

@@ -71,9 +71,7 @@ class Plant:
         self.hole = None  # what the tool is put into, if the scenario has one
         if scenario.hole is not None:
             if self.surface.shapes:
-                raise PlantError(
-                    f"scenario '{scenario.name}': a hole needs a flat table: leave out table.surface"
-                )
+                raise PlantError(f"scenario '{scenario.name}': a hole needs a flat table: leave out table.surface")
             self.hole = HoleContact(
                 scenario.hole, scenario.tool.X_Ttip, self.surface.X_WS, np.random.default_rng([seed, 5])
             )

@@ -40,7 +40,7 @@ def _scenario(settings: dict[str, Any]) -> Scenario:
     """The task's own, with another clearance if one is given."""
     scenario = load_scenario(scenario_of(load_task(settings["task"])))
     if scenario.hole is None:
-        raise SeedError(f"task '{settings['task']}' has no hole to be put into: use insert_peg, insert_plug, or your own")
+        raise SeedError(f"task '{settings['task']}' has no hole to go into: give insert_peg or insert_plug")
     if settings["clearance"] is None:
         return scenario
     return replace(scenario, hole=replace(scenario.hole, clearance=settings["clearance"]))

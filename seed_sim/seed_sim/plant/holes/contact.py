@@ -39,8 +39,10 @@ class HoleContact:
     Attributes:
         X_WH: (4, 4) the hole: origin in the middle of its mouth, z out of the plate.
         friction: Coulomb's.
-        deepest: [m] that the peg's end has been below the plate. largest: [N] largest net force since the start. squeeze: [N] largest sum of what all points bear by themselves:
-            a wedged peg is squeezed from both sides, of which the net force tells nothing.
+        deepest: [m] that the peg's end has been below the plate.
+        largest: [N] largest net force since the start.
+        squeeze: [N] largest sum of what all points bear by themselves: a wedged peg is squeezed from both sides, of
+            which the net force tells nothing.
     """
 
     def __init__(self, hole: HoleSection, X_Ttip: Array, X_WS: Array, rng: np.random.Generator) -> None:
