@@ -79,8 +79,9 @@ class Cell:
         self.gripper = self.plant.AddRigidBody("gripper", gripper_model, heavy)
         self.plant.set_gravity_enabled(gripper_model, False)
         self.tool = self._held_tool(tool_model, inertia, grip) if inertia else self.gripper
+        self.centres = shape.points - shape.radius * scenario.tool.X_Ttip[:3, 2]  # (n, 3) [m] in T
         # with a hole the table is `seed_sim.plant.holes`, whose load comes from outside
-        tips = [] if scenario.hole else self._add_contact_points(shape, scenario.tool.X_Ttip[:3, 2])
+        tips = [] if scenario.hole else self._add_contact_points(shape)
         if not surface.shapes and scenario.hole is None:
             self._add_table()
         if scenario.tool_kind == "peg":
@@ -170,9 +171,8 @@ class Cell:
         )
         return properties
 
-    def _add_contact_points(self, shape: ToolShape, down: Array) -> list[Any]:
-        """Spheres whose lowest points are the contact points, hard compared with the table; down (3,) in T."""
-        self.centres = shape.points - shape.radius * down  # (n, 3) [m] in T
+    def _add_contact_points(self, shape: ToolShape) -> list[Any]:
+        """Spheres whose lowest points are the contact points, hard compared with the table."""
         at = [RigidTransform(centre) for centre in self.centres]
         ball = dg.Sphere(shape.radius)
         return [self._add_contact(self.tool, X, ball, f"tip{i}", _HARD) for i, X in enumerate(at)]
