@@ -10,11 +10,11 @@ from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import Task, check_fits, check_tool, load_task
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
-from seed_sim.closed_loop.insertion import insertion_of
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
 from seed_sim.closed_loop.surface_score import surface_score
+from seed_sim.plant.holes.score import insertion_of
 from seed_sim.plant.plant import Plant
 from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario, load_scenario, on_membrane, shipped_scenarios

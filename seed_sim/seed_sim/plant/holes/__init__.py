@@ -6,4 +6,5 @@ section.py     a cross-section, round or rectangular: distance to its outline, a
 edges.py       how deep a point lies in what such a section, a face and a chamfer bound
 friction.py    what each touching point bears across its normal
 contact.py     all of it as one load on the tool
+score.py       how deep, how long, and what was borne in a run
 """
