@@ -7,9 +7,10 @@ from math import isnan
 import numpy as np
 import pytest
 
-from seed_control.grip import GripControl, GripSettings, KeptLoad, Margin, SlipMargin, SlipSigns
+from seed_control.grip import GripControl, GripSettings, KeptLoad, Margin, SlipMargin, SlipSigns, signs_of
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose
 
 SETTINGS = GripSettings(friction=0.8, friction_deviation=0.1, patch_radius=0.01, margin=0.25)
@@ -65,6 +66,26 @@ def test_a_patch_that_sticks_beyond_its_friction_teaches_a_higher_one() -> None:
         m = margin.update(i * FRAME, pulled((0.0, 0.0, 12.0)), NO_NOISE, 5.0, SlipSigns(0.0, 0.01))
     assert m.friction > 1.2  # it bears 12 N on 2 x 5 N
     assert m.value > 0.1
+
+
+def test_an_estimator_that_tells_nothing_of_slip_teaches_no_friction() -> None:
+    margin = SlipMargin(SETTINGS)
+    for i in range(30):
+        m = margin.update(
+            i * FRAME, pulled((0.0, 0.0, 12.0)), NO_NOISE, 5.0, signs_of(RelativePoseEstimate(0.0, np.eye(4)))
+        )
+    assert m.friction == pytest.approx(0.8)
+    assert m.value == 0.0
+
+
+def test_slip_is_what_the_membranes_do_not_follow() -> None:
+    X_CT, half = make_pose(None, [0.0, 0.001, 0.004]), make_pose(None, [0.0, 0.0, 0.003])
+    motions = tuple(MembraneMotion(finger, half) for finger in ("left", "right"))
+    assert signs_of(RelativePoseEstimate(0.0, X_CT, membrane=motions)).slip == pytest.approx(0.25)
+    assert signs_of(RelativePoseEstimate(0.0, X_CT, slip=0.4, membrane=motions)).slip == 0.4
+    small = make_pose(None, [0.0, 0.0, 1e-4])
+    assert signs_of(RelativePoseEstimate(0.0, small, membrane=motions)).slip == 0.0
+    assert signs_of(RelativePoseEstimate(0.0, X_CT, gross_slip=True)).gross
 
 
 def test_creep_that_a_falling_load_leaves_behind_teaches_nothing() -> None:

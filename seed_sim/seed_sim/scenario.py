@@ -14,6 +14,7 @@ from seed_core.program.files import shared_path
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.gel.parameters import GelParameters
+from seed_sim.gripper.gripper import GripperSection
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
@@ -56,6 +57,10 @@ class GraspSection:
         60.0, unit="1/m", low=0.0, high=1000.0, doc="relative rise of K per closed metre, bushing"
     )
     nominal_pressure: float = field(1030.0, unit="hPa", low=900.0, high=1500.0, doc="at that width, bushing")
+    grip_force: float = field(
+        5.0, unit="N", low=0.1, high=200.0, doc="push of each finger at the nominal width, bushing"
+    )
+    grip_rise: float = field(800.0, unit="N/m", low=1.0, high=1e5, doc="its rise per closed metre, about")
     pressure_slope: float = field(1500.0, unit="hPa/m", low=0.0, high=1e5, doc="rise per closed metre, bushing")
 
 
@@ -143,6 +148,7 @@ class Scenario:
     tool: Tool = field(Tool(), doc="frames and weight of the tool, also what the controller believes")
     true_mass: float | None = field(None, unit="kg", low=0.0, high=20.0, doc="of the plant's tool; default as believed")
     grasp: GraspSection = field(GraspSection(), doc="the compliant element")
+    gripper: GripperSection = field(GripperSection(), doc="rate, latency and force limit of the gripper")
     membrane: MembraneParameters = field(MembraneParameters(), doc="both membranes, with grasp.kind: membrane")
     pressure: PressureSection = field(PressureSection(), doc="the pressure sensors")
     servo: ServoSection = field(ServoSection(), doc="the arm")

@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from seed_bringup.pictures import concepts, drawing, gallery, gel, insertion
+from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion
 
 PICTURES = {
     "frames": drawing.frames_drawing,
@@ -19,6 +19,7 @@ PICTURES = {
     "holds": gallery.knows,
     "deforms": gallery.deforms,
     "gel": gel.gel_images,
+    "answers_slip": grip.answers_slip,
 }
 
 

@@ -43,11 +43,11 @@ class SlipSigns(NamedTuple):
 
     Attributes:
         slip: share of the tool's motion that the membrane does not follow. incipient: the same at the patch's edge;
-            not a number where it is not told.
+            not a number where they are not told: then nothing is learnt from a tool that seems to stick.
         gross: the tool slides.
     """
 
-    slip: float = 0.0
+    slip: float = nan
     incipient: float = nan
     gross: bool = False
 
@@ -115,9 +115,10 @@ class SlipMargin:
 
     def _learn(self, a: float, falls: bool, dt: float, signs: SlipSigns) -> None:
         self._P += (_WANDER * self._x) ** 2 * dt
-        creep = max(signs.slip, signs.incipient) if isfinite(signs.incipient) else signs.slip
+        told = [share for share in (signs.slip, signs.incipient) if isfinite(share)]
+        creep = max(told, default=0.0)
         fresh = creep - self._settled
-        self._settled += (creep - self._settled) * (1.0 if fresh < 0.0 else min(dt / _FORGOTTEN, 1.0))
+        self._settled += fresh * (1.0 if fresh < 0.0 else min(dt / _FORGOTTEN, 1.0))
         slid, self._gross = signs.gross and not self._gross, signs.gross
         if a <= 0.0:
             return
@@ -128,7 +129,7 @@ class SlipMargin:
         high = float(np.interp(creep, _FOLLOWED, _USED_AT_MOST))
         if used < low and not falls:
             self._correct(a, low - used)
-        elif used > high:
+        elif told and used > high:
             self._correct(a, high - used)
 
     def _correct(self, a: float, difference: float) -> None:

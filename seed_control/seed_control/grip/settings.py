@@ -32,6 +32,10 @@ class GripSettings:
     latency: float = field(
         0.03, unit="s", low=0.0, high=0.5, doc="from a command to the grip it makes: loads are foretold so far"
     )
+    load_kept: bool = field(
+        True,
+        doc="a grip that tightens adds no load to a stiffness map's (membranes); false: a spring that scales with it",
+    )
     relax_after: float = field(0.5, unit="s", low=0.0, high=60.0, doc="without need of more grip, before it relaxes")
     relax_rate: float = field(0.5, unit="1/s", low=0.0, high=10.0, doc="share of the grip it gives up per second")
     answer_time: float = field(

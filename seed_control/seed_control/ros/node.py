@@ -19,12 +19,14 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from seed_control.controller import AWAY, Controller, ControlRefusedError
+from seed_control.grip import GripSettings
 from seed_control.monitor.clock_skew import SkewSettings
 from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.ros.bubble_pressures import BubblePressures
 from seed_control.ros.conversions import fill_state, hybrid_setpoint, relative_pose_setpoint, wrench_setpoint
 from seed_control.ros.estimator_clock import EstimatorClock
 from seed_control.ros.follow_setpoints import FollowServer
+from seed_control.ros.grip import GripAnswer
 from seed_control.ros.identify_payload import PayloadIdentification
 from seed_control.ros.readiness import Readiness
 from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
@@ -102,6 +104,7 @@ class ControllerNode(SeedNode):
         stiffness = self.declare(DEFAULT_STIFFNESS, "grasp", live=live, on_change=self._on_stiffness)
         hand = self.declare(Hand(), "hand")
         schedule = self.declare(ScheduleSettings(), "grip")
+        grip = self.declare(GripSettings(), "grip_answer")
         wrench = self.declare(WrenchSettings(), "wrench")
         references = self.declare(ReferenceSettings(), "reference")
         skew = self.declare(SkewSettings(), "clock")
@@ -142,6 +145,7 @@ class ControllerNode(SeedNode):
         self._arm_holds = ""  # why
         self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
         StiffnessScheduleInput(self, schedule, self._on_stiffness)
+        self.grip = GripAnswer(self, self.core, grip)
         self._estimator_clock = EstimatorClock(self, skew)
 
         self.serve(SetBool, "~/enable", self._enable)
@@ -180,6 +184,7 @@ class ControllerNode(SeedNode):
             check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
             self._dated(message, self.parameters.max_estimate_age, "relative_pose")
             estimate = estimate_from_message(message)
+        self.grip.estimate(estimate)
         self.core.add_estimate(self._pressures.into(estimate) if self._pressures else estimate)
 
     def _on_arm_wrench(self, message: WrenchStamped) -> None:
@@ -240,13 +245,13 @@ class ControllerNode(SeedNode):
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""
         weighing = "the tool is being weighed: wait for ~/weigh_tool to answer" if self.payload.busy else ""
-        return weighing or self._arm_holds or self._estimator_clock.skew.problem
+        return weighing or self._arm_holds or self.grip.hold or self._estimator_clock.skew.problem
 
     def _enable(self, on: bool) -> str:
         if on:
             self.loop.take()  # what came before it must not be taken for news afterwards; nor must the clock be old
             clock = self._estimator_clock
-            if why := self._arm_holds or clock.skew.problem or clock.pending(self.now()):
+            if why := self._arm_holds or self.grip.hold or clock.skew.problem or clock.pending(self.now()):
                 raise ControlRefusedError(f"cannot enable: {why}")
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"
@@ -262,6 +267,7 @@ class ControllerNode(SeedNode):
         self.follow.before_step(now)
         self.payload.before_step(now)
         self._output = output = self.core.step(now)
+        self.grip.after_step(now)
         self.steps += 1
         if output.X_WE is not None and self._may_send(output):
             self._target.publish(pose_stamped(output.X_WE, now, self.frames.base))

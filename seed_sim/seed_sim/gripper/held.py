@@ -14,6 +14,7 @@ from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
 from seed_sim.gripper.pulls import Pull, tool_inertia
 from seed_sim.membrane import GraspState, MembraneError, MembraneGrasp
 from seed_sim.membrane.grasp import SIDES
+from seed_sim.membrane.state import push_of
 
 DT = 0.005  # [s]
 WIDTH = 0.02  # [m] of the fingers at the first grip
@@ -52,11 +53,11 @@ class HeldTool:
         self._grasp = MembraneGrasp(pull.membrane, pull.tool)
         self.first = self._squeeze = pull.membrane.squeeze
         self.state = self._grasp.close(pull.membrane.squeeze)
-        self.grip = self.first_grip = _push(self.state)
+        self.grip = self.first_grip = push_of(self.state)
         if squeeze is not None:
             self._squeeze = squeeze
             self.state = self._grasp.close(squeeze)
-            self.grip = _push(self.state)
+            self.grip = push_of(self.state)
         self._rest: GraspState = self.state
         self.t, self.X_CT, self.slid = start, np.eye(4), 0.0
         self._V: Array = np.zeros(6)
@@ -72,7 +73,7 @@ class HeldTool:
         found = []
         for squeeze in squeezes:
             state = self._grasp.close(squeeze)
-            found.append((np.maximum(np.diag(state.tangent), 1e-3), _push(state)))
+            found.append((np.maximum(np.diag(state.tangent), 1e-3), push_of(state)))
         self.state = self._grasp.close(self._squeeze)
         return found
 
@@ -100,7 +101,7 @@ class HeldTool:
             raise TornError(str(error)) from error
         if not self.state.converged:
             self.X_CT = self.state.X_CT.copy()  # it waits for the next step where it was
-        self.grip = _push(self.state)
+        self.grip = push_of(self.state)
         self.slid = self.creep().slid
         if self.slid > SLID:
             raise TornError(f"the tool slid by more than {1e3 * SLID:g} mm")
@@ -130,11 +131,6 @@ class HeldTool:
     def X_TC(self) -> Array:
         """(4, 4)"""
         return inverse_pose(self.X_CT)
-
-
-def _push(state: GraspState) -> float:
-    R = state.X_CT[:3, :3]
-    return float(np.mean([abs(float((R @ b.wrench.force)[1])) for b in state.bubbles.values()]))
 
 
 def _edge_weights(state: GraspState, finger: str) -> Array:

@@ -195,7 +195,7 @@ def run(
 
 def _moment(held: HeldTool, told: float) -> Moment:
     spring, friction = held.spring, held.pull.friction_at(held.t)
-    load = float(np.hypot(spring.force[0], spring.force[2]))
+    load = float(np.linalg.norm((spring.force[0], spring.force[2], spring.torque[1] / RADIUS)))
     used = load / (2.0 * friction * max(held.grip, 1e-3))
     return Moment(held.t, load, held.grip, told, 1.0 - used, held.slid)
 

@@ -3,6 +3,7 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.spatial import Array, Wrench
@@ -53,3 +54,9 @@ class GraspState(NamedTuple):
         """Share of the touching nodes that slide."""
         touching = sum(int(b.touching.sum()) for b in self.bubbles.values())
         return sum(int(b.sliding.sum()) for b in self.bubbles.values()) / max(touching, 1)
+
+
+def push_of(state: GraspState) -> float:
+    """Of each finger on the tool along y of C [N], mean of both."""
+    y = state.X_CT[1, :3]
+    return float(np.mean([abs(float(y @ bubble.wrench.force)) for bubble in state.bubbles.values()]))

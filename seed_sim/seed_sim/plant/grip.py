@@ -73,6 +73,11 @@ class Grip:
         """In the bubbles at this width [hPa]."""
         return self._pressure.at_width(self.width)
 
+    @property
+    def push(self) -> float:
+        """Of each finger on the tool [N]."""
+        return max(self._grasp.grip_force + self._grasp.grip_rise * (self._grasp.nominal_width - self.width), 0.0)
+
     def set_width(self, width: float) -> None:
         """Close to width [m].
 

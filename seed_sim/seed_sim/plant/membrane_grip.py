@@ -9,6 +9,7 @@ from seed_core.bushing import Stiffness
 from seed_core.spatial import Array, Wrench, inverse_pose, so3_log
 from seed_sim.membrane import MembraneError
 from seed_sim.membrane.hold import MembraneHold, pressures
+from seed_sim.membrane.state import push_of
 from seed_sim.plant.grip import MOST_SUBSTEPS, PlantError, damping_of, rate_of
 from seed_sim.plant.tools import ToolInertia
 from seed_sim.scenario import Scenario
@@ -107,6 +108,11 @@ class MembraneGrip:
     def pressure(self) -> float:
         """Mean of both [hPa]."""
         return float(np.mean(list(self.pressures.values())))
+
+    @property
+    def push(self) -> float:
+        """Of each finger on the tool [N], mean of both."""
+        return push_of(self.hold.state)
 
     def _squeeze(self, width: float) -> float:
         """Imprint [m] at a width [m]: each finger moves by half."""

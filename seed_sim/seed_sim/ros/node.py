@@ -13,7 +13,7 @@ from rclpy.clock_type import ClockType
 from rclpy.publisher import Publisher
 from seed_msgs.msg import RelativePose
 from seed_msgs.srv import SetGripperWidth
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from seed_control.tasks import load_task
@@ -33,6 +33,7 @@ from seed_sim.plant.plant import Plant
 from seed_sim.plant.plant_time import PlantTime
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.replay import Film, replay_of
+from seed_sim.ros.fingers import Fingers
 from seed_sim.ros.outputs import Outputs
 from seed_sim.scenario import load_scenario
 from seed_ur.models import MODELS
@@ -98,7 +99,7 @@ class SimNode(SeedNode):
             self._wait_for(PoseStamped, "current_pose")
         if settings.clock:
             self._wait_for(RelativePose, "relative_pose")
-        self.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
+        self.fingers = Fingers(self, self.plant)
 
         self.serve(Trigger, "~/grasp", self._grasp)
         self.serve(Trigger, "~/release", self._release)
@@ -130,6 +131,7 @@ class SimNode(SeedNode):
     def _tick(self) -> None:
         try:
             self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
+            self.fingers.advance()
             self.beats.add()
         except MembraneError as error:
             self._lose_tool(str(error))
@@ -180,10 +182,6 @@ class SimNode(SeedNode):
             raise MessageError(why)
         return X_WE
 
-    def _on_width(self, message: Float64) -> None:
-        with self.counters.refusing("widths_refused"):
-            self._close_to(message.data)
-
     # services
     def _resume(self) -> str:
         self._latch.resume()
@@ -207,6 +205,7 @@ class SimNode(SeedNode):
         self.plant.reset(self._X_WE_start)
         self.holder.release()
         self._latch.hold(PUT)
+        self.fingers.restart()
         self._outputs.restart()
         self.time.restart(time.monotonic(), now)
         return f"arm at its start, tool in its holder, gripper open{REMEDY} to have the arm follow again"
@@ -225,6 +224,7 @@ class SimNode(SeedNode):
         if not np.isfinite(width) or width < 0.0:
             raise PlantError(f"gripper width = {width} m must be finite and not negative")
         self.plant.set_gripper_width(width)
+        self.fingers.restart()
         return f"fingers {1e3 * width:.1f} mm apart"
 
     def _save_replay(self) -> str:

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between widths and forces of fingers and the goals of a gripper's action server, whose joint may be an angle."""
+
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+from typing import NamedTuple
+
+from seed_core.config import ConfigError, field
+from seed_core.errors import SeedError
+
+
+class GripperError(SeedError):
+    """A command that no gripper can carry out."""
+
+
+@dataclass(frozen=True)
+class GripperActionConfig:
+    """One parallel gripper behind control_msgs/GripperCommand or control_msgs/ParallelGripperCommand."""
+
+    action: str = field("gripper_controller/gripper_cmd", doc="name of the action")
+    kind: str = field(
+        "GripperCommand", choices=("GripperCommand", "ParallelGripperCommand"), doc="its type, of control_msgs"
+    )
+    joint: str = field("gripper_joint", doc="name of the joint in joint_states and in the goals")
+    open_width: float = field(0.085, unit="m", low=0.001, high=1.0, doc="distance of the open fingers")
+    open_position: float = field(0.085, low=-10.0, high=10.0, doc="of the joint there [m or rad]")
+    closed_position: float = field(0.0, low=-10.0, high=10.0, doc="of the joint where the fingers meet [m or rad]")
+    max_force: float = field(20.0, unit="N", low=0.1, high=500.0, doc="of each finger, with commands of width")
+    effort_per_force: float = field(1.0, low=1e-3, high=1e3, doc="the action's effort per newton of one finger")
+    force: str = field(
+        "measured",
+        choices=("measured", "commanded"),
+        doc="what gripper/force tells: the joint's effort, or what was asked for once the server says it has settled",
+    )
+    rate: float = field(20.0, unit="Hz", low=1.0, high=200.0, doc="of goals, at most")
+    least_width: float = field(2e-4, unit="m", low=0.0, high=0.01, doc="smaller changes of width send no goal")
+    least_force: float = field(0.2, unit="N", low=0.0, high=10.0, doc="smaller changes of force send no goal")
+
+    def __post_init__(self) -> None:
+        if self.open_position == self.closed_position:
+            raise ConfigError(f"open_position and closed_position are both {self.open_position:g}: they must differ")
+
+
+class Goal(NamedTuple):
+    """What an action server is sent: joint position [m or rad] and effort; force: [N] of each finger that it means."""
+
+    position: float
+    effort: float
+    force: float
+
+
+class GripperGoals:
+    """Which goal to send, and what the joint says of the fingers. Time is an argument."""
+
+    def __init__(self, config: GripperActionConfig) -> None:
+        self.config = config
+        self._wanted: Goal | None = None
+        self._sent: Goal | None = None
+        self._when = -inf  # [s]
+
+    def width(self, width: float) -> None:
+        """The fingers are to go to a width [m], and push with no more than max_force. Raises GripperError."""
+        c = self.config
+        if not isfinite(width) or not 0.0 <= width <= c.open_width:
+            raise GripperError(f"gripper/command = {width} m must be between 0 and open_width = {c.open_width:g} m")
+        self._wanted = self._goal(width, c.max_force)
+
+    def push(self, force: float) -> None:
+        """Each finger is to push with a force [N]. Raises GripperError."""
+        c = self.config
+        if not isfinite(force) or not 0.0 <= force <= c.max_force:
+            raise GripperError(f"gripper/force_command = {force} N must be between 0 and max_force = {c.max_force:g} N")
+        self._wanted = self._goal(0.0, force)
+
+    def _goal(self, width: float, force: float) -> Goal:
+        c = self.config
+        share = width / c.open_width
+        position = c.closed_position + share * (c.open_position - c.closed_position)
+        return Goal(position, force * c.effort_per_force, force)
+
+    def due(self, t: float) -> Goal | None:
+        """The goal to send at t [s]; None where there is nothing new."""
+        c, new, old = self.config, self._wanted, self._sent
+        if new is None or t - self._when < 1.0 / c.rate:
+            return None
+        if old is not None:
+            moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
+            if moved < c.least_width and abs(new.force - old.force) < c.least_force:
+                return None
+        self._sent, self._when = new, t
+        return new
+
+    def refused(self) -> None:
+        """The server did not accept the newest goal: it is sent again."""
+        self._sent = None
+
+    def width_of(self, position: float) -> float:
+        """Distance of the fingers [m] where the joint is at a position [m or rad]."""
+        c = self.config
+        return (position - c.closed_position) / (c.open_position - c.closed_position) * c.open_width
+
+    def force_of(self, effort: float) -> float:
+        """Push of each finger [N] at a joint's effort; not a number for one that is not told."""
+        return abs(effort) / self.config.effort_per_force if isfinite(effort) else nan
