@@ -14,7 +14,7 @@ class GripSettings:
         "off", choices=("off", "width", "force"), doc="what the gripper is sent: nothing, gripper/command or "
         "gripper/force_command"
     )  # fmt: skip
-    margin: float = field(0.15, low=0.05, high=0.9, doc="slip margin to keep: the share of friction left unused")
+    margin: float = field(0.2, low=0.05, high=0.9, doc="slip margin to keep: the share of friction left unused")
     friction: float = field(0.8, low=0.05, high=5.0, doc="Coulomb's coefficient between membrane and tool, at first")
     friction_deviation: float = field(0.1, low=0.0, high=1.0, doc="its relative standard deviation")
     patch_radius: float = field(
