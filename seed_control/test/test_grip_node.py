@@ -81,6 +81,8 @@ def test_it_grips_as_the_pull_needs_and_tells_the_margin(answering: tuple[Bench,
     needed = PULL / (2.0 * FRICTION)
     assert bench.until(lambda: needed < gripper.force < 1.6 * needed and 0.1 < margins[-1] < 0.4)
     assert cell.state.mode != "holding"
+    told.clear()  # it is told five times a second
+    assert bench.until(lambda: bool(told))
     values = {v.key: float(v.value) for v in told[-1].values}
     assert values["load_N"] == pytest.approx(PULL, rel=0.2)
     assert values["friction"] == pytest.approx(FRICTION, rel=0.2)
