@@ -30,6 +30,7 @@ COMMANDS = (
     Command("launch", "seed_bringup.commands.launch", "run a launch file: launch FILE [name:=value ...]"),
     Command("call", "seed_bringup.commands.call", "call a service of a running cell, or list them"),
     Command("play", "seed_bringup.commands.play", "play a task on a running cell"),
+    Command("teach", "seed_bringup.teach.command", "a demonstration as a task file: of a bag, or led by hand"),
     Command("cancel", "seed_bringup.commands.cancel", "end the task that a running cell plays"),
     Command("watch", "seed_bringup.commands.watch", "print a topic of a running cell, or list them"),
     Command("view", "seed_bringup.commands.view", "the operator page, in a browser: a running cell, or a bag"),

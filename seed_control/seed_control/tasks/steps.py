@@ -35,7 +35,7 @@ class Step:
 
 def steps_of(task: Task) -> list[Step]:
     """All steps of the task in order: phases as they stand, a drawing's strokes before the last one."""
-    steps = [Step(p, (p.to,) if p.to else ()) for p in task.phases]
+    steps = [Step(p, (*p.through, p.to) if p.to else ()) for p in task.phases]
     return steps if task.draw is None else [*steps[:-1], *_drawing(task.draw), steps[-1]]
 
 

@@ -105,6 +105,7 @@ class Phase:
         choices=("work", "surface"),
         doc="axes of path, force and tilt: the work frame's, or the surface's own as it is found; `to` is then a way",
     )
+    through: tuple[Vector, ...] = field((), unit="m", low=-2, high=2, doc="corners of the path before its end")
     tilt: Vector | None = field(
         None,
         unit="deg",
@@ -133,6 +134,10 @@ class Phase:
     def __post_init__(self) -> None:
         if self.contact_stop is not None and (self.to or self.control or self.search or self.insert):
             raise ConfigError("contact_stop brings its own way and force: leave out to, control, search and insert")
+        if self.through and self.to is None:
+            raise ConfigError("through needs to: where the path ends")
+        if self.through and self.along != "work":
+            raise ConfigError("through has places in the work frame: it needs along: work")
         if self.search is not None and self.insert is not None:
             raise ConfigError("a phase is either search or insert: give two phases")
         for name, section in (("search", self.search), ("insert", self.insert)):

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Listens to a running cell while the arm is led by hand, or while a task plays."""
+
+import select
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from functools import partial
+
+from seed_msgs.msg import ControllerState, WrenchEstimate
+
+from seed_bringup.ros.session import Session
+from seed_bringup.teach.heard import STATE, WRENCH, Heard
+from seed_ros.qos import QUEUE
+
+FREEDRIVE = "driver/set_freedrive"
+
+
+def heard_of(check: Callable[[], None], namespace: str, freedrive: bool, seconds: float) -> Heard:
+    """What is shown until Enter is pressed, or for so long [s] if that is above 0.
+
+    Args:
+        check: is called often, and may raise.
+        freedrive: let the arm be led, and hold it again afterwards.
+
+    Raises:
+        SessionError: the arm does not go into freedrive.
+    """
+    heard = Heard()
+    with closing(Session(check, follow=False, namespace=namespace)) as session:
+        for name, kind in ((STATE, ControllerState), (WRENCH, WrenchEstimate)):
+            session.node.create_subscription(kind, name, partial(heard.take, name), QUEUE)
+        print(f"seed teach: listening to {session.arm()}", flush=True)
+        try:
+            if freedrive:
+                print(f"seed teach: {session.switch(FREEDRIVE, True)}", flush=True)
+            if seconds:
+                session.spin(seconds)
+            else:
+                print("seed teach: show it now; press Enter when it is done", flush=True)
+                session.until(lambda: bool(select.select([sys.stdin], [], [], 0.0)[0]), float("inf"), "")
+        finally:
+            if freedrive:
+                print(f"seed teach: {session.switch(FREEDRIVE, False)}", flush=True)
+    return heard

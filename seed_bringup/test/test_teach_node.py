@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""./seed teach: from a bag, and from a cell whose arm is led by hand."""
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+import rclpy
+from action_msgs.srv import CancelGoal
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from seed_msgs.msg import ControllerState, WrenchEstimate
+from std_srvs.srv import SetBool
+
+from seed_bringup.bags.files import BagWriter
+from seed_bringup.teach import command
+from seed_control.tasks import load_task
+from seed_ros.conversions import stamped
+from seed_ros.qos import COMMAND
+
+pytestmark = pytest.mark.ros
+RATE = 30.0  # [Hz]
+
+
+def messages(enabled: bool, gap: float = 0.0) -> Iterator[tuple[ControllerState, WrenchEstimate]]:
+    """Down to the table, 0.1 m along it with 6 N, and up."""
+    corners = np.array(((0.4, 0.0, 0.03), (0.4, 0.0, 0.0), (0.4, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.0, 0.03)))
+    at, force = np.array((0.0, 1.0, 1.6, 4.6, 5.6)), (0.0, 0.0, 6.0, 6.0, 0.0)
+    for t in np.arange(0.0, at[-1], 1.0 / RATE):
+        stamp = 100.0 + t + (gap if t > 3.0 else 0.0)
+        state, wrench = stamped(ControllerState, stamp, "base"), stamped(WrenchEstimate, stamp, "base")
+        p, state.enabled = state.tip.position, enabled
+        p.x, p.y, p.z = (float(np.interp(t, at, c)) for c in corners.T)
+        state.tip.orientation.x, state.tip.orientation.w = 1.0, 0.0
+        wrench.wrench.force.z = -float(np.interp(t, at, force)) if 1.0 < t < 4.6 else 0.0
+        yield state, wrench
+
+
+def write(path: Path, **how: Any) -> Path:
+    with BagWriter(path) as bag:
+        states = bag.add_topic("/controller/state", "seed_msgs/msg/ControllerState")
+        wrenches = bag.add_topic("/wrench_estimate", "seed_msgs/msg/WrenchEstimate")
+        for k, (state, wrench) in enumerate(messages(**how)):
+            bag.write(states, 1000 + 10 * k, serialize_message(state))
+            bag.write(wrenches, 1001 + 10 * k, serialize_message(wrench))
+    return path
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_bag_becomes_a_task_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], enabled: bool) -> None:
+    out = tmp_path / "mine.yaml"
+    assert command.main([str(out), str(write(tmp_path / "bag.mcap", enabled=enabled)), "--resists", "x"]) == 0
+    told = capsys.readouterr().out
+    assert f"an arm that was {'played' if enabled else 'led'}; forces 6 N; 100 mm in contact" in told
+    task = load_task(str(out))
+    wipe = next(p for p in task.phases if p.name == "wipe")
+    assert wipe.control is not None
+    assert wipe.control.force == pytest.approx((0.0, 0.0, -6.0), abs=0.1)
+    end = task.frame.pose @ np.append(wipe.to, 1.0)
+    np.testing.assert_allclose(end[:3], (0.5, 0.0, 0.0), atol=1.5e-3)
+    assert command.main([str(out), str(tmp_path / "bag.mcap")]) == 2
+    assert "exists: name another file" in capsys.readouterr().err
+
+
+def test_a_bag_that_is_no_demonstration_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "mine.yaml"
+    assert command.main([str(out), str(write(tmp_path / "gap.mcap", enabled=True, gap=2.0))]) == 2
+    assert "the demonstration has a gap of 2.03 s" in capsys.readouterr().err
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.add_topic("/controller/state", "seed_msgs/msg/ControllerState")
+    assert command.main([str(out), str(tmp_path / "other.mcap")]) == 2
+    assert "lacks /wrench_estimate: record with" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_an_arm_that_is_led_by_hand_is_heard_and_held_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    context, over, switched = Context(), threading.Event(), []
+    rclpy.init(args=[], context=context)
+    node = Node("sim", context=context)
+    led = threading.Event()
+
+    def freedrive(request: Any, response: Any) -> Any:
+        switched.append(request.data)
+        led.set()
+        response.success, response.message = True, f"freedrive {'on' if request.data else 'off'}"
+        return response
+
+    node.create_service(SetBool, "driver/set_freedrive", freedrive)
+    node.create_service(CancelGoal, "controller/follow_setpoints/_action/cancel_goal", lambda _, r: r)
+    publishers = [
+        node.create_publisher(ControllerState, "controller/state", COMMAND),
+        node.create_publisher(WrenchEstimate, "wrench_estimate", COMMAND),
+    ]
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+
+    def show() -> None:
+        led.wait(30.0)
+        for both in messages(enabled=False):
+            for publisher, message in zip(publishers, both, strict=True):
+                publisher.publish(message)
+                time.sleep(0.005)
+        over.set()
+
+    threads = [threading.Thread(target=target, daemon=True) for target in (spin, show)]
+    for thread in threads:
+        thread.start()
+    try:
+        out = tmp_path / "mine.yaml"
+        assert command.main([str(out), "--freedrive", "--seconds", "5"]) == 0
+    finally:
+        executor.shutdown(timeout_sec=2.0)
+        rclpy.try_shutdown(context=context)
+    told = capsys.readouterr().out
+    assert "listening to a simulated arm" in told
+    assert "forces 6 N" in told
+    assert switched == [True, False]
+    assert over.is_set()

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far what was played is from what was shown: along the path in contact, where the force is there."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from seed_control.teach.demonstration import STEP, Demonstration, TeachError
+from seed_control.teach.frame import work_frame
+from seed_control.teach.make import LEVEL, SHORTEST
+from seed_control.teach.pieces import levels, touches
+from seed_control.teach.settings import TeachSettings
+from seed_core.spatial import Array, inverse_pose
+
+
+class Difference(NamedTuple):
+    """Of a run from its demonstration.
+
+    Attributes:
+        path: distance of the paths in the surface, root mean square [m]. path_max: the largest [m].
+        force: difference of the pressing forces at the same place, root mean square [N].
+    """
+
+    path: float
+    path_max: float
+    force: float
+
+
+def difference(shown: Demonstration, played: Demonstration, settings: TeachSettings | None = None) -> Difference:
+    """Of the part where both press with a force that stays. Raises TeachError: one of them never does."""
+    settings = settings or TeachSettings()
+    one, other = shown.even(), played.even()
+    X_W, _ = work_frame(one, _touched(one, settings))
+    (p, f), (q, g) = (_pressed(d, X_W, settings) for d in (one, other))
+    there, at = cKDTree(p).query(q)
+    back, _ = cKDTree(q).query(p)
+    away = np.concatenate((there, back))
+    return Difference(float(np.sqrt(np.mean(away**2))), float(away.max()), float(np.sqrt(np.mean((g - f[at]) ** 2))))
+
+
+def _touched(d: Demonstration, settings: TeachSettings) -> list[tuple[int, int]]:
+    return touches(np.linalg.norm(d.forces, axis=1), settings.touch, round(SHORTEST / STEP))
+
+
+def _pressed(d: Demonstration, X_W: Array, settings: TeachSettings) -> tuple[Array, Array]:
+    """Points (n, 2) [m] in the surface and pressing forces (n,) [N] where the force is there."""
+    p = (inverse_pose(X_W) @ d.X_W_tip)[:, :2, 3]
+    press = -(d.forces @ X_W[:3, 2])
+    keep = [
+        np.arange(a + level.there, a + level.end)
+        for a, b in _touched(d, settings)
+        for level in levels(press[a:b], settings.force, round(LEVEL / STEP))
+    ]
+    if not keep:
+        raise TeachError("nothing was touched: there is nothing to compare")
+    every = np.concatenate(keep)
+    return p[every], press[every]

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A task made of a demonstration: free ways, presses until the force is there, and pieces of path with one force."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from seed_control.tasks.task import Control, Phase, Task, Vector, WorkFrame
+from seed_control.teach.demonstration import STEP, Demonstration, TeachError
+from seed_control.teach.frame import work_frame
+from seed_control.teach.pieces import Span, corners, levels, moves, speed_of, touches
+from seed_control.teach.settings import TeachSettings
+from seed_core.spatial import Array, inverse_pose
+
+CLEAR = 0.004  # [m] above the surface: what is nearer belongs to touching and letting go
+ABOVE = 0.015  # [m] from which a touch begins, and to which the tool is let go
+RELEASE = 0.03  # [m/s] at most: the tool springs back as the contact opens, slowly enough for cameras to follow
+PRESSING = 0.005  # [m/s] at least along the surface while the force comes
+FREE = 0.1  # [m/s] at most on the way to the start
+SLOW = 0.003  # [m/s] below which the tip stands
+PAUSE = 0.8  # [s] from which standing is a part of what was shown
+LEVEL = 0.5  # [s] from which a force is one that was meant
+SHORTEST = 0.3  # [s] of a touch
+ACCELERATION = 0.2  # [m/s^2]
+
+
+class Taught(NamedTuple):
+    """What came of a demonstration.
+
+    Attributes:
+        task: that plays again.
+        forces: [N] of its pieces, in order.
+        length: of its path in contact [m]. corners: of that path.
+        uneven: by how much the touched points leave a plane [m].
+    """
+
+    task: Task
+    forces: tuple[float, ...]
+    length: float
+    corners: int
+    uneven: float
+
+
+def taught(shown: Demonstration, name: str, tool: str, settings: TeachSettings | None = None) -> Taught:
+    """The task of a demonstration; name: of the task, tool: that was held.
+
+    Raises:
+        TeachError: what was shown has gaps or jumps, is too short, or presses in no one direction.
+    """
+    settings = settings or TeachSettings()
+    shown.check(settings)
+    return _Maker(shown.even(), settings).task(name, tool)
+
+
+class _Maker:
+    """Cuts an even demonstration into phases."""
+
+    def __init__(self, shown: Demonstration, settings: TeachSettings) -> None:
+        self._settings = settings
+        size = np.linalg.norm(shown.forces, axis=1)
+        self._touched = touches(size, settings.touch, round(SHORTEST / STEP))
+        X_W, self._uneven = work_frame(shown, self._touched)
+        X = inverse_pose(X_W) @ shown.X_W_tip
+        self._X_W, self._p = X_W, X[:, :3, 3]
+        self._press = -(shown.forces @ X_W[:3, 2])  # [N] into the surface
+        self._R = self._held(Rotation.from_matrix(X[:, :3, :3]))
+        self._tilt = Rotation.identity()  # of the tip so far, relative to the task's
+        self._forces: list[float] = []
+        self._length, self._corners = 0.0, 0
+
+    def _held(self, R: Rotation) -> Rotation:
+        """The tip's rotations, relative to their mean; about axes that the contact resists they are not held."""
+        a, b = self._touched[0] if self._touched else (0, len(self._p))
+        self._R_tip = R[a:b].mean()
+        turns = (self._R_tip.inv() * R).as_rotvec()
+        turns[:, ["xyz".index(axis) for axis in self._settings.resists]] = 0.0
+        return Rotation.from_rotvec(turns)
+
+    def task(self, name: str, tool: str) -> Taught:
+        """All phases."""
+        phases: list[Phase] = []
+        before = 0
+        for number, (a, b) in enumerate(self._touched, start=1):
+            suffix = f" {number}" if len(self._touched) > 1 else ""
+            phases += self._free((before, a), f"approach{suffix}", "end")
+            phases += self._contact((a, b), suffix)
+            x, y, _ = phases[-1].to or self._p[b - 1]
+            phases.append(self._phase(f"release{suffix}", (b - 1, b), (x, y, ABOVE), RELEASE))
+            before = b
+        phases += self._free((before, len(self._p)), "leave" if self._touched else "move", "start")
+        if not phases:
+            raise TeachError("the tip neither moved nor touched anything: there is nothing to play")
+        first = phases[0]
+        phases[0] = replace(first, speed=min(first.speed, FREE))
+        rpy = np.rad2deg(_rpy(Rotation.from_matrix(self._X_W[:3, :3])))
+        task = Task(
+            name=name,
+            description=f"taught: {len(self._forces)} forces, {1e3 * self._length:.0f} mm in contact",
+            tool=tool,
+            frame=WorkFrame(_vector(self._X_W[:3, 3]), _vector(rpy, 3)),
+            tip_rpy=_vector(np.rad2deg(_rpy(self._R_tip)), 3),
+            phases=tuple(phases),
+        )
+        return Taught(task, tuple(self._forces), self._length, self._corners, self._uneven)
+
+    # free ways
+    def _free(self, span: Span, name: str, near: str) -> Iterator[Phase]:
+        """Without contact; near: which end of it is at the surface, from which it keeps clear."""
+        a, b = span
+        if self._touched:
+            low = CLEAR if near == "end" else ABOVE
+            clear = np.flatnonzero(self._p[a:b, 2] > low) + a
+            a, b = (int(clear[0]), int(clear[-1]) + 1) if len(clear) else (a, a)
+        if near == "end" and b - a < 2:  # it was shown from the surface on
+            x, y = self._p[span[1]][:2] if span[1] < len(self._p) else self._p[-1][:2]
+            yield self._phase(name, (span[1], span[1] + 1), (x, y, ABOVE), FREE)
+            return
+        if near == "end" and a == 0:
+            yield self._phase("begin", (a, a + 1), _vector(self._p[a]), FREE)
+        if b - a >= 2:
+            yield from self._way((a, b), name, None, self._settings.path)
+
+    # contact
+    def _contact(self, span: Span, suffix: str) -> Iterator[Phase]:
+        a, b = span
+        pieces = levels(self._press[a:b], self._settings.force, round(LEVEL / STEP))
+        for number, (i, there, j, size) in enumerate(pieces, start=1):
+            if size <= 0.0:
+                raise TeachError(
+                    f"the force pulls {-size:.1f} N away from the surface {self._time(a + i):.1f} s after the start: "
+                    "only pressing can be taught"
+                )
+            control = self._control(size)
+            self._forces.append(round(size, 2))
+            word = f"{suffix} {number}" if len(pieces) > 1 else suffix
+            yield from self._press_to((a + i, a + there), f"press{word}", control)
+            yield from self._way((a + there, a + j), f"wipe{word}", control, self._settings.path)
+
+    def _press_to(self, span: Span, name: str, control: Control) -> Iterator[Phase]:
+        """On from the touch until the force is there."""
+        a, b = span
+        b = max(b, a + 1)
+        path = self._p[a:b] * (1.0, 1.0, 0.0)
+        speed = self._speed(path, PRESSING)
+        yield replace(self._phase(name, (a, b), _vector(path[-1]), speed), control=control, until="settled", dwell=0.15)
+
+    def _control(self, size: float) -> Control:
+        axes = self._settings.resists
+        return Control((0.0, 0.0, -round(size, 2)), torque_axes=axes, contact_resists=axes)
+
+    # ways
+    def _way(self, span: Span, name: str, control: Control | None, tolerance: float) -> Iterator[Phase]:
+        """A path with its pauses, cut where the tip turns."""
+        flat = (1.0, 1.0, 0.0) if control is not None else (1.0, 1.0, 1.0)
+        points = self._p[span[0] : span[1]] * flat
+        for (i, j), moving in moves(points, STEP, SLOW, round(PAUSE / STEP)):
+            a, b = span[0] + i, span[0] + j
+            if not moving:
+                if control is not None:
+                    yield Phase(f"{name} stay", control=control, dwell=round((b - a) * STEP, 2))
+                continue
+            turns = self._R[a:b].as_rotvec()
+            cuts = corners(turns, np.deg2rad(self._settings.turn))
+            for k, m in pairwise(cuts):
+                part = points[i + k : i + m + 1]
+                kept = part[corners(part, tolerance)]
+                phase = self._phase(name, (a + k, a + m + 1), _vector(kept[-1]), self._speed(part, 1e-4))
+                through = tuple(_vector(point) for point in kept[1:-1])
+                yield replace(phase, through=through, control=control, acceleration=ACCELERATION)
+                if control is not None:
+                    self._length += _length(part)
+                    self._corners += len(kept)
+
+    def _phase(self, name: str, span: Span, to: Vector, speed: float) -> Phase:
+        """A phase of samples, which ends with the tip's rotation of the last, if that is another."""
+        turn = self._R[min(span[1], len(self._R)) - 1]
+        tilt = None
+        if np.rad2deg((self._tilt.inv() * turn).magnitude()) > self._settings.turn:
+            self._tilt, tilt = turn, _vector(np.rad2deg(_rpy(turn)), 3)
+        return Phase(name, (round(to[0], 6), round(to[1], 6), round(to[2], 6)), tilt=tilt, speed=round(speed, 4))
+
+    def _speed(self, path: Array, low: float) -> float:
+        return speed_of(_length(path), len(path) * STEP, ACCELERATION, low, 0.25)
+
+    def _time(self, sample: int) -> float:
+        return sample * STEP
+
+
+def _length(points: Array) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _rpy(R: Rotation) -> Array:
+    return np.asarray(R.as_euler("xyz"))
+
+
+def _vector(values: Array, digits: int = 6) -> Vector:
+    x, y, z = (round(float(v), digits) + 0.0 for v in values)
+    return x, y, z
