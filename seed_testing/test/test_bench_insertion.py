@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from seed_core.errors import SeedError
-from seed_testing.bench.insertion import run, summarised
+from seed_testing.bench.campaigns.insertion import run, summarised
 
 SETTINGS = {"task": "insert_peg", "estimator": "noisy", "clearance": None}
 

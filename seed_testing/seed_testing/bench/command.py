@@ -27,8 +27,8 @@ LONG = {  # commands with arguments of their own
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
     "fuzz": "seed_testing.bench.fuzz",
-    "law": "seed_testing.bench.law",
-    "insertion": "seed_testing.bench.insertion",
+    "law": "seed_testing.bench.campaigns.law",
+    "insertion": "seed_testing.bench.campaigns.insertion",
     "hosts": "seed_testing.two_hosts.command",
 }
 
