@@ -14,7 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from seed_core.hand import Frame, Hand
-from seed_estimation import PinholeCamera
+from seed_estimation import EstimatorError, PinholeCamera
 from seed_estimation.gel.sensor import Gel
 from seed_estimation.gel.settings import GelSettings
 from seed_estimation.sensors.estimator import SensorEstimator
@@ -65,10 +65,9 @@ def believed(hand: Hand, rng: np.random.Generator) -> Hand:
 
 
 def one(seed: int, motion: TrajectorySection = MOTION, places: tuple[int, int] = PLACES) -> dict[str, Any]:
-    """Scores of one draw, by case; places: columns and rows of the ball's presses.
+    """Scores of one draw, by case, or the words with which its grasp is refused.
 
-    Raises:
-        EstimatorError: the grasp is refused.
+    places: columns and rows of the ball's presses.
     """
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, 0x6E1))
@@ -83,10 +82,14 @@ def one(seed: int, motion: TrajectorySection = MOTION, places: tuple[int, int] =
     estimators: dict[str, SensorEstimator[Any]] = {}
     for case, fingers in CASES.items():
         gels = {f: Gel(f, settings, cameras[f], mount(hand, f), shadings[f]) for f in fingers}
-        estimators[case] = SensorEstimator(gels, SensorEstimatorParameters(), "gel")
-        estimators[case].capture_reference(free)
-        estimators[case].initialize_grasp(held)
-    series = {case: Series() for case in CASES}
+        estimator = SensorEstimator(gels, SensorEstimatorParameters(), "gel")
+        try:
+            estimator.capture_reference(free)
+            estimator.initialize_grasp(held)
+            estimators[case] = estimator
+        except EstimatorError as error:
+            out[case] = {"refused": str(error)}
+    series = {case: Series() for case in estimators}
     for stamp, X_CT in poses(motion, seed):
         images = renderer.render(X_CT, stamp)
         for case, estimator in estimators.items():
@@ -107,15 +110,19 @@ def score_draws(seed: int, draws: int, jobs: int) -> dict[str, Any]:
     each = Parallel(n_jobs=jobs)(delayed(one)(s) for s in range(seed, seed + draws))
     out: dict[str, Any] = {"seed": seed, "draws": draws}
     for case in CASES:
-        rmse = np.array([[d[case]["rmse"][name] or np.nan for name in NAMED] for d in each], float)
+        scored = [d[case] for d in each if "refused" not in d[case]]
+        out[case] = {"refused": draws - len(scored)}
+        if not scored:
+            continue
+        rmse = np.array([[d["rmse"][name] or np.nan for name in NAMED] for d in scored], float)
         rms = dict(zip(NAMED, np.sqrt(np.nanmean(rmse**2, axis=0)).tolist(), strict=True))
         within = [n for n, v in rms.items() if v <= (GOAL[0] if n.endswith("mm") else GOAL[1])]
-        out[case] = {
+        out[case] |= {
             "rms": rms,
             "worst_draw": dict(zip(NAMED, np.nanmax(rmse, axis=0).tolist(), strict=True)),
-            "valid_fraction": float(np.mean([d[case]["valid_fraction"] for d in each])),
-            "nees": float(np.mean([d[case]["nees"] for d in each if d[case]["nees"] is not None])),
-            "ms_per_frame": float(np.median([d[case]["ms_per_pair"]["median"] for d in each])),
+            "valid_fraction": float(np.mean([d["valid_fraction"] for d in scored])),
+            "nees": float(np.mean([d["nees"] for d in scored if d["nees"] is not None])),
+            "ms_per_frame": float(np.median([d["ms_per_pair"]["median"] for d in scored])),
             "axes_within_goal": within,
         }
     return out | {"each": each}
@@ -126,7 +133,10 @@ def table(result: dict[str, Any]) -> str:
     lines = [f"gels, {result['draws']} draws from seed {result['seed']}; rms over draws (worst draw)"]
     for case in CASES:
         c = result[case]
-        lines.append(f"{case}: {100 * c['valid_fraction']:.1f} % valid, {c['ms_per_frame']:.1f} ms CPU a frame, "
+        lines.append(f"{case}: {c['refused']} grasps refused")
+        if "rms" not in c:
+            continue
+        lines.append(f"  {100 * c['valid_fraction']:.1f} % valid, {c['ms_per_frame']:.1f} ms CPU a frame, "
                      f"normalised error squared {c['nees']:.1f} (6 expected)")  # fmt: skip
         lines += [f"  {name:9} {c['rms'][name]:7.3f} ({c['worst_draw'][name]:.3f})" for name in NAMED]
         lines.append(f"  within {GOAL[0]:g} mm and {GOAL[1]:g} degree: {len(c['axes_within_goal'])} of 6 axes")
