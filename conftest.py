@@ -72,6 +72,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=2))
 
 
+def _locks(run: str) -> list[Path]:
+    """Files that the workers of one run lock: clock, gate and lock."""
+    return [Path(tempfile.gettempdir()) / f"seed-test-run-{run}.{name}" for name in ("clock", "gate", "lock")]
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """With several workers, a realtime test has the machine to itself: others share a lock that it holds alone.
@@ -83,19 +88,24 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         return (yield)
     realtime, bears = (item.get_closest_marker(name) is not None for name in ("realtime", "neighbourly"))
     alone = realtime and not bears
-    path = Path(tempfile.gettempdir()) / f"seed-test-run-{run}"
     # Whoever waits for the machine stands in the gate, so that the others cannot overtake it for ever.
-    with (
-        path.with_suffix(".clock").open("w") as clock,
-        path.with_suffix(".gate").open("w") as gate,
-        path.with_suffix(".lock").open("w") as lock,
-    ):
+    with contextlib.ExitStack() as stack:
+        clock, gate, lock = (stack.enter_context(file.open("w")) for file in _locks(run))
         if realtime and bears:
             fcntl.flock(clock, fcntl.LOCK_EX)
         fcntl.flock(gate, fcntl.LOCK_EX)
         fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         fcntl.flock(gate, fcntl.LOCK_UN)
         return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
+    """The process that started the workers removes what they locked, once they have ended."""
+    yield  # pytest-xdist ends its workers in here
+    workers = getattr(session.config.pluginmanager.get_plugin("dsession"), "nodemanager", None)
+    for file in _locks(workers.testrunuid) if workers is not None else ():
+        file.unlink(missing_ok=True)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

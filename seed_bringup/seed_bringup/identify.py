@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, results_folder, seed_number, whole
+from seed_core.program.command_line import Parser, command, results_folder, seed_number, whole
 from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
@@ -31,7 +31,7 @@ def main(argv: list[str]) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(prog="seed identify", description=__doc__, formatter_class=Help)
+    out = Parser(prog="seed identify", description=__doc__)
     out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sim/config/identify")
     out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
     out.add_argument(

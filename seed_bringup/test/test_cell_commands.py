@@ -94,7 +94,8 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     assert "takes neither" in trigger.stderr
     gone = seed("call", "sim/gone")
     assert gone.returncode == 1
-    assert "is the cell running" in gone.stderr
+    assert "no service /sim/gone; ./seed call lists what there is" in gone.stderr
+    assert "did you mean sim/grasp?" in seed("call", "sim/grab").stderr
     assert cell.poll() is None
 
 

@@ -63,6 +63,9 @@ WRONG = [
     "ur-sim --host 0.0.0.0",
     "ur-sim --version 4",
     "lint --gone",
+    "launch --gone",
+    "view --gone",
+    "compare --gone",
 ]
 
 
@@ -92,7 +95,9 @@ def test_wrong_use_exits_with_2_and_says_how(
     said = capfd.readouterr()
     assert code == 2, said.err
     assert "Traceback" not in said.err
-    assert (said.err or said.out).strip()
+    lines = said.err.strip().splitlines()
+    longer = words.startswith("test ") or words.endswith("--scenario {junk}")  # pytest's own words; a place in YAML
+    assert len(lines) == 1 or longer
 
 
 @pytest.mark.parametrize(

@@ -241,6 +241,12 @@ def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
     wrong = subprocess.run([ROOT / "seed", "dmeo"], env=environment, capture_output=True, text=True, cwd=tmp_path)
     assert wrong.returncode == 2
     assert "no command 'dmeo'" in wrong.stderr
+    command = [ROOT / "seed", "build", "--nonsense"]
+    wrong = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert (wrong.returncode, wrong.stderr) == (
+        2,
+        "seed: build takes settings of CMake, -DNAME=VALUE, not --nonsense\n",
+    )
     assert not (tmp_path / "none").exists()
 
 

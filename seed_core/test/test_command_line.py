@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Help, command, number, results_folder, seed_number, to_json
+from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json
 
 
 @pytest.mark.parametrize("text", ["-1", "x", "1.5", "", str(2**31), "99999999999999999999"])
@@ -60,13 +60,15 @@ def test_a_command_gives_its_result_and_lets_defects_through() -> None:
 
 
 def test_help_names_a_default_only_where_it_tells_something() -> None:
-    parser = argparse.ArgumentParser(formatter_class=Help)
+    parser = Parser()
     parser.add_argument("--seed", default=7, help="draws")
     parser.add_argument("--out", default=None, help="folder")
     parser.add_argument("--json", action="store_true", help="one object")
+    parser.add_argument("--first", type=int, default=0, help="number")
     text = parser.format_help()
     assert "draws (default: 7)" in text
-    assert text.count("default") == 1
+    assert "number (default: 0)" in text
+    assert text.count("default") == 2
 
 
 def test_results_go_to_the_checkout_from_wherever_the_command_was_started(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,3 +81,35 @@ def test_results_go_to_the_checkout_from_wherever_the_command_was_started(monkey
 def test_what_is_not_finite_becomes_null() -> None:
     text = to_json({"a": float("nan"), "b": [1.5, float("-inf")], "c": (2, "x")})
     assert json.loads(text) == {"a": None, "b": [1.5, None], "c": [2, "x"]}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--sede 3", "seed wipe: there is no option --sede; did you mean --seed?; seed wipe --help tells more\n"),
+        ("--nonsense", "seed wipe: there is no option --nonsense; seed wipe --help tells more\n"),
+        ("", "seed wipe: the following arguments are required: task; seed wipe --help tells more\n"),
+        ("a --seed x", "seed wipe: argument --seed: invalid int value: 'x'; seed wipe --help tells more\n"),
+        ("a b", "seed wipe: unrecognized arguments: b; seed wipe --help tells more\n"),
+    ],
+)
+def test_a_mistaken_argument_is_told_in_one_line(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser(prog="seed wipe")
+    parser.add_argument("task")
+    parser.add_argument("--seed", type=int)
+    with pytest.raises(SystemExit) as ended:
+        parser.parse_args(words.split())
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == said
+
+
+def test_a_subcommand_reads_its_own_options(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser(prog="seed bag")
+    play = parser.add_subparsers(required=True, metavar="play").add_parser("play")
+    play.add_argument("--rate", type=float)
+    play.add_argument("rest", nargs="*")
+    assert parser.parse_args(["play", "--ra", "2"]).rate == 2.0  # shortened, as argparse has it
+    assert parser.parse_args(["play", "--rate=2", "--", "--anything"]).rest == ["--anything"]
+    with pytest.raises(SystemExit):
+        parser.parse_args(["play", "--rat", "2", "--loop"])
+    assert capsys.readouterr().err.startswith("seed bag play: there is no option --loop")

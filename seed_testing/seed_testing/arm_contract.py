@@ -7,7 +7,6 @@ Start the arm first (our driver, the simulated cell, a ros2_control robot with c
 and stand clear: it moves by up to 20 mm. Prints a line per clause and exits with 1 when one is not kept.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -16,7 +15,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import command
+from seed_core.program.command_line import Parser, command
 from seed_testing.contract_clauses import CLAUSES, Clause, Limits
 from seed_testing.peer import Peer
 
@@ -76,7 +75,7 @@ def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "b
 def main(argv: list[str]) -> int:
     """Command line; 0 when every clause is kept."""
     default = Limits()
-    parser = argparse.ArgumentParser(prog="seed_testing.arm_contract", description=__doc__.split("\n")[0])
+    parser = Parser(prog="seed_testing.arm_contract", description=__doc__.split("\n")[0])
     parser.add_argument("--arm", default="driver", help="name of the arm's node (default %(default)s)")
     parser.add_argument("--base", default="base", help="name of the base frame (default %(default)s)")
     parser.add_argument("--enable", default=default.enable, help="its service that resumes motion; '' when it has none")

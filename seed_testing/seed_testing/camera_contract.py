@@ -7,13 +7,12 @@
 Hold the hand still, with the membranes free or grasping. Prints a line per clause; exits with 1 when one is broken.
 """
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command, number
+from seed_core.program.command_line import Parser, command, number
 from seed_estimation.images import identity
 from seed_testing.camera_clauses import Limits, check
 from seed_testing.camera_observation import Observation
@@ -25,7 +24,7 @@ WORDS = {True: "kept  ", False: "BROKEN", None: "open  "}
 def main(argv: list[str]) -> int:
     """Command line; 0 when every clause is kept, or left open by what is there."""
     default = Limits()
-    p = argparse.ArgumentParser(prog="seed_testing.camera_contract", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed_testing.camera_contract", description=__doc__)
     p.add_argument("--bag", type=Path, help="check this recording instead of running cameras")
     p.add_argument("--seconds", type=number(1.0, "s", 3600.0), default=10.0, help="of listening; default: %(default)s")
     p.add_argument("--left", default="bubble_left", help="prefix of the left bubble's topics; default: %(default)s")

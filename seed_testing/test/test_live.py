@@ -3,6 +3,8 @@
 
 import itertools
 import json
+import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from seed_testing.live import kills
-from seed_testing.live.processes import Usage, usage
+from seed_testing.live.processes import Usage, cpu_time, descendants, usage
 from seed_testing.live.slopes import slope
 from seed_testing.live.soak_report import Samples, frames, summary, words
 from seed_testing.live.verdict import faults_of, motion, moved_on
@@ -170,6 +172,22 @@ def test_a_process_is_measured_by_what_the_system_says(tmp_path: Path) -> None:
     assert after.files - before.files == 2
     assert after.rss - before.rss == pytest.approx(held.nbytes / 2**20, rel=0.2)
     assert usage(2**22 + 1) is None
+
+
+def test_a_process_is_told_from_those_below_it() -> None:
+    import os
+
+    with subprocess.Popen(["sleep", "60"]) as child:
+        assert child.pid in descendants(os.getpid())
+        assert os.getpid() not in descendants(os.getpid())
+        assert cpu_time(child.pid) < 0.1
+        child.kill()
+    assert child.pid not in descendants(os.getpid())
+    before, until = cpu_time(os.getpid()), time.process_time() + 0.3
+    while time.process_time() < until:
+        pass
+    assert cpu_time(os.getpid()) - before == pytest.approx(0.3, abs=0.1)
+    assert np.isnan(cpu_time(2**22 + 1))
 
 
 def test_a_short_soak_is_written_for_other_programs(tmp_path: Path) -> None:

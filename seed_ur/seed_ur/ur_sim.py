@@ -9,7 +9,7 @@ from functools import partial
 from math import radians
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, number
+from seed_core.program.command_line import Parser, command, number
 from seed_ur.models import MODELS
 from seed_ur.standin.options import HOME, Options
 from seed_ur.standin.server import Server
@@ -38,7 +38,7 @@ def version(text: str) -> tuple[int, int, int, int]:
 
 def parser() -> argparse.ArgumentParser:
     """Command line of the stand-in."""
-    out = argparse.ArgumentParser(prog="seed ur-sim", description=__doc__, formatter_class=Help)
+    out = Parser(prog="seed ur-sim", description=__doc__)
     out.add_argument("--host", default="127.0.0.2", help="loopback address to serve on")
     out.add_argument("--model", default="ur5e", choices=sorted(MODELS), help="which arm")
     out.add_argument("--version", default="5.12.4.1101319", help="PolyScope version")

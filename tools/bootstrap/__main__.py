@@ -46,8 +46,10 @@ def main(arguments: list[str]) -> int:
 def start(arguments: list[str]) -> None:
     """Replace this process by the command, inside the finished environment."""
     pins = _pins_asked_for(arguments)
-    environment = ready_environment(ROOT, pins)
     builds = arguments[0] == "build" and arguments[1:2] not in (["-h"], ["--help"])
+    if builds and (wrong := [a for a in arguments[1:] if not a.startswith("-D")]):
+        raise UsageError(f"build takes settings of CMake, -DNAME=VALUE, not {' '.join(wrong)}")
+    environment = ready_environment(ROOT, pins)
     if arguments == ["test"]:  # every test
         offer_browser()
     variables = ready_workspace(ROOT, environment, rebuild=arguments[1:] if builds else None)

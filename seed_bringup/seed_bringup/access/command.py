@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed access: keys and least-privilege permissions of every node of a cell, for SROS 2."""
 
-import argparse
 from pathlib import Path
 
 from seed_bringup.access.keystore import make_keystore
 from seed_bringup.access.policy import read_policy
 from seed_bringup.launching.packages import package_share
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 
 
 @command("seed access")
 def main(argv: list[str]) -> int:
     """Make the keystore."""
-    p = argparse.ArgumentParser(prog="seed access", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed access", description=__doc__)
     p.add_argument("keystore", type=Path, metavar="FOLDER", help="the keystore, made or brought up to date")
     p.add_argument("--policy", type=Path, metavar="FILE", help="other rights than those of the suite's cell.policy.xml")
     p.add_argument("--namespace", default="", help="of the cell, as it is given to the launch")

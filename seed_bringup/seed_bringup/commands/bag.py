@@ -7,17 +7,17 @@ import time
 from pathlib import Path
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, number
+from seed_core.program.command_line import Parser, command, number
 
 
 @command("seed bag")
 def main(argv: list[str]) -> int:
     """Run one of the three; ROS is imported by record and play only."""
-    parser = argparse.ArgumentParser(prog="seed bag", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed bag", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="record|play|info")
-    _add_record(commands.add_parser("record", formatter_class=Help, help="record topics until Ctrl-C"))
-    _add_play(commands.add_parser("play", formatter_class=Help, help="publish what a bag holds"))
-    info = commands.add_parser("info", formatter_class=Help, help="what a bag holds")
+    _add_record(commands.add_parser("record", help="record topics until Ctrl-C"))
+    _add_play(commands.add_parser("play", help="publish what a bag holds"))
+    info = commands.add_parser("info", help="what a bag holds")
     info.add_argument("bag", type=Path, help="folder or .mcap file")
     info.set_defaults(run=_info)
     options = parser.parse_args(argv)

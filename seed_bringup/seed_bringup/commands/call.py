@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from seed_bringup.commands.cells import cell_arguments, in_root, join
+from seed_bringup.commands.cells import cell_arguments, in_root, join, missing
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Help, command, interrupts, leaving_at_once
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once
 
 if TYPE_CHECKING:
     from seed_bringup.ros.session import Session
@@ -22,7 +21,7 @@ TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 @command("seed call")
 def main(argv: list[str]) -> int:
     """Call one service, or list those there are."""
-    p = argparse.ArgumentParser(prog="seed call", description="Call a service of a running cell.", formatter_class=Help)
+    p = Parser(prog="seed call", description="Call a service of a running cell.")
     p.add_argument("service", nargs="?", help="for instance estimator/capture_reference; without it all are listed")
     p.add_argument("value", nargs="?", choices=("on", "off"), help="for services that switch, as controller/enable")
     cell_arguments(p)
@@ -51,10 +50,10 @@ def _services(session: Session) -> dict[str, str]:
 
 
 def _call(session: Session, name: str, value: str | None) -> str:
-    session.until(lambda: name in _services(session), PATIENCE, "")
+    session.find(lambda: name in _services(session), PATIENCE)
     kind = _services(session).get(name)
     if kind is None:
-        raise FailedError(f"no service {name}: is the cell running? ./seed call lists what there is")
+        raise FailedError(missing(f"there is no service {name}", name, _services(session), "./seed call"))
     if (kind == SET_BOOL) != (value is not None):
         raise SeedError(f"{name} {'switches: say on or off' if kind == SET_BOOL else 'takes neither on nor off'}")
     return (session.trigger(name) if value is None else session.switch(name, value == "on")) or "done"

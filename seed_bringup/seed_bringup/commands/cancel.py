@@ -1,22 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed cancel: ends the task that a running cell plays, whoever began it."""
 
-import argparse
 from contextlib import closing
 
 from seed_bringup.commands.cells import cell_arguments, join
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command, interrupts, leaving_at_once
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once
 
 
 @command("seed cancel")
 def main(argv: list[str]) -> int:
     """Cancel; 1 when no task is played."""
-    p = argparse.ArgumentParser(
-        prog="seed cancel",
-        description="End the task that is played, whoever began it: the tool is lifted.",
-        formatter_class=Help,
-    )
+    p = Parser(prog="seed cancel", description="End the task that is played, whoever began it: the tool is lifted.")
     cell_arguments(p)
     options = p.parse_args(argv)
     join(options)

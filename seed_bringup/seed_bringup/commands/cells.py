@@ -2,7 +2,9 @@
 """Which cell a command speaks to: its ROS domain and its namespace."""
 
 import argparse
+import difflib
 import os
+from collections.abc import Iterable
 
 from seed_bringup.launching.domains import VARIABLE, running
 from seed_core.errors import SeedError
@@ -19,6 +21,16 @@ def cell_arguments(parser: argparse.ArgumentParser) -> None:
 def in_root(namespace: str) -> str:
     """A namespace with its slash."""
     return "/" + namespace.strip("/")
+
+
+def missing(problem: str, name: str, known: Iterable[str], listing: str) -> str:
+    """A name that the cell does not have: what may have been meant instead, and the command that lists all."""
+    ends = {k.rpartition("/")[2]: k for k in known}
+    if not ends:
+        return f"{problem}: no cell is running in ROS domain {os.environ.get(VARIABLE, 0)}"
+    close = difflib.get_close_matches(name, ends.values(), n=1)
+    close += [ends[e] for e in difflib.get_close_matches(name.rpartition("/")[2], ends, n=1)]
+    return f"{problem}; {f'did you mean {close[0][1:]}? ' if close else ''}{listing} lists what there is"
 
 
 def join(options: argparse.Namespace) -> str:

@@ -28,14 +28,14 @@ from seed_bringup.demo.terminal import say
 from seed_bringup.launching.domains import OWN, claimed
 from seed_control.parameters import LAW_HELP, LAWS
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, interrupts, number, seed_number
+from seed_core.program.command_line import Parser, command, interrupts, number, seed_number
 from seed_estimation.parameters import METHOD_HELP, METHODS
 
 BASELINES = ("open_loop", "welded")
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="seed demo", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed demo", description=__doc__)
     p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
     p.add_argument("--force", type=float, help="[N] size of every force in the task; the task's own if left out")
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table, all noise and the hidden world")

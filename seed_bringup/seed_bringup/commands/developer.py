@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed test, lint, docs, shell and build: what developers run inside the environment."""
 
-import argparse
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import NoReturn
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import command
+from seed_core.program.command_line import Parser, command
 
 # pytest's exit codes
 PYTEST_USAGE, PYTEST_NOTHING_COLLECTED = 4, 5
@@ -65,9 +63,11 @@ def test(argv: list[str]) -> int:
 @command("seed lint")
 def lint(argv: list[str]) -> int:
     """Ruff's rules and format over everything, mypy strict over the cores; --fix mends what ruff can."""
-    if argv not in ([], ["--fix"]):
+    if argv[:1] in HELP:
         print("usage: ./seed lint [--fix]\n\n" + (lint.__doc__ or ""))
-        return 0 if argv[:1] in HELP else 2
+        return 0
+    if argv not in ([], ["--fix"]):
+        raise SeedError(f"takes --fix and nothing else, not {' '.join(argv)}")
     root = checkout()
     failed = []
     for words in (
@@ -105,8 +105,7 @@ listed, not fetched, and the site itself asks nothing of any.
 @command("seed docs")
 def docs(argv: list[str]) -> int:
     """Build the site with MkDocs, or serve it on loopback."""
-    parser = argparse.ArgumentParser(prog="seed docs", add_help=False)
-    parser.error = _misused  # type: ignore[method-assign]
+    parser = Parser(prog="seed docs", add_help=False)
     parser.add_argument("-h", "--help", action="store_true")
     parser.add_argument("--out", type=Path, default=None)
     parser.add_argument("--serve", action="store_true")
@@ -132,10 +131,6 @@ def docs(argv: list[str]) -> int:
     return 0
 
 
-def _misused(message: str) -> NoReturn:
-    raise SeedError(message)
-
-
 def external_links(root: Path) -> list[str]:
     """Addresses of other servers that the documents link to."""
     pages = [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").glob("**/*.md"))]
@@ -158,7 +153,7 @@ def shell(argv: list[str]) -> int:
 def build(argv: list[str]) -> int:
     """The bootstrap has built the workspace (arguments went to CMake); say so."""
     if argv[:1] in HELP:
-        print("usage: ./seed build [CMAKE ARGUMENTS]\n\nBuild every package again; a start does so where it must.")
+        print("usage: ./seed build [-DNAME=VALUE ...]\n\nBuild every package again; a start does so where it must.")
     else:
         print("seed build: the workspace is built")
     return 0

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed launch FILE [name:=value ...]: by `ros2 launch` where it exists, else by our launcher."""
 
-import argparse
 import os
 import shutil
 import signal
@@ -14,13 +13,13 @@ from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, TERM_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 
 
 @command("seed launch")
 def main(argv: list[str]) -> int:
     """Parse, check every argument, run; 1 when a node failed."""
-    parser = argparse.ArgumentParser(prog="seed launch", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed launch", description=__doc__)
     parser.add_argument("words", nargs="+", metavar="WORD", help="FILE, or PACKAGE FILE, and arguments as name:=value")
     parser.add_argument("-s", "--show-args", action="store_true", help="list the arguments of the launch file")
     parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed play: a task on a running cell, also where there is no `ros2` command."""
 
-import argparse
 import math
 import sys
 from contextlib import closing
@@ -9,21 +8,20 @@ from typing import Any
 
 from seed_bringup.commands.cells import cell_arguments, join
 from seed_bringup.demo.terminal import Bar
-from seed_control.tasks import load_task
+from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command, interrupts, leaving_at_once
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once
 
 
 @command("seed play")
 def main(argv: list[str]) -> int:
     """Play a task to its end."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed play",
         description="Play a task on a running cell whose controller is enabled. Ctrl-C cancels it: the tool is\n"
         "lifted, as it is when this program ends in another way. A second Ctrl-C does not wait for that.",
-        formatter_class=Help,
     )
-    p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
+    p.add_argument("task", help=f"a task file, or a shipped task: {', '.join(shipped_tasks())}")
     p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
     cell_arguments(p)
     options = p.parse_args(argv)

@@ -7,19 +7,18 @@ from pathlib import Path
 from seed_bringup.commands.cells import cell_arguments, in_root, join
 from seed_bringup.page.server import PORT
 from seed_control.tasks import load_task
-from seed_core.program.command_line import Help, command, leaving_at_once, whole
+from seed_core.program.command_line import Parser, command, leaving_at_once, whole
 from seed_ur.models import MODELS
 
 
 @command("seed view")
 def main(argv: list[str]) -> int:
     """Serve the page until Ctrl-C."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed view",
         description="Serve the operator page, in a browser on this computer: the cell in 3-D, forces, tactile\n"
         "pictures, and buttons from Reference to Stop. It may be opened before the cell. From another computer:\n"
         "ssh -L 8080:127.0.0.1:8080 THIS_COMPUTER. With a bag it plays that, with a time slider.",
-        formatter_class=Help,
     )
     p.add_argument("bag", nargs="?", type=Path, help="folder or file of a bag; without it: a running cell")
     p.add_argument("--port", type=whole(0, 65535), default=PORT, help="of the page; if taken, the next free one")

@@ -13,7 +13,7 @@ from seed_bringup.dataset.environment import make, run
 from seed_bringup.dataset.episode import Episode, write_arrays
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Help, command, leaving_at_once, whole
+from seed_core.program.command_line import Parser, command, leaving_at_once, whole
 from seed_sim.closed_loop.relative_poses import ESTIMATORS
 
 REQUIREMENTS = "requirements/lerobot.txt"
@@ -22,11 +22,10 @@ REQUIREMENTS = "requirements/lerobot.txt"
 @command("seed dataset")
 def main(argv: list[str]) -> int:
     """Make one dataset."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed dataset",
         description="Make a LeRobot dataset of bags, or of a task in closed loop without ROS. LeRobot and torch are\n"
         "installed into an environment of their own the first time (up to 9 GB), never into the suite's.",
-        formatter_class=Help,
     )
     p.add_argument("out", type=Path, help="folder to make; one that exists is refused")
     p.add_argument("bags", nargs="*", type=Path, help="bags: each stretch with a set-point is an episode")

@@ -1,22 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed foxglove: a running cell in Foxglove."""
 
-import argparse
-
 from seed_bringup.commands.cells import cell_arguments, in_root, join
 from seed_bringup.foxglove.offered import HOST, PORT
-from seed_core.program.command_line import Help, command, interrupts, leaving_at_once, whole
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, whole
 from seed_core.program.files import shared_path
 
 
 @command("seed foxglove")
 def main(argv: list[str]) -> int:
     """Forward until Ctrl-C."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed foxglove",
         description="Forward a running cell to Foxglove, on this computer alone. Open the connection that it prints\n"
         "(Foxglove WebSocket) and import the layout that it names. It may be started before the cell.",
-        formatter_class=Help,
     )
     p.add_argument(
         "--host", default=HOST, help="address to listen on; any other than loopback can be reached by others"

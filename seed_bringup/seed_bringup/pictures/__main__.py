@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of the documents: python -m seed_bringup.pictures docs/images [NAME ...]"""
 
-import argparse
 from pathlib import Path
 
 from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion
+from seed_core.program.command_line import Parser
 
 PICTURES = {
     "frames": drawing.frames_drawing,
@@ -25,7 +25,7 @@ PICTURES = {
 
 def main(argv: list[str] | None = None) -> None:
     """Write those that are named, or all."""
-    parser = argparse.ArgumentParser(description="Draw the pictures of the documents.")
+    parser = Parser(description="Draw the pictures of the documents.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}; default: all")
     options = parser.parse_args(argv)

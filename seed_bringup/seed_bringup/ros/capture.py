@@ -6,7 +6,6 @@ at while you hold still and judged by what the calibration will make of it; what
 Then:  ./seed calibrate CAPTURE.npz --out calibration.yaml
 """
 
-import argparse
 import os
 import select
 import sys
@@ -24,7 +23,7 @@ from seed_bringup.ros.tactile_streams import Frame, TactileStreams
 from seed_core.config import load_file
 from seed_core.errors import FailedError, SeedError
 from seed_core.hand import Hand
-from seed_core.program.command_line import Help, command, interrupts, number, whole
+from seed_core.program.command_line import Parser, command, interrupts, number, whole
 from seed_estimation.calibration.calibrate import MembraneShape, read_hand
 from seed_estimation.calibration.capture import LEAST_POSES, MOST_POSES, Capture
 
@@ -158,7 +157,7 @@ def save(capture: Capture, out: Path) -> None:
 @command("seed capture")
 def main(argv: list[str]) -> int:
     """Guide through a capture and write it."""
-    p = argparse.ArgumentParser(prog="seed capture", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed capture", description=__doc__)
     p.add_argument("--out", type=Path, default=Path("capture.npz"), help="file to write; default: %(default)s")
     p.add_argument("--left", default="bubble_left", help="prefix of the left bubble's topics; default: %(default)s")
     p.add_argument("--right", default="bubble_right", help="of the right bubble's; default: %(default)s")

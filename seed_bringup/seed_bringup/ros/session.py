@@ -31,6 +31,7 @@ from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
+ALONE = 4.0  # [s] without another node, after which there is no cell
 SEEN = 5.0  # [s] for driver or simulation to be seen, and for the driver's answer
 STUCK = 3.0  # [s] without a turn of the loop, after which there is none
 
@@ -107,6 +108,15 @@ class Session:
                 if what:
                     raise SessionError(f"{what} within {patience:g} s")
                 return
+
+    def find(self, condition: Callable[[], bool], patience: float) -> None:
+        """Spin until a condition holds: for up to `patience` [s], for ALONE [s] where there is no other node."""
+        began, own = time.monotonic(), [self.node.get_name()]
+
+        def over() -> bool:
+            return condition() or (time.monotonic() - began > ALONE and self.node.get_node_names() == own)
+
+        self.until(over, patience, "")
 
     def call(self, kind: Any, name: str, request: Any, patience: float = 20.0) -> Any:
         """A service's response; SessionError when it does not come or says no."""

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed teach: path and force of what was shown become a task file that plays again."""
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from seed_control.teach import TeachSettings, task_text, taught
 from seed_core.config import load_text
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
-from seed_core.program.command_line import Help, command, interrupts, leaving_at_once, number
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
 
 DEFAULTS = TeachSettings()
 
@@ -21,11 +20,10 @@ DEFAULTS = TeachSettings()
 @command("seed teach")
 def main(argv: list[str]) -> int:
     """Make a task file."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed teach",
         description="Make a task file of a demonstration: of a bag, or of a running cell while its arm is led by hand\n"
         "(--freedrive, or pulled by anything else) or plays a task. The tool must be grasped and its pose estimated.",
-        formatter_class=Help,
     )
     p.add_argument("out", type=Path, help="task file to write, such as mine.yaml")
     p.add_argument("bag", nargs="?", type=Path, help="bag of the demonstration; without it a running cell is heard")

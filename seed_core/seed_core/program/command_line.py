@@ -2,17 +2,19 @@
 """The base of the suite's command lines: checked arguments, help, exit codes, and the folder of results."""
 
 import argparse
+import difflib
 import functools
+import itertools
 import json
 import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from seed_core.errors import FailedError, SeedError
 
@@ -32,8 +34,37 @@ class Help(argparse.HelpFormatter):
 
     def _get_help_string(self, action: argparse.Action) -> str:
         text = action.help or ""
-        told = action.default in (None, False, "", argparse.SUPPRESS) or "default" in text or not action.option_strings
+        nothing = action.default is None or action.default is False or action.default in ("", [], argparse.SUPPRESS)
+        told = nothing or "default" in text or not action.option_strings
         return text if told else f"{text} (default: %(default)s)".lstrip()
+
+
+class Parser(argparse.ArgumentParser):
+    """A command's arguments: help as it is written, and mistakes told in one line, an unknown option first."""
+
+    def __init__(self, *, formatter_class: Any = Help, **settings: Any) -> None:
+        super().__init__(formatter_class=formatter_class, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """One line, and the exit code of wrong use."""
+        self.exit(2, f"{self.prog}: {message}; {self.prog} --help tells more\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As its base, which would name a missing argument and not the misspelt one."""
+        given = list(sys.argv[1:] if args is None else args)
+        known = [o[2:] for o in self._option_string_actions if o.startswith("--")]
+        for option in self._options(given):
+            if not any(k.startswith(option) for k in known):
+                near = difflib.get_close_matches(option, known, n=1)
+                self.error(f"there is no option --{option}" + (f"; did you mean --{near[0]}?" if near else ""))
+        return super().parse_known_args(given, namespace)
+
+    def _options(self, given: Sequence[str]) -> list[str]:
+        """Names of the long options among the words, up to where a subcommand reads on."""
+        words = itertools.takewhile(lambda w: w != "--", given)
+        if self._subparsers is not None:
+            words = itertools.takewhile(lambda w: w.startswith("-"), words)
+        return [w[2:].partition("=")[0] for w in words if w.startswith("--")]
 
 
 def whole(low: int, high: float = math.inf) -> Callable[[str], int]:

@@ -22,6 +22,8 @@ def read_npz(
         SeedError: it is larger than `most_bytes`; or it is none, is damaged or lacks an array, told with `problem`.
     """
     try:
+        if not path.is_file():
+            raise SeedError(f"{path}: there is no such file")
         size = path.stat().st_size
         if size > most_bytes:
             raise SeedError(f"{path}: {size} bytes are too many (at most {most_bytes})")

@@ -12,7 +12,6 @@ Range: the membrane's shape at rest is known, so known - measured depth is the c
 Extrinsics: each camera sees one side of the cylinder; the axes that both sides tell must be one line in every pose.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 from seed_core.config import ConfigError, field, from_mapping, load_file, plain_yaml
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
-from seed_core.program.command_line import command
+from seed_core.program.command_line import Parser, command
 from seed_core.program.npz import read_npz
 from seed_core.spatial import Array
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
@@ -171,9 +170,7 @@ def read_hand(path: Path) -> Hand:
 @command("seed calibrate")
 def main(argv: list[str]) -> int:
     """Measure a capture and write the calibration."""
-    parser = argparse.ArgumentParser(
-        prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras."
-    )
+    parser = Parser(prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras.")
     parser.add_argument("capture", type=Path, help="npz with depth images; see docs/estimation.md")
     parser.add_argument(
         "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"

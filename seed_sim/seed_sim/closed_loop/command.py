@@ -8,9 +8,9 @@ from typing import Any
 
 from seed_control.parameters import LAW_HELP
 from seed_control.parameters import LAWS as CONTROL_LAWS
-from seed_control.tasks import load_task
+from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
+from seed_core.program.command_line import Parser, command, results_folder, seed_number, to_json, whole
 from seed_estimation.parameters import METHOD_HELP
 from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
 from seed_sim.closed_loop.progress import progress_bar
@@ -51,15 +51,14 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed evaluate",
-        formatter_class=Help,
         description="Play a task in closed loop without ROS, faster than real time, and score the plant's own forces.\n"
         "With --world hidden, the default score: --draws of cells, drawn as docs/worlds.md says, of which estimator\n"
         "and controller know only what calibration, identification, clock comparison and weighing find in each.\n"
         "With --scenarios N, sweep over seeds and columns of cells that are as believed.",
     )
-    p.add_argument("task", help="name of a shipped task (squeegee, pen, write, torque_driver, peg) or a task file")
+    p.add_argument("task", help=f"a task file, or a shipped task: {', '.join(shipped_tasks())}")
     p.add_argument(
         "--law",
         choices=LAWS,

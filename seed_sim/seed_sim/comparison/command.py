@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from seed_core.program.command_line import Help, command, results_folder, seed_number, to_json, whole
+from seed_core.program.command_line import Parser, command, results_folder, seed_number, to_json, whole
 from seed_sim.comparison import cases, methods
 from seed_sim.comparison.campaign import campaign, scored_in_parallel
 from seed_sim.comparison.page import write_page
@@ -57,16 +57,15 @@ def _tune(args: argparse.Namespace, chosen: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="seed compare",
-        formatter_class=Help,
         description="Press, wipe and step the force with this suite and with what people use instead, in the same\n"
         "simulated cells, each method tuned on a grid on other seeds. Prints who wins what; writes tables.\n"
         "Interrupted, it goes on where it was when it is started again.",
     )
-    names = ", ".join(m.name for m in methods.METHODS)
+    names = ", ".join(repr(m.name) for m in methods.METHODS)
     p.add_argument("--method", action="append", choices=[m.name for m in methods.METHODS], metavar="NAME", help=names)
-    names = ", ".join(c.name for c in cases.CASES)
+    names = ", ".join(repr(c.name) for c in cases.CASES)
     p.add_argument("--case", action="append", choices=[c.name for c in cases.CASES], metavar="NAME", help=names)
     p.add_argument("--seeds", type=whole(1), metavar="N", help=f"how many; default: {SEEDS}")
     p.add_argument("--seed", type=seed_number, default=SEED, help="the first")

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed bench: figures of speed on this machine, and long campaigns on a live cell."""
 
-import argparse
 import importlib
 import json
 from typing import Any
 
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 from seed_testing.figures import text
 
 BENCHES = {
@@ -26,6 +25,7 @@ LONG = {  # commands with arguments of their own
     "cameras": "seed_testing.bench.ros.camera_rate",
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
+    "page": "seed_testing.live.page_cost",
     "fuzz": "seed_testing.bench.fuzz",
     "law": "seed_testing.bench.campaigns.law",
     "insertion": "seed_testing.bench.campaigns.insertion",
@@ -41,7 +41,7 @@ def run(names: list[str]) -> dict[str, Any]:
     """
     for name in names:
         if name not in BENCHES:
-            raise SeedError(f"no benchmark '{name}'; there are: {', '.join(BENCHES)}")
+            raise SeedError(f"no benchmark '{name}'; there are: {', '.join(BENCHES)}, and alone {', '.join(LONG)}")
     return {name: importlib.import_module(BENCHES[name]).run() for name in names or BENCHES}
 
 
@@ -50,7 +50,7 @@ def main(argv: list[str]) -> int:
     """Command line."""
     if argv[:1] and argv[0] in LONG:
         return int(importlib.import_module(LONG[argv[0]]).main(argv[1:]))
-    parser = argparse.ArgumentParser(prog="seed bench", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed bench", description=__doc__)
     parser.add_argument(
         "names",
         nargs="*",

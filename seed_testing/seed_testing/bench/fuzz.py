@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nonsense for every topic, service, action and parameter of every node and for every file: what comes out of it."""
 
-import argparse
 import json
 import time
 from typing import Any
 
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 from seed_testing.figures import text
 from seed_testing.fuzz.files import fuzz_files
 from seed_testing.fuzz.run import Findings, fuzz
@@ -47,7 +46,7 @@ def run(inputs: int = 10_000, seed: int = 0) -> dict[str, Any]:
 @command("seed bench fuzz")
 def main(argv: list[str]) -> int:
     """Command line; 1 when something failed."""
-    parser = argparse.ArgumentParser(prog="seed bench fuzz", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed bench fuzz", description=__doc__)
     parser.add_argument("--inputs", type=int, default=10_000, help="how many; default: %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="what they are drawn from; default: %(default)s")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")

@@ -7,7 +7,6 @@ A sequence is one to four faults with random pauses, some striking while another
 driver. Prints a line per sequence and a JSON summary; exit code 1 when any failed.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_core.errors import SeedError
+from seed_core.program.command_line import Parser
 from seed_testing.fault_bench.bench import FaultBench, leftover_processes
 from seed_testing.fault_bench.faults import FAULTS, REST_WITHIN, Fault
 
@@ -124,7 +124,7 @@ def _holders(memories: set[int]) -> list[str]:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="seed_testing.fault_bench.sequences", description=__doc__)
+    parser = Parser(prog="seed_testing.fault_bench.sequences", description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="number of the first sequence, to go on where one stopped")

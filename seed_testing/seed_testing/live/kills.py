@@ -13,7 +13,7 @@ from typing import Any
 
 from seed_bringup.launching.domains import OWN, claimed
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Help, command, seed_number, whole
+from seed_core.program.command_line import Parser, command, seed_number, whole
 from seed_testing.live.verdict import faults_of
 
 PHASES = ("reference", "grasped", "enabled", "press", "wipe", "lift")
@@ -29,7 +29,7 @@ HEAD = (
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="seed bench kills", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed bench kills", description=__doc__)
     p.add_argument("--robots", nargs="+", choices=tuple(NODES), default=list(NODES), help="arm of the cell")
     p.add_argument("--nodes", nargs="+", choices=NODES["ur"], default=list(NODES["ur"]), help="which end")
     p.add_argument("--phases", nargs="+", choices=PHASES, default=list(PHASES), help="of the task, at the fault")

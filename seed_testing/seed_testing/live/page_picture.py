@@ -5,17 +5,15 @@ Starts the simulated cell with its page, presses the page's own buttons in a bro
 task wipes.
 """
 
-import argparse
-import shutil
 import time
 from pathlib import Path
 
 from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_bringup.page.browser import BROWSERS, FLAGS
+from seed_bringup.page.browser import FLAGS, browser
 from seed_core.errors import FailedError
-from seed_core.program.command_line import command
+from seed_core.program.command_line import Parser, command
 
 WIDTH, HEIGHT = 1440, 860  # [px]
 PATIENCE = 120.0  # [s] for the cell; for each thing that the page is to show
@@ -25,13 +23,11 @@ ARGUMENTS = {"view": "true", "view_port": "0", "links": "false", "use_sim_time":
 @command("page_picture")
 def main(argv: list[str]) -> int:
     """Take the picture."""
-    p = argparse.ArgumentParser(prog="page_picture", description=__doc__)
+    p = Parser(prog="page_picture", description=__doc__)
     p.add_argument("file", type=Path, help="PNG to write")
     p.add_argument("--then", type=float, default=0.5, help="[s] from the beginning of the wipe to the picture")
     options = p.parse_args(argv)
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        raise FailedError(f"none of {', '.join(BROWSERS)} is here: apt-get install chromium")
+    program = browser()
     lines: list[str] = []
     slow = ARGUMENTS | {"sim_rate": "125.0", "command_timeout": "0.5"}
     with (
@@ -52,8 +48,8 @@ def _press_and_picture(address: str, program: str, file: Path, then: float) -> N
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+        chromium = p.chromium.launch(executable_path=program, args=list(FLAGS))
+        page = chromium.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)
         for button, done in (("Reference", "Reference: "), ("Grasp", "grasped the"), ("Enable", "Ready")):
@@ -65,7 +61,7 @@ def _press_and_picture(address: str, program: str, file: Path, then: float) -> N
         page.get_by_text("squeegee: wipe").wait_for()
         time.sleep(then)
         page.screenshot(path=str(file))
-        browser.close()
+        chromium.close()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the system tells of a process: memory, open files, threads, children."""
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,6 +29,15 @@ def usage(pid: int) -> Usage | None:
         return None
 
 
+def cpu_time(pid: int) -> float:
+    """[s] of processor time that a process has used; nan when it has ended."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return math.nan
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def named(nodes: Mapping[int, str]) -> dict[str, int]:
     """Processes below this one by name: a node's own, `node/servo` of the driver, `recorder`.
 
@@ -44,6 +54,12 @@ def named(nodes: Mapping[int, str]) -> dict[str, int]:
             elif "record" in words:
                 found["recorder"] = pid
     return found
+
+
+def descendants(pid: int) -> set[int]:
+    """Every process below one."""
+    parents = _parents()
+    return {p for p in parents if p != pid and _below(p, pid, parents)}
 
 
 def _parents() -> dict[int, int]:

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from seed_bringup.launching.domains import OWN, claimed
-from seed_core.program.command_line import Help, command, number
+from seed_core.program.command_line import Parser, command, number
 from seed_testing.live.soak_report import Samples, plot, summary, words
 
 TASKS = ("squeegee",)
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="seed bench soak", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed bench soak", description=__doc__)
     p.add_argument("--minutes", type=number(0.2, "min"), default=120.0, help="how long")
     p.add_argument("--every", type=number(0.5, "s"), default=10.0, help="[s] between two samples")
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")

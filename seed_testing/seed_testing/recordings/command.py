@@ -10,7 +10,7 @@ import json
 import os
 from pathlib import Path
 
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
 
@@ -34,7 +34,7 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed recordings", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed recordings", description=__doc__)
     parser.add_argument("--only", choices=("press", "infrared"), help="one of the two")
     parser.add_argument("--press", type=Path, help=f"npz of a press; default: $SEED_DATA/{PRESS}")
     parser.add_argument("--infrared", type=Path, help=f"npz of infrared images; default: $SEED_DATA/{INFRARED}")

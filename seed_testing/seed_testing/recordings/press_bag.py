@@ -6,7 +6,6 @@
 The recording itself stays where it is: only the bag, which nobody should commit, is written.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_bringup.bags.files import BagWriter
-from seed_core.program.command_line import command
+from seed_core.program.command_line import Parser, command
 from seed_ros.images import Intrinsics, camera_info, image_message
 from seed_testing.recordings.press import Press, load
 
@@ -61,7 +60,7 @@ def write(press: Press, path: Path, finger: str = "left") -> None:
 @command("seed_testing.recordings.press_bag")
 def main(argv: list[str]) -> int:
     """Write the bag."""
-    parser = argparse.ArgumentParser(description="Turn a recorded press into a bag.")
+    parser = Parser(description="Turn a recorded press into a bag.")
     parser.add_argument("press", type=Path)
     parser.add_argument("bag", type=Path, help="must not exist; .mcap for a single file")
     parser.add_argument("--finger", choices=("left", "right"), default="left")

@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from seed_core.program.command_line import Help, command, results_folder, seed_number
+from seed_core.program.command_line import Parser, command, results_folder, seed_number
 from seed_testing.reproduce import fig4, fig6, fig7
 
 
@@ -26,9 +26,8 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="seed reproduce",
-        formatter_class=Help,
         description="The paper's figures again, in simulation: fig4 (tracking of the relative pose), fig6 (squeegee:\n"
         "SEED, open loop, welded), fig7 (pen strokes and writing). A few minutes each.",
     )

@@ -20,7 +20,7 @@ from typing import IO, Any, NamedTuple
 from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command
+from seed_core.program.command_line import Parser, command
 from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, why_not
 
 CAMERA, ROBOT = 0, 1
@@ -53,7 +53,7 @@ HEAD = f"{'link':<20} {'age ms':>7} {'p99':>6} {'skew ms':>14} {'rms N':>6} {'ma
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="seed bench hosts", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed bench hosts", description=__doc__)
     names = [c.name for c in CASES]
     p.add_argument("--cases", nargs="+", choices=names, default=names, metavar="CASE", help=f"of {', '.join(names)}")
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")

@@ -23,7 +23,7 @@ import numpy as np
 
 from seed_control.parameters import LAW_HELP, LAWS
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, number, results_folder, seed_number, to_json, whole
+from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
 from seed_estimation.parameters import METHOD_HELP, METHODS
 from seed_sim.closed_loop.surfaces import SCENARIOS, surfaces
 from seed_sim.closed_loop.surfaces import summary as summary_of_surfaces
@@ -50,11 +50,9 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seed validate", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed validate", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults|surfaces|gel")
-    one = commands.add_parser(
-        "estimator", formatter_class=Help, help="accuracy, honesty and cost of an estimator over a trajectory"
-    )
+    one = commands.add_parser("estimator", help="accuracy, honesty and cost of an estimator over a trajectory")
     one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help=METHOD_HELP)
     one.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
@@ -88,9 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
     one.add_argument("--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed")
     one.set_defaults(run=_estimator)
-    two = commands.add_parser(
-        "slip", formatter_class=Help, help="alarms when the tool slides, and none when it does not"
-    )
+    two = commands.add_parser("slip", help="alarms when the tool slides, and none when it does not")
     two.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
     two.add_argument("--slips", type=whole(0), default=40, help="how many slips")
     two.add_argument(
@@ -99,7 +95,6 @@ def _parser() -> argparse.ArgumentParser:
     two.set_defaults(run=_slip)
     three = commands.add_parser(
         "map",
-        formatter_class=Help,
         help="which function of what the membranes do gives the wrench",
     )
     three.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
@@ -109,29 +104,23 @@ def _parser() -> argparse.ArgumentParser:
     three.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
     three.set_defaults(run=_map)
     four = commands.add_parser(
-        "faults", formatter_class=Help, help="the controller in closed loop with something wrong: force, way and reason"
+        "faults", help="the controller in closed loop with something wrong: force, way and reason"
     )
     four.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
     four.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
     four.add_argument("--law", choices=LAWS, default="seed", help=LAW_HELP)
     four.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
     four.set_defaults(run=_faults)
-    five = commands.add_parser(
-        "grip", formatter_class=Help, help="pulls at grasps on membranes: what breaks with the grip that answers slip"
-    )
+    five = commands.add_parser("grip", help="pulls at grasps on membranes: what breaks with the grip that answers slip")
     five.add_argument("--runs", type=whole(1), default=20, help="of each kind, the first drawn from --seed")
     five.add_argument("--kind", choices=PULLS, action="append", help="only this kind; may be given more than once")
     five.set_defaults(run=_grip)
-    six = commands.add_parser(
-        "surfaces", formatter_class=Help, help="a task along surfaces that nobody drew: force along the true normal"
-    )
+    six = commands.add_parser("surfaces", help="a task along surfaces that nobody drew: force along the true normal")
     six.add_argument("--runs", type=whole(1), default=20, help="how many, of every kind in turn, each another seed")
     six.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
     six.add_argument("--task", default="follow", help="name or file of a task along a surface")
     six.set_defaults(run=_surfaces)
-    seven = commands.add_parser(
-        "gel", formatter_class=Help, help="two GelSight-class gels, and one alone, over drawn tools and poses"
-    )
+    seven = commands.add_parser("gel", help="two GelSight-class gels, and one alone, over drawn tools and poses")
     seven.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
     seven.set_defaults(run=_gel)
     for either in (one, two, three, four, five, six, seven):

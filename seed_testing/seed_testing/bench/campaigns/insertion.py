@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Insertion over drawn cells: how often it succeeds, in what time, with what force. A line per case can be kept."""
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ from joblib import Parallel, delayed
 
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Help, command, seed_number, whole
+from seed_core.program.command_line import Parser, command, seed_number, whole
 from seed_sim.closed_loop.evaluate import evaluate, scenario_of
 from seed_sim.closed_loop.progress import counted
 from seed_sim.closed_loop.relative_poses import ESTIMATORS
@@ -101,7 +100,7 @@ def summarised(cases: Sequence[dict[str, Any]]) -> dict[str, Any]:
 @command("seed bench insertion")
 def main(argv: list[str]) -> int:
     """Command line."""
-    p = argparse.ArgumentParser(prog="seed bench insertion", description=__doc__, formatter_class=Help)
+    p = Parser(prog="seed bench insertion", description=__doc__)
     p.add_argument("--task", default="insert_peg", help="insert_peg, insert_plug or a file; default: %(default)s")
     p.add_argument("--cases", type=whole(1), default=CASES, help="how many; default: %(default)s")
     p.add_argument("--seed", type=seed_number, default=1000, help="of the first case; default: %(default)s")

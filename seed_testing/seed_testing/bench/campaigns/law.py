@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The force over the whole of a wipe, from its first millimetre, under each condition; and how fast it follows."""
 
-import argparse
 import os
 from pathlib import Path
 
 import numpy as np
 
 from seed_control.parameters import LAW_HELP, LAWS
-from seed_core.program.command_line import Help, command, seed_number, to_json, whole
+from seed_core.program.command_line import Parser, command, seed_number, to_json, whole
 from seed_sim.wipes.campaign import bandwidths, campaign, summary, table
 from seed_sim.wipes.conditions import CONDITIONS
 
@@ -16,7 +15,7 @@ from seed_sim.wipes.conditions import CONDITIONS
 @command("seed bench law")
 def main(argv: list[str]) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="seed bench law", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed bench law", description=__doc__)
     parser.add_argument("--seeds", type=whole(1), default=20, help="wipes per condition; default: %(default)s")
     parser.add_argument("--seed", type=seed_number, default=0, help="the first of them; default: %(default)s")
     parser.add_argument(

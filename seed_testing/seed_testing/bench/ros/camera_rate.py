@@ -5,7 +5,6 @@ Counts what arrives in another process, what the node lost and what its process 
 devices included), then unplugs a camera for two seconds and measures how long its images take to return.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -24,7 +23,7 @@ from std_srvs.srv import SetBool
 
 from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Help, command, number
+from seed_core.program.command_line import Parser, command, number
 from seed_ros import FixedRateLoop
 from seed_ros.images import IMAGES, read_image
 from seed_testing.bench.driver import cpu_seconds
@@ -150,7 +149,7 @@ def _return(listener: _Listener) -> float:
 @command("seed bench cameras")
 def main(argv: list[str]) -> int:
     """Command line; 0 when nothing was lost by the node and the camera returned within 3 s."""
-    parser = argparse.ArgumentParser(prog="seed bench cameras", description=__doc__, formatter_class=Help)
+    parser = Parser(prog="seed bench cameras", description=__doc__)
     parser.add_argument("--minutes", type=number(0.05, "minutes"), default=10.0, help="of images (default %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     options = parser.parse_args(argv)
