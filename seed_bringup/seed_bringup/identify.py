@@ -146,12 +146,12 @@ def _weight_on_membranes(scenario: IdentificationScenario, args: argparse.Namesp
         "load over the motion of the membranes' material, 95 % intervals, from a weight of "
         f"{scenario.weight.mass:g} kg in {figures['attitudes']} attitudes:"
     ]
-    for axis, k, half, unit, true in zip(
-        AXES, found.slope, found.half_width, UNITS, figures["tangent"].values(), strict=True
-    ):
+    for axis, k, half, unit in zip(AXES, found.slope, found.half_width, UNITS, strict=True):
         why_not = found.undetermined.get(axis)
-        told = f"{k:9.2f} +- {half:6.2f} {unit:<8} tangent of the membranes at rest {true:9.2f}"
+        told = f"{k:9.2f} +- {half:6.2f} {unit}"
         lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else told))
+    lighter = figures["lighter"]
+    lines.append(f"a lighter weight, up to {lighter['load']:.1f} N, is told to {lighter['off']:.2f} N rms by them")
     lines.append(found.caveats[-1])
     print(json.dumps(figures) if args.json else "\n".join(lines))
     return 0

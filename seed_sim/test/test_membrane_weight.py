@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from seed_sim.identification.membrane_weight import identify_membranes_with_weight
@@ -15,14 +14,14 @@ ATTITUDES = ((0, 0), (60, 0), (120, 0), (120, 40), (90, 70), (30, 80), (0, 60))
 
 def held(mass: float) -> IdentificationScenario:
     drawn = identify_on_membrane(load("default"), 77)
-    return replace(drawn, weight=Weight(mass=mass), membrane=replace(drawn.membrane, spacing=0.012))
+    return replace(drawn, weight=Weight(mass=mass), membrane=replace(drawn.membrane, spacing=0.008))
 
 
 def test_a_weight_at_the_tools_frame_gives_the_forces_with_intervals() -> None:
     found, figures = identify_membranes_with_weight(held(0.5), 3, ATTITUDES)
-    true = np.array(list(figures["tangent"].values()))[3:]
-    assert (np.abs(found.slope[3:] - true) < 2.0 * found.half_width[3:]).all()
-    assert (found.half_width[3:] < 0.1 * true).all()
+    assert (found.half_width[3:] < 0.1 * found.slope[3:]).all()
+    assert figures["lighter"]["load"] > 2.0  # [N]: of half the weight, which the fit has not seen
+    assert figures["lighter"]["off"] < 0.1 * figures["lighter"]["load"]
     assert set(found.undetermined) == {"roll", "pitch", "yaw"}  # what a tool that hangs lower puts on them is no lever
     assert figures["slope"]["pitch"] is None
 

@@ -17,12 +17,12 @@ MOVED = make_pose(so3_exp([0.05, -0.08, 0.1]), [0.001, -0.002, 0.003])
 
 
 def grasp(X: np.ndarray) -> GraspState:
-    """Two flat patches of nodes that have moved by X."""
-    u, v = (g.ravel() for g in np.meshgrid(np.linspace(-0.01, 0.01, 5), np.linspace(-0.02, 0.02, 7)))
+    """Two flat membranes of nodes that have moved by X; the tool touches them in the middle."""
+    u, v = (g.ravel() for g in np.meshgrid(np.linspace(-0.02, 0.02, 9), np.linspace(-0.025, 0.025, 11)))
     bubbles = {}
     for finger, side in (("left", 1.0), ("right", -1.0)):
         nodes = np.stack([u, np.full(len(u), 0.012 * side), v], 1) @ X[:3, :3].T + X[:3, 3]
-        none, touching = np.zeros(len(u), bool), np.arange(len(u)) > 4
+        none, touching = np.zeros(len(u), bool), np.hypot(u, v) < 0.012
         bubbles[finger] = BubbleState(
             nodes, np.zeros((0, 3), int), np.stack([u, v], 1), touching, none, 3500.0, 2e-4, Wrench.zero()
         )

@@ -12,16 +12,17 @@ import numpy as np
 
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.hand import weight_about_T
-from seed_core.membrane.features import by_finger
+from seed_core.membrane.features import Motions, by_finger
 from seed_core.spatial import Array, Wrench, make_pose, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane import MembraneError
 from seed_sysid.fit.weight import ORIENTATIONS_DEG, WeightError
-from seed_sysid.membrane.weights import WeightSlopes, fit_weights
+from seed_sysid.membrane.weights import WeightSlopes, expected_load, fit_weights
 from seed_sysid.stiffness_map import AXES
 
 _TURN, _PARTS = np.deg2rad(6.0), 12  # [rad] of the hand between images; parts in which the weight is let go
+_CHECKED, _LIGHTER = 3, 0.5  # attitudes in which the slopes have to tell the load of a lighter weight; its share
 _FRAME, _IMAGES = 0.05, 4  # [s] between images; of them that an attitude averages
 
 
@@ -32,7 +33,7 @@ class _Hand:
         self._poses = TactilePoses(scenario, seed)
         assert self._poses.hold is not None
         self.hold, self._weight, self._t = self._poses.hold, scenario.weight, 0.0
-        self._X_CT = np.eye(4)
+        self._X_CT, self._R = np.eye(4), np.eye(3)
 
     def see(self, R_WC: Array, share: float) -> RelativePoseEstimate:
         """With the hand at R_WC (3, 3) and a share of the tool's weight on it; MembraneError where it is not borne."""
@@ -44,6 +45,19 @@ class _Hand:
         if not estimate.valid:
             raise WeightError(f"the estimator lost the tool: {estimate.reason}")
         return estimate
+
+    def turn(self, attitude: tuple[float, float], share: float) -> tuple[Motions, Array, Array]:
+        """Turn slowly to roll and pitch [deg]; motions there, X_CT (4, 4), and the load (6,) about T, in T."""
+        goal = rotation_from_rpy(np.deg2rad([*attitude, 0.0]))
+        way = so3_log(self._R.T @ goal)
+        steps = max(1, int(np.ceil(np.linalg.norm(way) / _TURN)))
+        for i in range(1, steps + 1):
+            self.see(self._R @ so3_exp(way * i / steps), share)
+        self._R = goal
+        estimates = [self.see(goal, share) for _ in range(_IMAGES)]
+        X_CT, weight = estimates[-1].X_CT, self._weight
+        load = weight_about_T(share * weight.mass, np.array(weight.center_of_mass), goal @ X_CT[:3, :3])
+        return by_finger(_mean(estimates)), X_CT, Wrench.zero().minus(load).vector()
 
 
 def identify_membranes_with_weight(
@@ -61,32 +75,22 @@ def identify_membranes_with_weight(
         MembraneError: the membranes cannot be inflated.
     """
     hand, weight = _Hand(scenario, seed), scenario.weight
-    tangent = np.diag(hand.hold.state.tangent)
     at_rest = hand.see(np.eye(3), 0.0)
     middles = np.array([m.centroid for m in by_finger(at_rest.membrane)])
-    seen: list[tuple[Array, list[RelativePoseEstimate]]] = []
-    R = np.eye(3)
     try:
         for share in np.linspace(0.0, 1.0, _PARTS):
-            hand.see(R, float(share))
-        for roll, pitch in attitudes:
-            goal = rotation_from_rpy(np.deg2rad([roll, pitch, 0.0]))
-            turn = so3_log(R.T @ goal)
-            steps = max(1, int(np.ceil(np.linalg.norm(turn) / _TURN)))
-            for i in range(1, steps + 1):
-                hand.see(R @ so3_exp(turn * i / steps), 1.0)
-            R = goal
-            seen.append((R, [hand.see(R, 1.0) for _ in range(_IMAGES)]))
+            hand.see(np.eye(3), float(share))
+        seen = [hand.turn(attitude, 1.0) for attitude in attitudes]
+        lighter = [hand.turn(attitude, _LIGHTER) for attitude in attitudes[:_CHECKED]]
     except MembraneError as error:
         raise WeightError(f"{weight.mass:g} kg tear the tool out of this grasp: take less ({error})") from error
-    X_CT = np.array([estimates[-1].X_CT for _, estimates in seen])
-    motions = [by_finger(_mean(estimates)) for _, estimates in seen]
-    loads = [
-        Wrench.zero().minus(weight_about_T(weight.mass, np.array(weight.center_of_mass), R @ X[:3, :3])).vector()
-        for (R, _), X in zip(seen, X_CT, strict=True)
-    ]
-    found = fit_weights(motions, middles, X_CT, np.array(loads))
-    return found, _figures(found, tangent, scenario, seed) | {"attitudes": len(seen)}
+    motions, X_CT, loads = zip(*seen, strict=True)
+    found = fit_weights(motions, middles, np.array(X_CT), np.array(loads))
+    off = [expected_load(found, motion, middles, X)[3:] - load[3:] for motion, X, load in lighter]
+    largest = np.linalg.norm([load[3:] for _, _, load in lighter], axis=1).max()
+    figures = _figures(found, scenario, seed)
+    check = {"off": float(np.sqrt(np.mean(np.square(off)) * 3.0)), "load": float(largest)}
+    return found, figures | {"attitudes": len(seen), "lighter": check}
 
 
 def _mean(estimates: list[RelativePoseEstimate]) -> tuple[MembraneMotion, ...]:
@@ -101,7 +105,7 @@ def _mean(estimates: list[RelativePoseEstimate]) -> tuple[MembraneMotion, ...]:
     return tuple(out)
 
 
-def _figures(found: WeightSlopes, tangent: Array, scenario: IdentificationScenario, seed: int) -> dict[str, Any]:
+def _figures(found: WeightSlopes, scenario: IdentificationScenario, seed: int) -> dict[str, Any]:
     def by_axis(values: Array) -> dict[str, float | None]:
         return {a: float(v) if np.isfinite(v) else None for a, v in zip(AXES, values, strict=True)}
 
@@ -109,7 +113,6 @@ def _figures(found: WeightSlopes, tangent: Array, scenario: IdentificationScenar
         "procedure": "weight",
         "slope": by_axis(found.slope),
         "half_width": by_axis(found.half_width),
-        "tangent": by_axis(tangent),
         "residual": by_axis(found.residual),
         "undetermined": found.undetermined,
         "caveats": list(found.caveats),

@@ -22,7 +22,6 @@ from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
 _LEAST = 6  # loads
 _LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; a component that varies by less is not loaded
 _LEVER = 0.005  # [m] of the forces; torques below it come with the sag, and other motions bear them as well
-GAIN = 0.04  # share by which an estimator may tell all motions too large or too small: no weight shows that
 _UNCERTAIN = 0.10  # relative standard deviation above which a slope is not given
 NOT_TOLD = "how the axes act on each other, what the fingers do differently, and how the membranes stiffen"
 
@@ -32,9 +31,9 @@ class WeightSlopes:
     """What weights tell of a membrane map.
 
     Attributes:
-        slope: (6,) [N m/rad, N/m] of torque and force on the tool in C over roll, pitch, yaw, x, y, z of the material,
-            positive where it pulls back; nan where the weights cannot tell. half_width: (6,) of the 95 % interval,
-            the estimator's GAIN included.
+        slope: (6,) [N m/rad, N/m] of torque and force on the tool in C over the roll, pitch, yaw, x, y, z that this
+            estimator tells of the material,
+            positive where it pulls back; nan where the weights cannot tell. half_width: (6,) of the 95 % interval.
         undetermined: by axis why there is none. residual: (6,) rms [N m, N] around the lines.
     """
 
@@ -85,7 +84,7 @@ def fit_weights(motions: Sequence[Motions], middles: Array, X_CT: Array, wrench:
             )
             continue
         slope[j] = -1.0 / compliance
-        half[j] = float(np.hypot(quantile * std / compliance**2, GAIN / compliance))
+        half[j] = quantile * std / compliance**2
         residual[j] = float(np.sqrt(np.mean((off / compliance) ** 2)))
     if len(reasons) == 6:
         raise WeightError("the weights determine no axis: use heavier ones and turn the hand further")
