@@ -39,6 +39,7 @@ SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slide
 LOSS = 0.03  # [1] of the image that the tool's pose must explain less than usual within a fall
 SET_FREE = 0.5  # [1] of its displacement to which a membrane without load has sprung back, and one that slides has not
 SETTLED, LONGEST = 0.015, 0.25  # [s] for which the end of a fall is awaited, at least and at most: a release lasts
+FALLING = 0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a tool that slides breaks it
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
 LEAST, MOST = 0.7, 1.5  # [thresholds] of fall from which a frame is evidence, and as how much it counts at most
 SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
@@ -60,6 +61,7 @@ class GrossSlip:
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
+        self._steepest = 0.0  # [m] drop of a frame since then
 
     @property
     def places(self) -> list[Array]:
@@ -103,10 +105,12 @@ class GrossSlip:
         found = [m for m in judged if m.seen and m.seen[-1].stamp == stamp]
         now = [m.seen for m in found]
         if now and all(without_load([size for _, size in m.sizes]) for m in found):
-            self._evidence, self._fell = 0.0, math.inf
+            self._evidence, self._fell, self._steepest = 0.0, math.inf, 0.0
             return False
-        falling = any(len(seen) > 1 and seen[-1].size < seen[-2].size - FALL for seen in now)
-        return since > LONGEST or (since > SETTLED and bool(now) and not falling)
+        drop = max((seen[-2].size - seen[-1].size for seen in now if len(seen) > 1), default=math.inf)
+        self._steepest = max(self._steepest, drop) if now else self._steepest
+        falling = not now or drop > max(FALL, FALLING * self._steepest)
+        return since > LONGEST or (since > SETTLED and not falling)
 
     def _torn(self, stamp: float) -> bool:
         """Whether the markers of a patch with incipient slip under its load have not been found for too long."""
