@@ -26,6 +26,7 @@ WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
 CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again
 TRAVEL = 4e-3  # [m] of the tip along a difference after which it is no touch
 STAYS = 0.25  # of a difference, by which it may change during the wait, beyond one deviation
+GOES = 0.5  # of a difference, by which it shrinks where a support has let go, beyond one deviation
 _SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
 _FLOOR = np.array((0.01, 0.01, 0.01, 0.05, 0.05, 0.05)) ** 2  # of a tool that swings a little
 
@@ -57,6 +58,7 @@ class WeightCheck:
 
     def __init__(self, settings: ReferenceSettings, tool: Tool) -> None:
         self._tool = tool
+        self._tolerance = settings.force_tolerance  # [N]
         self._test = WindowTest(settings.force_tolerance, settings.torque_tolerance)
         self._mass = settings.mass_deviation * tool.mass * GRAVITY  # [N]
         self._lever = 1e-3 * settings.centre_deviation  # [m]
@@ -121,8 +123,11 @@ class WeightCheck:
         """A sample that has waited; now: (6,) the difference at present."""
         difference = s.spring - s.load
         d = difference[3:]
-        most = STAYS * float(d @ d) + float(np.sqrt(d @ s.random[3:, 3:] @ d))
-        stays = abs(float((now[3:] - d) @ d)) <= most  # along the difference, times its size
+        noise = float(np.sqrt(d @ s.random[3:, 3:] @ d))
+        change = float((now[3:] - d) @ d)  # along the difference, times its size
+        stays = abs(change) <= STAYS * float(d @ d) + noise
+        if float(d @ d) > self._tolerance**2 and change < -GOES * float(d @ d) - noise:
+            self._test.reset()  # what was found of a tool that something carried says nothing of one that hangs
         self._test.add(s.m.stamp, difference, s.random, s.systematic)
         mean = difference if self._test.difference is None else self._test.difference.mean
         force = s.m.X_WT[:3, :3] @ mean[3:]
