@@ -229,3 +229,15 @@ def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:
         _, said = process.communicate(timeout=20.0)
     assert process.returncode == 130
     assert said.decode().strip() == "seed demo: interrupted"
+
+
+def test_ctrl_c_before_the_command_has_begun_waits_for_it() -> None:
+    """As tools/bootstrap starts it; for importing NumPy takes a second on a busy machine, and nobody answers then."""
+
+    def before() -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        os.kill(os.getpid(), signal.SIGINT)
+
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.dispatch", "evaluate", "squeegee"]
+    done = subprocess.run(command, preexec_fn=before, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "seed evaluate: interrupted\n")

@@ -27,7 +27,7 @@ def test_sweep_on_a_dask_cluster_scores_as_it_does_here(tmp_path: Path) -> None:
     task.write_text(TOUCH)
 
     def swept(jobs: int) -> dict:
-        result = sweep(str(task), ["nominal"], seeds, law="seed", estimator="noisy", jobs=jobs, progress=False)
+        result = sweep(str(task), ["nominal"], seeds, law="seed", estimator="noisy", jobs=jobs)
         return result["columns"]["nominal"]
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)

@@ -54,6 +54,8 @@ def start(arguments: list[str]) -> None:
         offer_browser()
     variables = ready_workspace(ROOT, environment, rebuild=arguments[1:] if builds else None)
     python = str(environment.python)
+    # Until the command's first libraries are there, nobody could answer Ctrl-C but with a traceback: it waits.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.execve(python, [python, "-P", "-m", "seed_bringup.commands.dispatch", *arguments], variables)
 
 

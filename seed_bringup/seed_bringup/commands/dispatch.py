@@ -3,6 +3,7 @@
 
 import importlib
 import os
+import signal
 import sys
 
 from seed_bringup.command_table import offered, usage
@@ -35,6 +36,7 @@ def main(arguments: list[str]) -> int:
     sys.argv = [f"seed {name}", *argv]
     try:
         with leaving_at_once(name):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # it has waited since tools/bootstrap
             run = getattr(importlib.import_module(commands[name].module), commands[name].function)
         return int(run(argv))
     except ModuleNotFoundError as error:

@@ -1,18 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is seen of work that takes long: a bar on the terminal, or a line now and then where there is none."""
+"""Work that takes long, on several cores, and what is seen of it: a bar, or without a terminal a line now and then."""
 
+import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from multiprocessing import resource_tracker
+from typing import Any, TypeVar
 
+from joblib import Parallel
 from tqdm import tqdm
 
 T = TypeVar("T")
 EVERY = 10.0  # [s] between two lines
 
 Progress = Callable[[float, str], None]  # share of the task, name of its phase
+
+
+def in_parallel(calls: Sequence[Any], jobs: int, unit: str, ordered: bool = True) -> Iterator[Any]:
+    """What joblib's delayed calls give, made by so many processes or by joblib's active back end, counted as `unit`.
+
+    ordered: in the order of the calls; else as they end.
+    """
+    pool = Parallel(n_jobs=jobs, return_as="generator" if ordered else "generator_unordered")
+    with _deaf_processes() if jobs != 1 else nullcontext():
+        results = pool(calls)
+    yield from counted(results, len(calls), unit)
+
+
+@contextmanager
+def _deaf_processes() -> Iterator[None]:
+    """Those that are started meanwhile do not hear Ctrl-C, and tell no tracebacks: this one does, and ends them."""
+    resource_tracker.ensure_running()  # here, for on Python 3.11 it takes away the mask of whoever starts it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def counted(work: Iterable[T], total: int, unit: str) -> Iterator[T]:

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.evaluate import evaluate
+from seed_sim.closed_loop.progress import in_parallel
 
 SMOOTH = ("cylinder", "hollow", "sphere", "saddle", "relief")
 ROUGH = ("wedge", "step_up", "step_down", "edge", "moving_table")
@@ -23,7 +24,7 @@ def surfaces(
 ) -> list[dict[str, Any]]:
     """So many runs of the kinds in turn, each with a seed of its own, on estimates with noise and delay."""
     wanted = [(kinds[i % len(kinds)], seed + i) for i in range(runs)]
-    return list(Parallel(n_jobs=jobs)(delayed(one_surface)(task, *one) for one in wanted))
+    return list(in_parallel([delayed(one_surface)(task, *one) for one in wanted], jobs, "run"))
 
 
 def one_surface(task: str, scenario: str, seed: int) -> dict[str, Any]:

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.evaluate import evaluate
-from seed_sim.closed_loop.progress import counted
+from seed_sim.closed_loop.progress import in_parallel
 
 
 def sweep(
@@ -21,7 +21,6 @@ def sweep(
     estimator: str,
     force: float | None = None,
     jobs: int = 1,
-    progress: bool = True,
 ) -> dict[str, Any]:
     """Every column (a scenario's name) with every seed.
 
@@ -31,10 +30,8 @@ def sweep(
         The settings, and by column the score of every run with mean, p95 and max over them.
     """
     cases = [(column, seed) for column in columns for seed in seeds]
-    work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(one_run)(task, column, seed, law, estimator, force) for column, seed in cases
-    )
-    results = list(counted(work, len(cases), "run") if progress else work)
+    calls = [delayed(one_run)(task, column, seed, law, estimator, force) for column, seed in cases]
+    results = list(in_parallel(calls, jobs, "run"))
     runs_of = {c: results[i * len(seeds) : (i + 1) * len(seeds)] for i, c in enumerate(columns)}
     return {
         "task": task,

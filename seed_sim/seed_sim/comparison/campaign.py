@@ -6,18 +6,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.errors import SeedError
-from seed_sim.closed_loop.progress import counted
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.tuning import Work
 
 
 def scored_in_parallel(works: list[Work], jobs: int) -> Iterator[dict[str, Any]]:
     """The rows of all of them, as they end."""
-    runs = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(scored)(run, s) for run, s in works)
-    yield from counted(runs, len(works), "run")
+    yield from in_parallel([delayed(scored)(run, s) for run, s in works], jobs, "run", ordered=False)
 
 
 def campaign(works: list[Work], jobs: int, file: Path) -> list[dict[str, Any]]:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed
+from joblib import delayed
 
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.faults.draw import KINDS, draw
 from seed_sim.faults.run import Outcome, run_fault
 
@@ -24,10 +25,8 @@ def campaign(
     """
     wanted = [(kinds[i % len(kinds)], seed + i // len(kinds)) for i in range(runs)]
     known = {} if keep is None or not keep.is_file() else _kept(keep, law)
-    made = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run_fault)(*one, law) for one in wanted if one not in known
-    )
-    for outcome in made:
+    calls = [delayed(run_fault)(*one, law) for one in wanted if one not in known]
+    for outcome in in_parallel(calls, jobs, "run", ordered=False):
         known[outcome.fault.kind, outcome.fault.seed] = outcome
         if keep is not None:
             with keep.open("a", encoding="utf-8") as file:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
-from tqdm import tqdm
+from joblib import delayed
 
 from seed_control.grip import GripSettings
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.gripper.pulls import KINDS, draw
 from seed_sim.gripper.trial import Outcome, holds, necessary, run
 
@@ -37,8 +37,7 @@ def case(kind: str, seed: int, settings: GripSettings | None = None) -> Case:
 def score(runs: int, seed: int, kinds: Sequence[str] = KINDS, jobs: int = 1) -> list[Case]:
     """So many pulls of each kind, the first drawn from `seed`."""
     wanted = [(kind, seed + i) for kind in kinds for i in range(runs)]
-    made = Parallel(n_jobs=min(jobs, len(wanted)), return_as="generator")(delayed(case)(*one) for one in wanted)
-    return list(tqdm(made, total=len(wanted), desc="pulls", unit="run", disable=None))
+    return list(in_parallel([delayed(case)(*one) for one in wanted], min(jobs, len(wanted)), "pull"))
 
 
 def summary(cases: Sequence[Case]) -> dict[str, dict[str, float]]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
-from seed_sim.closed_loop.progress import counted
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.wipes.bandwidth import FREQUENCIES, bandwidth, gain
 from seed_sim.wipes.conditions import CONDITIONS
 from seed_sim.wipes.run import Wipe, wipe
@@ -25,8 +25,7 @@ def campaign(
     wanted = [(name, seed) for name in names for seed in seeds]
     known = _kept(keep, law) if keep is not None and keep.is_file() else {}
     missing = [one for one in wanted if one not in known]
-    work = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(wipe)(*one, law) for one in missing)
-    for made in counted(work, len(missing), "wipe"):
+    for made in in_parallel([delayed(wipe)(*one, law) for one in missing], jobs, "wipe", ordered=False):
         known[made.condition, made.seed] = made
         if keep is not None:
             with keep.open("a", encoding="utf-8") as file:
@@ -93,6 +92,6 @@ def table(result: dict[str, dict[str, Any]]) -> str:
 def bandwidths(seeds: Sequence[int], law: str = "seed", jobs: int = 1) -> list[float]:
     """Bandwidth of the force [Hz] by seed."""
     asked = [(f, seed) for seed in seeds for f in FREQUENCIES]
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(gain)(f, seed, law) for f, seed in asked)
-    found = list(zip(asked, counted(work, len(asked), "run"), strict=True))
+    work = in_parallel([delayed(gain)(f, seed, law) for f, seed in asked], jobs, "run")
+    found = list(zip(asked, work, strict=True))
     return [bandwidth([(f, g) for (f, s), g in found if s == seed]) for seed in seeds]

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
-from seed_sim.closed_loop.progress import counted
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
@@ -45,8 +45,7 @@ def score_draws(
     """
     runs = _known(out, settings) if out is not None else {}
     missing = [d for d in draws if d not in runs]
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(one_draw)(settings, d) for d in missing)
-    for run in counted(work, len(missing), "draw"):
+    for run in in_parallel([delayed(one_draw)(settings, d) for d in missing], jobs, "draw"):
         runs[run["draw"]] = run
         if out is not None:
             with out.open("a", encoding="utf-8") as file:

@@ -11,7 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.hand import Frame, Hand
 from seed_estimation import EstimatorError, PinholeCamera
@@ -19,6 +19,7 @@ from seed_estimation.gel.sensor import Gel
 from seed_estimation.gel.settings import GelSettings
 from seed_estimation.sensors.estimator import SensorEstimator
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.gel.estimator import PLACES, calibrate_gels
 from seed_sim.gel.parameters import GelParameters, gel_hand, mount
 from seed_sim.gel.renderer import GelRenderer
@@ -107,7 +108,7 @@ def _with_focal(camera: PinholeCamera, factor: float) -> PinholeCamera:
 
 def score_draws(seed: int, draws: int, jobs: int) -> dict[str, Any]:
     """All draws from seed on, and root mean squares over them, by case and axis."""
-    each = Parallel(n_jobs=jobs)(delayed(one)(s) for s in range(seed, seed + draws))
+    each = list(in_parallel([delayed(one)(s) for s in range(seed, seed + draws)], jobs, "draw"))
     out: dict[str, Any] = {"seed": seed, "draws": draws}
     for case in CASES:
         scored = [d[case] for d in each if "refused" not in d[case]]

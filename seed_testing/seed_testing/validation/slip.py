@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
-from tqdm import tqdm
+from joblib import delayed
 
 from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
@@ -125,8 +125,7 @@ def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int)
     duration = max(minutes * 60.0 / pieces, 1.0)
     work = [delayed(alarm_delay)(scenario, 1000 * seed + i) for i in range(slips)]
     work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
-    done = Parallel(n_jobs=min(jobs, len(work)), return_as="generator")(work)
-    results: list[Any] = list(tqdm(done, total=len(work), desc="slips", unit="run", disable=None))
+    results: list[Any] = list(in_parallel(work, min(jobs, len(work)), "run"))
     found, calm = results[:slips], np.array(results[slips:])
     delays = [delay for delay, _ in found if delay is not None]
     wrong, valid, frames = calm.sum(axis=0).tolist()

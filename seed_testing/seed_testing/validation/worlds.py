@@ -6,10 +6,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.spatial import interpolate_pose
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.trajectory import poses
 from seed_sim.world.cameras import WorldCameras
@@ -43,7 +44,7 @@ def run_world(scenario: Scenario, world: World, method: str, seed: int) -> Serie
 
 def score_worlds(scenario: Scenario, method: str, draws: Sequence[int], jobs: int = 1) -> dict[str, Any]:
     """Scores of every draw, and median, 90 % and worst over them by figure."""
-    runs = list(Parallel(n_jobs=jobs)(delayed(_one)(scenario, method, d) for d in draws))
+    runs = list(in_parallel([delayed(_one)(scenario, method, d) for d in draws], jobs, "draw"))
     good = [r for r in runs if r.get("nees") is not None]
     summary: dict[str, Any] = {"draws": len(runs), "scored": len(good)}
     if good:

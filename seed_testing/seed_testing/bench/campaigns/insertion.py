@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, seed_number, whole
 from seed_sim.closed_loop.evaluate import evaluate, scenario_of
-from seed_sim.closed_loop.progress import counted
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.closed_loop.relative_poses import ESTIMATORS
 from seed_sim.scenario import Scenario, load_scenario
 from seed_testing.figures import text
@@ -54,8 +54,7 @@ def run(settings: dict[str, Any], seeds: Sequence[int], jobs: int = 1, out: Path
     _scenario(settings)
     cases = _known(out, settings) if out is not None else {}
     todo = [seed for seed in seeds if seed not in cases]
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(one_case)(settings, seed) for seed in todo)
-    for case in counted(work, len(todo), "case"):
+    for case in in_parallel([delayed(one_case)(settings, seed) for seed in todo], jobs, "case"):
         cases[case["seed"]] = case
         if out is not None:
             with out.open("a", encoding="utf-8") as file:

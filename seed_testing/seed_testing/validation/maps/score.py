@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
 from seed_core.membrane.map import MembraneMap
 from seed_core.spatial import Array, inverse_pose
+from seed_sim.closed_loop.progress import in_parallel
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, rms
 from seed_sysid.membrane.result import map_file
@@ -86,8 +87,8 @@ def score_membranes(
     seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = FRAMES
 ) -> dict[str, Any]:
     """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any."""
-    one = delayed(_kept)
-    runs = list(Parallel(n_jobs=jobs)(one(s, noise, frames, folder) for s in seeds))
+    calls = [delayed(_kept)(s, noise, frames, folder) for s in seeds]
+    runs = list(in_parallel(calls, jobs, "membrane"))
     good = [r for r in runs if "failed" not in r]
     summary = []
     for i, asked in enumerate(SHARES if good else ()):
