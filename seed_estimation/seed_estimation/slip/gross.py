@@ -39,9 +39,7 @@ SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slide
 LOSS = 0.03  # [1] of the image that the tool's pose must explain less than usual within a fall
 SET_FREE = 0.5  # [1] of its displacement to which a membrane without load has sprung back, and one that slides has not
 SETTLED, LONGEST = 0.015, 0.25  # [s] for which the end of a fall is awaited, at least and at most: a release lasts
-FALLING = (
-    0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a tool that slides breaks it
-)
+FALLING = 0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a slip slows at once
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
 LEAST, MOST = 0.7, 1.5  # [thresholds] of fall from which a frame is evidence, and as how much it counts at most
 SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
