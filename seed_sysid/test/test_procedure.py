@@ -242,3 +242,21 @@ def test_a_simulated_run_grips_anew_and_goes_on() -> None:
     data, _ = simulate(scenario, 1, None, cell=cell)
     assert cell.grasps > 1
     assert len(data.samples) == data.header.planned
+
+
+def test_a_pose_that_loses_the_tool_at_every_grasp_is_left_out() -> None:
+    scenario = load("default")
+    cell, run = SimulatedCell(scenario, 1), Run(replace(scenario.procedure, widths=[0.02]))
+    command, lost, lost_at, skipped = Command(np.eye(4), 0.02, 0, "start"), False, [], ""
+    while not (command.done or skipped) and cell.stamp < 300.0:
+        reading = cell.step(command)
+        lost = lost or reading.X_TC[0, 3] > 0.001  # of the first that goes along x, however little
+        command = run.step(replace(reading, followed=not lost))
+        if command.regrasp:
+            lost_at.append(run.done)
+            skipped = command.event
+            run.regrasped()
+            lost = False
+    assert len(lost_at) == 2
+    assert lost_at[0] == lost_at[1]
+    assert skipped.endswith("skipped: the tool was lost there twice")

@@ -16,7 +16,7 @@ from seed_sysid.data.dataset import Dataset, Header
 from seed_sysid.data.sample_file import Recorder
 from seed_sysid.run.procedure import Command, Run
 
-_GRASPS = 4  # of a run at most: each time the estimator has lost the tool for good, it is gripped anew
+_GRASPS = 8  # of a run at most: each time the estimator has lost the tool for good, it is gripped anew
 _SHOW = 1.0  # [s] between lines of progress
 
 

@@ -102,6 +102,7 @@ class Run:
         self._followed: float | None = None  # when the estimator last followed the tool [s], at this grip
         self._seen = True  # that it did at its last image
         self._centred: float | None = None  # since when the tool is looked for at the centre [s]
+        self._lost_at: tuple[int, Target] | None = None  # grip and pose that last asked for a new grasp
         self._visit: _Visit | None = None
         self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
@@ -187,7 +188,14 @@ class Run:
         if stamp - self._centred <= self.procedure.limits.search:
             return self._command("searching")
         reason = f"{lost}, {self.procedure.limits.search:g} s of them at the centre (limits.search)"
-        return self._command("failed", failure=f"{reason}: grip the tool anew and initialise the grasp", regrasp=True)
+        failure = f"{reason}: grip the tool anew and initialise the grasp"
+        lost_at = self._queue[0] if self._queue else None
+        event = ""
+        if lost_at is not None and lost_at == self._lost_at:
+            self._queue.pop(0)
+            event = f"{lost_at[1].name} skipped: the tool was lost there twice"
+        self._lost_at = lost_at
+        return self._command("failed", failure=failure, event=event, regrasp=True)
 
     def _approach(self, goal: Array, dt: float) -> bool:
         """Move the commanded pose towards goal; whether it is there."""
