@@ -36,6 +36,7 @@ RANGE = 0.9, 0.03  # [rad], [m] nor is it found further than this from where it 
 APART = 3.0  # times the usual depth residual: the tool is not there
 # [1] of every image that the rigid motion must explain, and the material as it deforms, where the former is too little
 PART, WHOLE = 0.35, 0.6
+CLEAR = 0.85  # [1] from which on the material of the patch moves as one with the tool
 FITS = 1.6  # times the usual depth residual, up to which depth fits as well as usual
 USUAL = 0.05  # weight of a frame in what is usual
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
@@ -52,7 +53,7 @@ class Tracker:
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
         slip: micro-slip. timing: skew of the fingers and lag of depth.
         patches, around: motion of the membranes' material in the last frame, of the patches and of the bands around
-            them, by finger; only of those that are found.
+            them, by finger; only of those that are found. Of patches that one rigid motion explains, none is told.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Tracker:
         self.patches: dict[str, MaterialMotion] = {}
         self.around: dict[str, MaterialMotion] = {}
         self._patches = [MaterialTracker(m, m.patch) for m in models]
+        self._patches_seen = np.eye(4)  # X_CT when they were looked at last
         self._around = [MaterialTracker(m, m.around) for m in models if m.around is not None]
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
         self._stamp = max(i.stamp for i in images.values())
@@ -99,13 +101,13 @@ class Tracker:
         if share < p.lock:
             best = max([best, *self._fits_elsewhere(crops, start, p.iterations)], key=quality)
             share = quality(best)
-        before, patches = self.X_CT, None
+        patches: dict[str, MaterialMotion] | None = None
         if share < p.lock and self._fits_in_part(touching, best, share):
-            patches = _followed(self._patches, crops, before, best.X_CT)
+            patches = self._patches_at(crops, best.X_CT)
             if all(f in patches and patches[f].explained >= WHOLE for f in touching):
                 share = max(share, p.lock + 2.0 * SURE)
             else:
-                before, patches = best.X_CT, None
+                patches = None
         locked = share >= (p.lock + SURE if self.lost else p.lock)
         if locked or 0.0 < stamp - self._stamp <= SPAN:
             self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
@@ -118,9 +120,15 @@ class Tracker:
         self._accept(best, share, stamp, p)
         self.patches, self.around = {}, {}
         if not self.lost:
-            self.patches = patches or _followed(self._patches, crops, before, self.X_CT)
+            clear = all(best.explained[f] > CLEAR for f in touching)
+            self.patches = patches or ({} if clear else self._patches_at(crops, self.X_CT))
             self.around = _followed(self._around, crops, was, self.X_CT)
         return best
+
+    def _patches_at(self, crops: Mapping[str, Crop], X_CT: Array) -> dict[str, MaterialMotion]:
+        """How the material of the patches has moved with the tool at X_CT (4, 4), by finger that is found."""
+        before, self._patches_seen = self._patches_seen, X_CT
+        return _followed(self._patches, crops, before, X_CT)
 
     def _fits_in_part(self, touching: Collection[str], found: Fit, share: float) -> bool:
         """Whether a fit that explains too little may be right: it explains a part, and depth fits as usual."""

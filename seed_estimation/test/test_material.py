@@ -15,13 +15,19 @@ from scipy.ndimage import map_coordinates
 
 from seed_core.membrane.material import deformation, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp
-from seed_estimation import Estimator, TactileImages
+from seed_estimation import Estimator, TactileImages, tracker
 from seed_estimation.material.motion import MaterialMotion
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer
 
 Field = Callable[[Array], Array]  # x and z (2, ...) of material at the grasp to how far it has gone since [m]
 FRAMES = 10  # over which a field grows
+
+
+@pytest.fixture(autouse=True)
+def _looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Patches that go with the tool as one are followed here, too."""
+    monkeypatch.setattr(tracker, "CLEAR", 2.0)
 
 
 def surface(tool: ToolShape, x: Array) -> Array:
@@ -51,9 +57,8 @@ def slid(images: TactileImages, bubbles: TactileRenderer, finger: str, tool: Too
 
 def expected(estimator: Estimator, finger: str, field: Field, tool: ToolShape) -> tuple[Array, Array]:
     """Rigid motion (4, 4) and deformation (9,) of the patch that the estimator follows."""
-    tracker = estimator._tracker
-    assert tracker is not None
-    p = next(m for m in tracker.models if m.finger == finger).patch.area.astype(float)
+    assert estimator._tracker is not None
+    p = next(m for m in estimator._tracker.models if m.finger == finger).patch.area.astype(float)
     gone = p[[0, 2]] + field(p[[0, 2]])
     after = np.stack((gone[0], p[1] + np.sign(p[1]) * (surface(tool, gone[0]) - surface(tool, p[0])), gone[1]))
     X = rigid_motion(p, after)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seed_core.membrane.material import Patch, deformation, patch_of, rigid_motion
+from seed_core.membrane.material import Patch, of_field, patch_of, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, skew, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, sample
 from seed_estimation.images.tactile_images import Array32
@@ -87,6 +87,7 @@ class MaterialTracker:
         self._area = material.area.astype(float)  # (3, M)
         self._area_powers = self.patch.powers(self._area, self._degree)
         self._field_of = np.linalg.pinv(self._area_powers)  # (M, K)
+        self._shape_of = np.linalg.pinv(self.patch.powers(self._area))  # (M, 6)
         self._rigid_of = self._rigid_part()
         bends = np.full(len(self._powers), STRAIN[self._degree - 2] ** -2.0)
         bends[0] = 0.0
@@ -198,7 +199,8 @@ class MaterialTracker:
         if explained < FOUND:
             covariance += self._about_middle(PATCHY, X_CM)
         self._X, self._F = X_CM, beyond @ self._field_of
-        return MaterialMotion(X_CM, covariance, deformation(X_CM, self._area, after), explained)
+        deformation = of_field((X_CM[:3, :3] @ beyond)[[0, 2]] @ self._shape_of)
+        return MaterialMotion(X_CM, covariance, deformation, explained)
 
     def _covariance(self, X: Array) -> Array:
         """(6, 6) of the rigid part; see rigid_fit/covariance.py."""
