@@ -15,10 +15,12 @@ from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileParameters, TactileRenderer, evaluate
 from seed_sim.closed_loop.evaluate import Evaluation
 from seed_sim.replay.film import Film, Moment
-from seed_sim.replay.still import Body
+from seed_sim.replay.fixtures import fixtures, table_mesh
+from seed_sim.replay.still import Body, Camera
 
 SIZE = (600, 400)  # [pixels]
 SEED = 7
+BLOCK = (122, 78, 44)  # colour of what a hole is cut into
 
 
 def scene_of(run: Evaluation, moment: Moment, film: Film) -> Scene:
@@ -39,14 +41,23 @@ def scene_of(run: Evaluation, moment: Moment, film: Film) -> Scene:
     )
 
 
-def at_work(task: str, share: float, distance: float, side: float) -> bytes:
-    """The cell at that share of a task's time in contact."""
+def at_work(task: str, share: float, distance: float, side: float, cut: bool = False) -> bytes:
+    """The cell at that share of a task's time in contact; cut: what stands on the table is cut open."""
     film = Film()
     run = evaluate(task, seed=SEED, film=film)
     touching = [m for m in film.moments if float(np.linalg.norm(m.wrench.force)) > 0.3]
     scene = scene_of(run, touching[int(share * (len(touching) - 1))], film)
-    figure, _ = drawn(bodies(scene), camera_on(scene, SIZE, distance, side))
-    return png(figure)
+    camera = camera_on(scene, SIZE, distance, side)
+    return png(drawn(_cut_open(scene, camera) if cut else bodies(scene), camera)[0])
+
+
+def _cut_open(scene: Scene, camera: Camera) -> list[Body]:
+    """Of the walls around a hole those behind the tool, seen from the camera."""
+    at = scene.X_WS[:3, 3]
+    walls = [w.moved(scene.X_WS) for w in fixtures(scene.kind, scene.tool)]
+    behind = [w for w in walls if (w.vertices.mean(axis=0) - at) @ (np.array(camera.eye) - at) < 0.0]
+    table = Body(table_mesh().moved(scene.X_WS), WOOD)
+    return [*bodies(scene, table=False), table, *(Body(w, BLOCK) for w in behind)]
 
 
 def wipes() -> bytes:
@@ -55,8 +66,8 @@ def wipes() -> bytes:
 
 
 def fits() -> bytes:
-    """A peg in a hole."""
-    return at_work("peg", 0.9, 0.62, 0.5)
+    """A peg in a hole that is cut open."""
+    return at_work("peg", 0.9, 0.42, 0.6, cut=True)
 
 
 def writes() -> bytes:
@@ -110,7 +121,7 @@ def knows() -> bytes:
         axis.axhline(10.0, color=INK, lw=1.0, ls=(0, (4, 3)))
         axis.set_xlabel("time [s]")
         axis.set_ylabel("pressing force [N]")
-        axis.legend(loc="lower center", fontsize=11)
+        axis.legend(loc="center", fontsize=11)
         axis.annotate("wanted", (0.1, 10.0), xytext=(2, 5), textcoords="offset points", color=INK)
         return png(figure)
 
