@@ -35,7 +35,7 @@ _GATE = 9.0  # squared innovation over its variance (3 sigma)
 _HEIGHT_PRIOR = 2e-3  # [m], deviation at first contact
 _JUMP_IMAGES = 2  # so many in a row on one side mean that the surface has stepped
 _FORGET = 20.0  # [s] in which the weights would come back to what they were at first
-_LATE = 0.03  # [s] deviation of the images' stamps
+_LATE, _LATE_WALK = 0.03, 0.01  # [s] deviation of the images' stamps at first, and [s/sqrt(s)] of its change
 _MOVING_WALK = 5e-5  # [m/sqrt(s)] of the height of a surface whose motion is modelled
 _MOTION = slice(6, 9)  # of the state
 _SOFT, _SOFT_SHARE = 0.4, 0.1  # deviation of beta on soft ground, and how likely that is at first
@@ -76,6 +76,7 @@ class SurfaceObserver:
         self._walk[:, 0] = _MOVING_WALK**2
         self._walk[: RESTING + 1, 0] = (1e-3 * p.surface_noise) ** 2
         self._walk[:, 1:4] = p.slope_noise**2
+        self._walk[:, 5] = _LATE_WALK**2
         self._prior = np.zeros((models.count, _SIZE, _SIZE))
         fixed = [_HEIGHT_PRIOR, *[p.slope_prior] * 3, p.compliance_prior, _LATE]
         self._prior[:, range(6), range(6)] = np.square(fixed)
