@@ -333,7 +333,7 @@ def test_disabling_ends_a_task_where_it_is(cell: Cell) -> None:
     disabled_while(cell, lambda: cell.node.follow.busy)
     answer = cell.bench.result(handle)
     assert answer.status == GoalStatus.STATUS_ABORTED
-    assert "disabled by ~/enable" in answer.result.message
+    assert "disabled by controller/enable off" in answer.result.message
     again = cell.bench.result(cell.play(FREE))  # in the wrong state
     assert "then call controller/enable on" in again.result.message
 
@@ -346,7 +346,7 @@ def test_disabling_ends_a_weighing_where_it_is(cell: Cell) -> None:
     disabled_while(cell, lambda: cell.node.payload.busy)
     assert cell.bench.until(answer.done)
     assert not answer.result().success
-    assert "ended early: arm holds: disabled by ~/enable" in answer.result().message
+    assert "ended early: arm holds: disabled by controller/enable off" in answer.result().message
 
 
 def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) -> None:

@@ -103,7 +103,7 @@ def test_the_flange_is_not_taken_below_the_floor(memory, hand_file: str) -> None
     reason = run.go((0.0, 0.0, -0.25 - run.p[2]))
     body = "gripper" if hand_file else "wrist"
     assert f"the {body}" in reason
-    assert "of the floor, at least 10 mm (clearance): call ~/resend_robot_program" in reason
+    assert "of the floor, at least 10 mm (clearance): call driver/resend_robot_program" in reason
     lowest = run.flange()[-1, 2]
     assert lowest == pytest.approx((0.09 + 0.075 if hand_file else 0.028) + 0.01, abs=0.002)
     # away from it, and to it again
@@ -188,7 +188,7 @@ def test_where_a_branch_ends_the_arm_stops_and_is_not_judged_by_another_branch(m
     outwards = np.array(run.p) - (0.0, 0.0, 0.16)
     reason = run.go(tuple(0.1 * outwards / np.linalg.norm(outwards)))
     assert "out of reach of the ur5e as the arm is bent, shoulder_pan_joint would have to jump by 15" in reason
-    assert "degrees, at most 29: call ~/resend_robot_program" in reason
+    assert "degrees, at most 29: call driver/resend_robot_program" in reason
     assert np.abs(np.diff(run.joints, axis=0)).max() <= 2.0 * DT
     assert abs(run.joints[-1][2]) < abs(q[2])
     # back is free

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from joblib import delayed
 
-from seed_sim.closed_loop.progress import counted, in_parallel
+from seed_sim.closed_loop.progress import counted, in_parallel, progress_bar
 
 SWEEP = """
 import sys, time
@@ -61,3 +61,11 @@ def test_ctrl_c_ends_all_processes_and_one_of_them_tells(after: float, tmp_path:
     while subprocess.run(["pgrep", "-g", str(process.pid)], stdout=subprocess.DEVNULL).returncode == 0:
         assert time.monotonic() < deadline, "processes are left"
         time.sleep(0.1)
+
+
+def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with progress_bar("fig7") as move:
+        time.sleep(0.02)
+        move(0.5, "wipe")
+    assert "00:00 left, wipe" in capsys.readouterr().err

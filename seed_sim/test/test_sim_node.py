@@ -175,7 +175,7 @@ def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(worl
     assert world.trigger("grasp").success
     again = world.trigger("grasp")
     assert not again.success
-    assert "call ~/release first" in again.message
+    assert "call sim/release first" in again.message
     assert "start with the parameter replay" in world.trigger("save_replay").message
     assert world.trigger("reset").success
     assert world.bench.until(lambda: not world.truth[-1].valid)
@@ -197,7 +197,7 @@ def test_after_a_reset_the_arm_stays_though_it_is_sent_to_where_it_was_until_it_
     assert world.trigger("reset").success
     world.bench.spin(0.3)
     np.testing.assert_allclose(world.flange(), start, atol=1e-6)
-    assert "not followed: ~/reset has put it at its start; call ~/resend_robot_program" in world.node.counters.last
+    assert "not followed: sim/reset has put it at its start; call sim/resend_robot_program" in world.node.counters.last
     world.bench.every.clear()
     world.bench.spin(0.1)
     assert world.trigger("resend_robot_program").success

@@ -29,6 +29,11 @@ class PageServer(viser.ViserServer):
             show_logo=False, show_share_button=False, brand_color=(38, 110, 164), control_width="large"
         )
 
+    def stop(self) -> None:
+        """End, without a word of viser's own."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
     def request_share_url(self, verbose: bool = True) -> None:
         """Nothing leaves this computer."""
 

@@ -244,7 +244,7 @@ class ControllerNode(SeedNode):
 
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""
-        weighing = "the tool is being weighed: wait for ~/weigh_tool to answer" if self.payload.busy else ""
+        weighing = "the tool is being weighed: wait for controller/weigh_tool to answer" if self.payload.busy else ""
         return weighing or self._arm_holds or self.grip.hold or self._estimator_clock.skew.problem
 
     def _enable(self, on: bool) -> str:
@@ -255,7 +255,7 @@ class ControllerNode(SeedNode):
                 raise ControlRefusedError(f"cannot enable: {why}")
             self.core.enable(self.now())
             return "enabled: send a set-point or a task"
-        self.core.disable(self.now(), "disabled by ~/enable")
+        self.core.disable(self.now(), "disabled by controller/enable off")
         return "disabled: the arm comes to rest and holds"
 
     # the step

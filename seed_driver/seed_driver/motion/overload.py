@@ -48,5 +48,5 @@ class Overload:
         )
         return (
             f"the arm reads {value} at its tool, beyond {limit}: free it, or zero the sensor and tell the payload if "
-            "nothing touches it; after ~/resend_robot_program it may move off"
+            "nothing touches it; after driver/resend_robot_program it may move off"
         )

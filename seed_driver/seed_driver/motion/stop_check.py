@@ -28,7 +28,7 @@ MOST_POSES = 6  # of them, where nothing is near
 JUMP = 0.5  # [rad] of a joint between two poses: others between them are looked at, or the joint jumps there
 FINEST = 1.0 / 32.0  # of the way between two poses
 RESPONSE = 3.0  # steps at speed: this one, the next, by whose end braking begins, and what is gained until then
-AGAIN = "call ~/resend_robot_program, then targets that lead away from it are followed"
+AGAIN = "call driver/resend_robot_program, then targets that lead away from it are followed"
 
 
 class StopCheck:

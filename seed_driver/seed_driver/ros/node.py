@@ -148,7 +148,7 @@ class DriverNode(SeedNode, LifecycleNode):
             return
         state = supervisor.state
         if not state.armed:
-            remedy = "; call ~/resend_robot_program" if state.linked else ""
+            remedy = "; call driver/resend_robot_program" if state.linked else ""
             self._refused(f"target_frame is not followed: {state.reason or 'no robot program'}{remedy}")
             return
         target = self._target(message)

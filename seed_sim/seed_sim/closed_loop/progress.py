@@ -57,7 +57,8 @@ def counted(work: Iterable[T], total: int, unit: str) -> Iterator[T]:
 @contextmanager
 def progress_bar(name: str = "") -> Iterator[Progress]:
     """A bar on stderr, nothing where that is no terminal; yields what moves it. One with a name stays."""
-    with tqdm(total=100, desc=name, bar_format="{l_bar}{bar}| {postfix}", leave=bool(name), disable=None) as bar:
+    looks = "{l_bar}{bar}| {remaining} left{postfix}"
+    with tqdm(total=100, desc=name, bar_format=looks, leave=bool(name), disable=None) as bar:
 
         def move(share: float, phase: str) -> None:
             bar.n = round(100 * share)

@@ -39,10 +39,10 @@ from seed_sim.scenario import load_scenario
 from seed_ur.models import MODELS
 from seed_ur.plant_link import PlantLink
 
-REMEDY = "; call ~/resend_robot_program"
+REMEDY = "; call sim/resend_robot_program"
 UNSAVED = 1.0  # [s] of a replay that an end without ~/save_replay may lose
 SLOW = 0.98  # real-time factor from which it warns
-PUT = "~/reset has put it at its start"  # why it holds: whoever steers it may send it to where it was for a while yet
+PUT = "sim/reset has put it at its start"  # why it holds: whoever steers it may send it to where it was for a while yet
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class SimNode(SeedNode):
 
     def _lose_tool(self, why: str) -> None:
         """The membranes hold the tool no more: the arm holds, and the tool stands in its holder again."""
-        text = f"the tool has left the grasp: {why}; call ~/grasp again"
+        text = f"the tool has left the grasp: {why}; call sim/grasp again"
         self._latch.refused(text)
         self.counters.add("tools_lost", text)
         self.holder.release()
@@ -189,7 +189,7 @@ class SimNode(SeedNode):
 
     def _grasp(self) -> str:
         if self.holder.grasped:
-            raise PlantError("the tool is in the grasp already: call ~/release first")
+            raise PlantError("the tool is in the grasp already: call sim/release first")
         self.holder.grasp()
         return f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
 

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.page.browser import FLAGS, browser
-from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command, number, whole
 from seed_testing.figures import text
 from seed_testing.live.processes import cpu_time, descendants, usage
@@ -23,12 +21,32 @@ from seed_testing.live.processes import cpu_time, descendants, usage
 TASK = "squeegee"
 SETTLES = 3.0  # [s] after a page is opened or closed, before anything is counted
 PATIENCE = 60.0  # [s] for the first picture
-COLOURED = 0.002  # share of the 3-D view, once bubbles and tool are in it; arm, floor and table are grey
-# The tactile pictures, which are drawn anew with everything else.
-COUNT = """
-window.pictures = 0;
+# Counts the tactile pictures, which are drawn anew with everything else, and notes when bubbles and tool came into the
+# 3-D view [ms since the page was asked for]: they have colours; arm, floor and table are grey.
+LOOK = """
+window.pictures = window.seen = 0;
 new MutationObserver((changes) => { window.pictures += changes.filter((c) => c.target.tagName === 'IMG').length; })
   .observe(document, {subtree: true, attributes: true, attributeFilter: ['src']});
+const plain = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, settings) {
+  return plain.call(this, kind, kind.startsWith('webgl') ? {...settings, preserveDrawingBuffer: true} : settings);
+};
+const small = Object.assign(document.createElement('canvas'), {width: 96, height: 64});
+const look = () => {
+  const view = document.querySelector('canvas[data-engine^=three]');
+  let coloured = 0;
+  if (view && view.width) {
+    const pen = small.getContext('2d', {willReadFrequently: true});
+    pen.drawImage(view, 0, 0, 96, 64);
+    const rgba = pen.getImageData(0, 0, 96, 64).data;
+    for (let i = 0; i < rgba.length; i += 4) {
+      const [r, g, b] = [rgba[i], rgba[i + 1], rgba[i + 2]];
+      coloured += Math.max(r, g, b) - Math.min(r, g, b) > 60;
+    }
+  }
+  if (coloured > 12) window.seen = performance.now(); else setTimeout(look, 100);
+};
+look();
 """
 
 
@@ -123,13 +141,10 @@ class _Pages(threading.Thread):
         """A window with the page in a browser."""
         chromium = playwright.chromium.launch(executable_path=self._program, args=list(FLAGS))
         page = chromium.new_page(viewport={"width": 1280, "height": 800})
-        page.add_init_script(COUNT)
-        opened = time.monotonic()
+        page.add_init_script(LOOK)
         page.goto(self._address(), timeout=1e3 * PATIENCE)
-        while not _drawn(page):
-            if time.monotonic() - opened > PATIENCE:
-                raise FailedError(f"no picture within {PATIENCE:g} s")
-        first = time.monotonic() - opened
+        page.wait_for_function("window.seen > 0", timeout=1e3 * PATIENCE, polling=200.0)
+        first = 1e-3 * float(page.evaluate("window.seen"))
         time.sleep(SETTLES)
         self.windows.append(("open", self._window(page) | {"first_picture_s": first}))
         chromium.close()
@@ -157,10 +172,3 @@ class _Pages(threading.Thread):
 def _pictures(page: Any) -> int:
     """That a page has drawn since it was opened."""
     return 0 if page is None else int(page.evaluate("window.pictures"))
-
-
-def _drawn(page: Any) -> bool:
-    """Whether bubbles and tool are in the middle of the 3-D view."""
-    shot = page.screenshot(timeout=1e3 * PATIENCE, clip={"x": 400, "y": 100, "width": 460, "height": 600})
-    pixels = cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)
-    return bool((np.ptp(pixels.astype(int), axis=-1) > 60).mean() > COLOURED)
