@@ -34,9 +34,11 @@ from seed_bringup.page.ros.hands import CellHands
 from seed_bringup.page.ros.playback import Player, Recording, served
 from seed_bringup.page.ros.read import read_state
 from seed_bringup.page.state import History
+from seed_bringup.page.words import headline
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose
 from seed_ros import COMMAND, QUEUE
-from seed_ros.conversions import pose_stamped, stamped
+from seed_ros.conversions import estimate_to_message, pose_stamped, stamped
 
 pytestmark = pytest.mark.ros
 
@@ -349,6 +351,32 @@ def test_a_played_bag_runs_to_its_end_stops_there_and_begins_anew(tmp_path: Path
         assert not player._running
         player._toggle()
         assert player._slider.value == 0.0
+
+
+def test_a_bag_is_opened_where_the_tool_is_held_first(tmp_path: Path) -> None:
+    """A bag begins before its cell does: nothing but an empty floor would be seen."""
+    with BagWriter(tmp_path / "bag.mcap") as bag:
+        states = bag.add_topic("/controller/state", "seed_msgs/msg/ControllerState", [qos.for_bag(COMMAND)])
+        flange = bag.add_topic("/current_pose", "geometry_msgs/msg/PoseStamped", [qos.for_bag(QUEUE)])
+        grasps = bag.add_topic("/relative_pose", "seed_msgs/msg/RelativePose", [qos.for_bag(COMMAND)])
+        for t in np.arange(0.0, 6.0, 0.1):
+            bag.write(states, round(1e9 * (50.0 + t)), serialize_message(stamped(ControllerState, t, "base")))
+            if t > 1.95:
+                pose = pose_stamped(make_pose(None, (0.4, 0.0, 0.3)), t, "base")
+                bag.write(flange, round(1e9 * (50.0 + t)), serialize_message(pose))
+                held = estimate_to_message(RelativePoseEstimate(t, np.eye(4), valid=t > 3.95), "compliance", "tool")
+                bag.write(grasps, round(1e9 * (50.0 + t)), serialize_message(held))
+    with open_bag(tmp_path / "bag.mcap") as reader, served(0, "bag") as server:
+        player = Player(server, Recording(reader), "ur5e")
+        assert player._slider.value == pytest.approx(4.0, abs=0.11)
+        assert player._slider.max == pytest.approx(5.9, abs=0.11)
+        state = player._recording.at(player._recording.start + player._slider.value)
+        assert state.X_WE is not None
+        assert state.grasp is not None
+        assert state.grasp.valid
+        nothing = headline(player._recording.at(player._recording.start - 1.0), live=False)
+        assert nothing.word == "Nothing yet"
+        assert "launch" not in nothing.todo
 
 
 def test_a_bag_without_anything_to_show_says_how_to_record_one(

@@ -106,7 +106,7 @@ class Panel:
 
     def show(self, state: CellState, viewers: int, plots: bool) -> None:
         """viewers: pages that are open; plots: whether to draw the plots anew as well."""
-        _put(self._status, style.status(words.headline(state)))
+        _put(self._status, style.status(words.headline(state, live=self._hands is not None)))
         doubt = state.touch.doubt if state.touch is not None else ""
         _put(self._table, style.table(_rows(state, viewers)) + (style.note(f"In doubt: {doubt}") if doubt else ""))
         if self._hands is not None:

@@ -65,9 +65,13 @@ def remedy(reason: str) -> str:
     return next(found, OTHERWISE) if reason else ""
 
 
-def headline(state: CellState) -> Headline:
-    """What the cell does, most urgent first."""
+def headline(state: CellState, live: bool = True) -> Headline:
+    """What the cell does, most urgent first; live: not in a bag."""
     control = state.control
+    if not state.alive and not live:
+        return Headline(
+            "idle", "Nothing yet", "The bag has nothing to show until here.", "Press Play, or move the slider."
+        )
     if not state.alive:
         todo = "Start a cell in another terminal, for example with ./seed launch cell. This page joins it by itself."
         return Headline("idle", "No cell yet", "Nothing is heard of a cell.", todo)

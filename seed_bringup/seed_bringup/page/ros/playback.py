@@ -2,6 +2,7 @@
 """A bag on the page: what was heard until some moment, and a slider over that moment. Needs no running ROS."""
 
 import contextlib
+import math
 import time
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
@@ -68,6 +69,16 @@ class Recording:
         stamps.append(t)
         self._bytes.setdefault(name, []).append(data)
 
+    @property
+    def first(self) -> float:
+        """The moment [s] from which there is something to see: the tool in the hand, else the arm, else anything."""
+        for stamp, data in zip(
+            self._stamps.get("relative_pose", []), self._bytes.get("relative_pose", []), strict=True
+        ):
+            if _message("relative_pose", data).valid:
+                return max(stamp, self._stamps.get("current_pose", [stamp])[0])
+        return self._stamps.get("current_pose", [self.start])[0]
+
     def at(self, t: float) -> CellState:
         """What was heard until t [s]."""
         newest: dict[str, Any] = {}
@@ -127,8 +138,9 @@ class Player:
         self._history = History()
         self._scene = Scene(server, model)
         gui = server.gui
-        length = max(recording.end - recording.start, 0.1)
-        self._slider = gui.add_slider("Time [s]", 0.0, length, 0.1, 0.0)
+        length = max(math.ceil(10.0 * (recording.end - recording.start)), 1) / 10.0
+        self._first = min(math.ceil(10.0 * (recording.first - recording.start)) / 10.0, length)
+        self._slider = gui.add_slider("Time [s]", 0.0, length, 0.1, self._first)
         self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
         self._speed = gui.add_dropdown("Speed", ("0.25", "0.5", "1", "2", "5"), initial_value="1")
         self._panel = Panel(server, self._history, self._scene, None)
@@ -138,7 +150,7 @@ class Player:
 
     def _toggle(self) -> None:
         if not self._running and self._slider.value >= self._slider.max - 0.05:
-            set_value(self._slider, 0.0)
+            set_value(self._slider, self._first)
         self._running = not self._running
         self._play.label = "Pause" if self._running else "Play"
 
