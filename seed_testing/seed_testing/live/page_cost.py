@@ -20,7 +20,8 @@ from seed_testing.live.processes import cpu_time, descendants, usage
 
 TASK = "squeegee"
 SETTLES = 3.0  # [s] after a page is opened or closed, before anything is counted
-PATIENCE = 60.0  # [s] for the first picture
+SMALL = {"width": 800, "height": 500}  # [px]: the browser draws by software, on the cores of the cell
+PATIENCE = 180.0  # [s] for the first picture
 # Counts the tactile pictures, which are drawn anew with everything else, and notes when bubbles and tool came into the
 # 3-D view [ms since the page was asked for]: they have colours; arm, floor and table are grey.
 LOOK = """
@@ -140,7 +141,7 @@ class _Pages(threading.Thread):
     def _open(self, playwright: Any) -> None:
         """A window with the page in a browser."""
         chromium = playwright.chromium.launch(executable_path=self._program, args=list(FLAGS))
-        page = chromium.new_page(viewport={"width": 1280, "height": 800})
+        page = chromium.new_page(viewport=SMALL)
         page.add_init_script(LOOK)
         page.goto(self._address(), timeout=1e3 * PATIENCE)
         page.wait_for_function("window.seen > 0", timeout=1e3 * PATIENCE, polling=200.0)
