@@ -25,6 +25,7 @@ from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker
 
 from seed_bringup.access.policy import read_policy
 from seed_bringup.bags import BagError, qos
@@ -32,13 +33,16 @@ from seed_bringup.bags.files import BagWriter, open_bag
 from seed_bringup.commands import view
 from seed_bringup.page.ros.hands import CellHands
 from seed_bringup.page.ros.playback import Player, Recording, served
-from seed_bringup.page.ros.read import read_state
+from seed_bringup.page.ros.read import TableShape, read_state
 from seed_bringup.page.state import History
 from seed_bringup.page.words import headline
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose
 from seed_ros import COMMAND, QUEUE
 from seed_ros.conversions import estimate_to_message, pose_stamped, stamped
+from seed_sim.plant.table import draw_surface
+from seed_sim.ros.table_marker import table_marker
+from seed_sim.scenario import load_scenario
 
 pytestmark = pytest.mark.ros
 
@@ -303,6 +307,20 @@ def test_a_message_that_is_nonsense_is_left_out_and_the_others_are_shown() -> No
     np.testing.assert_allclose(state.X_WE, X, atol=1e-12)
     assert state.X_WS is None
     assert state.now == 5.0
+
+
+def test_the_page_draws_the_table_as_it_is_bent() -> None:
+    scenario = load_scenario("cylinder")
+    surface = draw_surface(scenario.table, np.eye(4), np.random.default_rng(2), 1, 2)
+    marker = table_marker(surface, pose_stamped(surface.X_WS, 1.0, "base"))
+    shape, flat = TableShape(), Marker()
+    mesh = shape.of(marker)
+    assert shape.of(marker) is mesh  # worked out once
+    upper = mesh.vertices[mesh.vertices[:, 2] > mesh.vertices[:, 2].min() + 0.015]
+    np.testing.assert_allclose(upper[:, 2], surface.height(upper[:, 0], upper[:, 1]).clip(-0.12), atol=1e-9)
+    assert np.ptp(upper[:, 2]) > 0.02
+    with pytest.raises(ValueError, match="no triangles"):
+        shape.of(flat)
 
 
 def write_bag(path: Path, prefix: str = "") -> Path:

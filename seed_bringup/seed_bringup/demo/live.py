@@ -32,6 +32,7 @@ RECORDED = [
     "/bubble_right/pressure",
     "/sim/real_time_factor",
     "/sim/ground_truth/table_pose",
+    "/sim/ground_truth/table",
     "/tf",
     "/tf_static",
     "/diagnostics",

@@ -11,7 +11,10 @@ TOPICS = frozenset(
         *("controller/ready", "current_pose", "current_twist", "wrench", "joint_states", "gripper/width"),
         *("driver/hold_reason", "driver/robot_mode", "driver/safety_mode", "driver/speed_scaling"),
         *("guard/hold_reason", "sim/hold_reason", "sim/real_time_factor"),
-        *(f"sim/ground_truth/{what}" for what in ("relative_pose", "contact_wrench", "tip_pose", "table_pose")),
+        *(
+            f"sim/ground_truth/{what}"
+            for what in ("relative_pose", "contact_wrench", "tip_pose", "table_pose", "table")
+        ),
         *("tf", "tf_static", "diagnostics", "clock"),
     )
 )

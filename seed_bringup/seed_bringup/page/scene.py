@@ -56,7 +56,8 @@ class Scene:
         self._links = self._groups("arm", arm_parts(model))
         self._of_hand = self._groups("hand", hand_parts(self._hand))
         self._of_tool = self._groups("held", tool_parts(self._tool))
-        self._table = self._add("/table", Part("table", "W", slab((0.55, 0.5), 0.02, (0.12, 0.0)), PAPER, GLASS))
+        self._shape = slab((0.55, 0.5), 0.02, (0.12, 0.0))  # of the table, as long as nothing tells it
+        self._table = self._add("/table", Part("table", "W", self._shape, PAPER, GLASS))
         self._shapes = {finger: Bubble(finger) for finger in ("left", "right")}
         self._bubbles = {
             finger: self._add(f"/bubble_{finger}", Part(finger, "C", bubble.mesh, BUBBLE))
@@ -111,7 +112,11 @@ class Scene:
         self._trail.clear()
 
     def _learn(self, state: CellState) -> None:
-        """What is held, once it is known."""
+        """What is held, and what it works on, once they are known."""
+        if state.table is not None and state.table is not self._shape:
+            self._shape = state.table
+            self._scene.remove_by_name("/table")
+            self._table = self._add("/table", Part("table", "W", self._shape, PAPER, GLASS))
         if state.tool is not None and state.tool != self._tool:
             self._tool = state.tool
             self._scene.remove_by_name("/held")

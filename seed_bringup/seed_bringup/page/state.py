@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.hand import Tool
+from seed_core.meshes import Mesh
 from seed_core.spatial import Array
 
 SPAN = 20.0  # [s] that the plots show
@@ -80,7 +81,7 @@ class CellState:
 
     Attributes:
         now: newest stamp [s]; nan before the first.
-        X_WE, X_WS: flange and table (4, 4) in W.
+        X_WE, X_WS: flange and table (4, 4) in W. table: its shape; as long as nothing tells it, it is drawn flat.
         joints: (6,) [rad].
         fixed: pose (4, 4) of each fixed frame in its parent, by (parent, child).
         tool: what is held, if that is known.
@@ -95,6 +96,7 @@ class CellState:
     now: float = nan
     X_WE: Array | None = None
     X_WS: Array | None = None
+    table: Mesh | None = None
     joints: Array | None = None
     fixed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     control: Control | None = None

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion
+from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion, surface
 from seed_core.program.command_line import Parser
 
 PICTURES = {
@@ -15,6 +15,7 @@ PICTURES = {
     "writes": gallery.writes,
     "fits": gallery.fits,
     "inserts": insertion.inserts,
+    "follows": surface.follows,
     "sees": gallery.sees,
     "holds": gallery.knows,
     "deforms": gallery.deforms,

@@ -38,6 +38,7 @@ def scene_of(run: Evaluation, moment: Moment, film: Film) -> Scene:
         tips,
         pressing,
         -moment.wrench.force,
+        table=table_mesh(plant.surface),
     )
 
 

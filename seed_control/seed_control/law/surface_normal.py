@@ -1,39 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface's normal, found while the tool moves: a Kalman filter of slope, bend and friction under the tip.
+"""The surface's normal, found while the tool moves: a Kalman filter of slope and bend under the tip.
 
 At the anchor (the tip of the newest image) the surface's height along the present normal n, over the displacement d in
 the tangent plane, is
 
     y(d) = h + a . d + d . S d / 2                 a: slope (2,), S: bend (2, 2), 1/m, its second fundamental form
 
-A tip that moves by d carries h and a on by this; then n is turned until a is zero. Three things tell of it:
+A tip that moves by d carries h and a on by this; then n is turned until a is zero. A tip that sticks while the gripper
+goes on tells nothing: what it sinks by as the force is built up would pass for a slope. Three things tell of it:
 
     the tip's track     h = 0 at every image, for the tip touches the surface
     the force           f = N (a - n + mu v) of the tool on the surface, v the direction of motion: across v friction
-                        has no part, so what there is of the force is the slope's; along v both show, and mu is learnt
+                        has no part, so what there is of the force is the slope's
     the tool's lean     a line or face that the contact keeps on the surface (`contact_resists`) lies in it
 
 The bend predicts the normal where the tip is going to be: on a cylinder of 80 mm at 50 mm/s it turns by 3 degrees
 within a loop time of 80 ms.
 """
 
+from math import exp
+
 import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement
-from seed_core.spatial import Array, inverse_pose
+from seed_core.spatial import Array
 
-_H, _A, _S, _MU = 0, slice(1, 3), slice(3, 6), 6
-_HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 3.0  # [m], [1], [1/m] deviations at first contact
-_FRICTION = (0.3, 0.3)  # mean and deviation at first contact
+_H, _A, _S, _SIZE = 0, slice(1, 3), slice(3, 6), 6
+_HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 10.0  # [m], [1], [1/m] deviations at first contact
 _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
 _WALK_SLOPE, _WALK_BEND = 0.03, 8.0  # [1/sqrt(m)], [1/m/sqrt(m)] along the way: surfaces, not time, bend
-_WALK_FRICTION = 0.1  # [1/sqrt(s)]
-_OFF_ACROSS, _OFF_ALONG = 0.2, 0.3  # of the force that its direction is off by, whatever is stated
+_OFF_ACROSS = 0.1  # of the force that its direction is off by, whatever is stated
 _LEAST_FORCE = 1.0  # [N] whose direction tells anything
 _ROUGH = 1.5e-4  # [m] deviation of a height, whatever is stated
-_LEAST_SPEED = 6e-3  # [m/s] from which on friction has a direction
-_FOLLOW, _FOLLOW_SPEED = 0.25, 0.036  # shares by which the place along the surface and its speed follow an image
+_LEAST_SPEED = 6e-3  # [m/s] from which on a tip slides
+_TOLD, _STILL_TOLD = 3.5, 2.5  # deviations of a speed that make a tip that sticks one that slides; that it still does
+_SMOOTHING = 0.08  # [s] over which the place along the surface and its speed are smoothed, and the force's direction
+_GIVES = 0.2  # of the grasp's compliance: what a surface may sink by where the force on it changes
 _GATE = 16.0  # squared innovation over its variance (4 sigma)
 _IN_A_ROW = 3  # of them on one side mean that the surface has an edge here
 _OPENED = 0.25  # [1] deviation of the slope after an edge
@@ -47,23 +50,24 @@ class SurfaceNormal:
     Attributes:
         n: (3,) unit normal out of the surface, in W, where the tip was at the newest image.
         ahead: (3,) the same where the tip is going to be when the arm answers.
-        x: (7,) height [m], slope (2), bend (xx, xy, yy) [1/m] along `tangents`, and friction.
-        P: (7, 7) its covariance. tangents: (2, 3) in W.
+        x: (6,) height [m], slope (2), bend (xx, xy, yy) [1/m] along `tangents`.
+        P: (6, 6) its covariance. tangents: (2, 3) in W.
         running: whether there was contact since it was started.
     """
 
     def __init__(self) -> None:
-        self.x, self.P = np.zeros(7), np.eye(7)
+        self.x, self.P = np.zeros(_SIZE), np.eye(_SIZE)
         self.expected = self.n = self.ahead = np.array((0.0, 0.0, 1.0))
         self.tangents = np.eye(3)[:2]
         self.anchor = np.zeros(3)
         self.running = False
         self._last = 0.0
-        self._outside = np.zeros(4, dtype=int)  # of height, force across and along, lean
+        self._outside = np.zeros(3, dtype=int)  # of height, force across, lean
         self._step = np.zeros(2)  # of the last image
-        self._velocity = np.zeros(3)  # [m/s] of the tip, as images show it
-        self._carried = np.zeros(3)  # [m/s] of a tip that the gripper takes along as it is deflected
-        self._X_WC = np.eye(4)
+        self._velocity = np.zeros(2)  # [m/s] of the tip along the tangents, as images show it
+        self._share = np.zeros(2)  # of the force along the tangents, smoothed as the velocity is
+        self._pressing = 0.0  # [N] at the last image
+        self._slides = False
         self._going = np.zeros(2)  # to where the tip is going to be
 
     @property
@@ -92,23 +96,25 @@ class SurfaceNormal:
         first = e - (e @ n) * n
         first = first / np.sqrt(first @ first)
         self.tangents = np.array((first, np.cross(n, first)))
-        self.x[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _FRICTION[0])
-        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND, _FRICTION[1]]))
+        self.x[:] = 0.0
+        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND]))
         self.anchor, self._last, self.running = m.tip.copy(), m.stamp, True
         self._outside[:] = 0
-        self._velocity, self._carried, self._X_WC = np.zeros(3), np.zeros(3), m.X_WC
+        self._velocity, self._share, self._slides = np.zeros(2), np.zeros(2), False
+        self._pressing = -float(n @ m.on_environment.force)
 
     def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float) -> None:
         """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s]."""
-        self._predict(m)
-        velocity = self.tangents @ self._velocity
-        speed = float(np.sqrt(velocity @ velocity))
-        h = np.zeros(7)
+        self._predict(m, stiffness)
+        foretold = self.x[_A].copy()
+        h = np.zeros(_SIZE)
         h[_H] = 1.0
-        self._correct(0, h, 0.0, m.variance + _ROUGH**2)
+        lever = np.cross(self.n, m.X_WT[:3, 3] - m.tip)  # of a tool that leans a turn moves the tip along n, too
+        self._correct(0, h, 0.0, m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2)
         self._lean(m, s)
-        if speed > _LEAST_SPEED:
-            self._force(m, velocity / speed, stiffness)
+        if self._slides:
+            self._force(m, stiffness, foretold)
+        self._share = self._share - (self.x[_A] - foretold)  # what was taken for friction was the slope's
         self._turn(self.x[_A].copy())
         self._going = self.tangents @ s.velocity * loop_time
         turn = self._bend() @ self._going
@@ -139,56 +145,63 @@ class SurfaceNormal:
         out = self.n - self.tangents.T @ slope
         return np.asarray(out / np.sqrt(out @ out))
 
-    def _predict(self, m: Measurement) -> None:
+    def _predict(self, m: Measurement, stiffness: float) -> None:
         """To the place of a new image, smoothed along the surface: there the tip moves evenly, or sticks."""
         dt = max(m.stamp - self._last, 1e-3)
         self._last = m.stamp
         off = m.tip - self.anchor
         rise = float(self.n @ off)
-        carried = m.tip - (self._X_WC @ (inverse_pose(m.X_WC) @ np.array((*m.tip, 1.0))))[:3]
-        self._velocity = self._velocity + (carried / dt - self._carried)
-        self._X_WC, self._carried = m.X_WC, carried / dt
-        d = self.tangents @ self._velocity * dt
+        left = exp(-dt / _SMOOTHING)
+        d = self._velocity * dt
         late = self.tangents @ off - d
-        self._velocity = self._velocity + _FOLLOW_SPEED / dt * (self.tangents.T @ late)
-        d = d + _FOLLOW * late
+        self._velocity = self._velocity + (1.0 - left) ** 2 / dt * late
+        d = d + (1.0 - left**2) * late
         self.anchor = self.anchor + self.tangents.T @ d + rise * self.n
-        if float(self._velocity @ self._velocity) < _LEAST_SPEED**2:
+        self._slides = float(self._velocity @ self._velocity) > self._least_speed(m, dt) ** 2
+        if not self._slides:
             d = np.zeros(2)  # what stands still tells nothing of a slope, however its noise moves
         self._step = d
-        F = np.eye(7)
+        F = np.eye(_SIZE)
         F[_H, 1:6] = (d[0], d[1], 0.5 * d[0] * d[0], d[0] * d[1], 0.5 * d[1] * d[1])
         F[1, 3:5] = F[2, 4:6] = d
         self.x = F @ self.x
         self.x[_H] -= rise
         way = float(np.sqrt(d @ d))
-        walk = np.zeros(7)
-        walk[_H], walk[_MU] = _WALK_HEIGHT**2 * dt, _WALK_FRICTION**2 * dt
+        walk = np.zeros(_SIZE)
+        force = m.on_environment.force
+        pressing = -float(self.n @ force)
+        sinks, self._pressing = _GIVES * (pressing - self._pressing) / stiffness, pressing
+        felt = self.tangents @ force / max(pressing, _LEAST_FORCE) - self.x[_A]
+        self._share = self._share + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._share)
+        walk[_H] = _WALK_HEIGHT**2 * dt + sinks * sinks
         walk[_A], walk[_S] = _WALK_SLOPE**2 * way, _WALK_BEND**2 * way
         self.P = F @ self.P @ F.T + np.diag(walk)
 
-    def _force(self, m: Measurement, along: Array, stiffness: float) -> None:
-        force = m.on_environment.force
-        pressing = -float(self.n @ force)
+    def _least_speed(self, m: Measurement, dt: float) -> float:
+        """[m/s] from which on the tip slides: beyond what the noise of its place makes of one that sticks."""
+        lever = m.X_WT[:3, 3] - m.tip
+        noise = (m.variance + float(lever @ lever) * m.rotation_deviation**2) * dt / (4.0 * _SMOOTHING**3)
+        return max(_LEAST_SPEED, (_STILL_TOLD if self._slides else _TOLD) * float(np.sqrt(noise)))
+
+    def _force(self, m: Measurement, stiffness: float, foretold: Array) -> None:
+        """The force's direction less friction's, which is that of the motion; foretold: slope (2,) at this place."""
+        pressing, v = self._pressing, self._velocity
         if pressing < _LEAST_FORCE:
             return
-        share = self.tangents @ force / pressing
+        across = np.array((-v[1], v[0])) / np.sqrt(v @ v)
+        h = np.zeros(_SIZE)
+        h[_A] = across
         noise = stiffness**2 * m.variance / pressing**2
-        across = np.array((-along[1], along[0]))
-        told = ((across, 0.0, _OFF_ACROSS), (along, 1.0, _OFF_ALONG))
-        for i, (direction, friction, off) in enumerate(told, start=1):
-            h = np.zeros(7)
-            h[_A], h[_MU] = direction, friction
-            self._correct(i, h, float(direction @ share), noise + off**2)
+        self._correct(1, h, float(across @ (self._share + foretold)), noise + _OFF_ACROSS**2)
 
     def _lean(self, m: Measurement, s: HybridSetpoint) -> None:
         """A line of the tool that lies on the surface: across the axis about which the contact resists."""
         for axis, line in ((0, 1), (1, 0)):
             if s.torque_axes[axis] and s.contact_resists[axis]:
                 direction = m.X_WT[:3, line]
-                h = np.zeros(7)
+                h = np.zeros(_SIZE)
                 h[_A] = self.tangents @ direction
-                self._correct(3, h, float(direction @ self.n), m.rotation_deviation**2)
+                self._correct(2, h, float(direction @ self.n), m.rotation_deviation**2)
 
     def _correct(self, kind: int, h: Array, seen: float, variance: float) -> None:
         """One scalar measurement, seen = h . x with that variance."""

@@ -68,6 +68,7 @@ class StepRun:
         position: (3,) [m], velocity: (3,) [m/s] of the reference.
         force_projector: (3, 3) onto the force directions at the start.
         share: of the step, 0 to 1.
+        pace: at which it goes along its path, as a share of what was asked for.
         finish: set to end it at once.
         why: it failed.
         R_seen, p_seen: (3, 3), (3,) [m] of the tip where torque rules, smoothed over the images; None elsewhere.
@@ -83,6 +84,7 @@ class StepRun:
         angle = float(np.sqrt(self._turn @ self._turn))
         self.duration = max(path.duration, angle / _TURN_SPEED)
         self._t = self._waited = self._held = self.share = 0.0
+        self.pace = 1.0
         self.finish, self.why = False, ""
         self.R_seen: Array | None = None
         self.p_seen: Array | None = None
@@ -95,7 +97,7 @@ class StepRun:
     def advance(self, dt: float, state: ControllerState) -> str:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
         phase = self.step.phase
-        self._t += dt
+        self._t += dt * self.pace
         if phase.control is not None and phase.control.torque_axes:
             self._see(state.X_W_tip)
         self._go(dt, state)

@@ -12,12 +12,15 @@ from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
 _TURN_SPEED = 0.45  # [rad/s] at which the tool's attitude follows the normal, at most
 _FOLLOWING = 1.2  # [rad/s] how fast it settles, without a lag where the normal turns evenly
 
+_UPRIGHT, _LEANING = np.deg2rad((12.0, 30.0))  # up to where it goes at full pace, and from where on it waits
+
 
 class SurfaceRun(StepRun):
     """The reference goes in the tangent plane, and is set back onto the surface where it leaves it.
 
     Its axes are carried along the surface: they turn with the normal and not about it, so a path is as straight as the
-    surface lets it be.
+    surface lets it be. Where the normal turns faster than the tool can, the path slows down: a tool that leans far does
+    not touch with its tip.
     """
 
     def __init__(self, step: Step, start: Array, R_start: Array, axes: Array, R_tip: Array, X_W: Array) -> None:
@@ -42,7 +45,7 @@ class SurfaceRun(StepRun):
             self._look(state)
         gone, velocity = self.path.at(self._t)
         self.position = self.position + self.axes @ (gone - self._gone)
-        self._gone, self.velocity = gone, self.axes @ velocity if dt > 0.0 else np.zeros(3)
+        self._gone, self.velocity = gone, self.pace * (self.axes @ velocity) if dt > 0.0 else np.zeros(3)
 
     def _look(self, state: ControllerState) -> None:
         """What a new image says of the surface: its normal, and where the tip is on it."""
@@ -55,6 +58,8 @@ class SurfaceRun(StepRun):
             self.position = self.position + float(n @ (tip - self.position)) * n
         dt, self._since = min(self._since, 0.1), 0.0
         left = so3_log(self.axes @ self._R_tip @ self.R_end.T)
+        lean = float(np.sqrt(left @ left))
+        self.pace = min(max((_LEANING - lean) / (_LEANING - _UPRIGHT), 0.0), 1.0)
         self._turning = capped(self._turning + _FOLLOWING**2 * dt * left, _TURN_SPEED)
         self.R_end = so3_exp(dt * capped(self._turning + 2.0 * _FOLLOWING * left, _TURN_SPEED)) @ self.R_end
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many runs of a task along surfaces that nobody drew, of every kind in turn, and the table of what they came to."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,23 +19,50 @@ SCENARIOS = (*SMOOTH, *ROUGH)
 MEAN_FORCE, WORST_FORCE = 0.3, 0.6  # [N] rms along the true normal: of the smooth ones' mean, and of each
 MOST_NORMAL = 3.0  # [deg] rms of the normal found on a smooth one
 MOST_PEAK = 1.6  # times of the wanted force that no run may press with
+FIGURES = {"force_rms": ("N", WORST_FORCE), "normal_rms_deg": ("deg", MOST_NORMAL), "peak": ("times", MOST_PEAK)}
 
 
 def surfaces(
-    runs: int, seed: int, kinds: Sequence[str] = SCENARIOS, task: str = "follow", jobs: int = 1
+    runs: int,
+    seed: int,
+    kinds: Sequence[str] = SCENARIOS,
+    task: str = "follow",
+    jobs: int = 1,
+    keep: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """So many runs of the kinds in turn, each with a seed of its own, on estimates with noise and delay."""
+    """So many runs of the kinds in turn, each with a seed of its own, on estimates with noise and delay.
+
+    keep: file with a line of JSON for each run as it ends; runs that it holds already are not made again.
+    """
     wanted = [(kinds[i % len(kinds)], seed + i) for i in range(runs)]
-    return list(in_parallel([delayed(one_surface)(task, *one) for one in wanted], jobs, "run"))
+    known = {} if keep is None or not keep.is_file() else _kept(keep, task)
+    calls = [delayed(one_surface)(task, *one) for one in wanted if one not in known]
+    for run in in_parallel(calls, jobs, "run", ordered=False):
+        known[run["scenario"], run["seed"]] = run
+        if keep is not None:
+            with keep.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(run) + "\n")
+    return [known[one] for one in wanted]
+
+
+def _kept(file: Path, task: str) -> dict[tuple[str, int], dict[str, Any]]:
+    """Runs of that task in a file, by scenario and seed; a line that an interrupt cut off is taken out of it."""
+    text = file.read_text(encoding="utf-8")
+    lines, _, rest = text.rpartition("\n")
+    if rest:
+        file.write_text(text.removesuffix(rest), encoding="utf-8")
+    runs = [json.loads(line) for line in lines.splitlines()]
+    return {(run["scenario"], run["seed"]): run for run in runs if run["task"] == task}
 
 
 def one_surface(task: str, scenario: str, seed: int) -> dict[str, Any]:
     """The score of one run with what became of it."""
+    run = {"task": task, "scenario": scenario, "seed": seed}
     try:
         result = evaluate(task, scenario=scenario, seed=seed, estimator="noisy").result
     except SeedError as error:
-        return {"scenario": scenario, "seed": seed, "finished": False, "message": str(error), "surface": None}
-    return {k: result[k] for k in ("scenario", "seed", "finished", "message", "surface")}
+        return run | {"finished": False, "message": str(error), "surface": None}
+    return run | {k: result[k] for k in ("finished", "message", "surface")}
 
 
 def failure(run: dict[str, Any]) -> str:
@@ -64,22 +93,33 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
         beyond = f"  BEYOND: {why}" if (why := failure(r)) else ""
         lines.append(f"{head} {figures} {s['normal_max_deg']:6.1f} {s['peak']:6.2f} x{end}" + beyond)
     result = summary(runs)
-    if result["runs"]:
-        lines.append(
-            f"smooth: force {result['force_rms_mean']:.3f} N rms on the mean (at most {MEAN_FORCE:g}), "
-            f"{result['force_rms_worst']:.3f} N at worst ({WORST_FORCE:g}); "
-            f"normal {result['normal_rms_deg_mean']:.2f} deg rms ({MOST_NORMAL:g} for each); "
-            f"{result['beyond']} of {len(runs)} runs beyond a bound"
-        )
+    for group in (name for name in ("smooth", "rough") if result[name]["runs"]):
+        of = result[group]
+        lines.append(f"{group}, {of['runs']} runs, {of['finished']} finished: median, 90 %, worst")
+        for name, (unit, most) in FIGURES.items():
+            bound = f"   (at most {most:g} {unit} for each)" if most is not None and name in of["bounded"] else ""
+            median, ninety, worst = of[name]
+            lines.append(f"  {name:14s}{median:6.2f}{ninety:7.2f}{worst:7.2f} {unit}{bound}")
+    if result["smooth"]["runs"]:
+        mean = result["smooth"]["force_rms_mean"]
+        lines.append(f"  force_rms on the mean {mean:.3f} N (at most {MEAN_FORCE:g} N)")
+    lines.append(f"{result['beyond']} of {len(runs)} runs beyond a bound")
     return "\n".join(lines)
 
 
 def summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Of the smooth surfaces, with the number of all runs that are beyond a bound."""
-    smooth = [r["surface"] for r in runs if r["scenario"] in SMOOTH and r["surface"] is not None]
-    out: dict[str, Any] = {"runs": len(smooth), "beyond": sum(bool(failure(r)) for r in runs)}
-    if smooth:
-        force, normal = ([s[key] for s in smooth] for key in ("force_rms", "normal_rms_deg"))
-        out |= {"force_rms_mean": float(np.mean(force)), "force_rms_worst": max(force)}
-        out |= {"normal_rms_deg_mean": float(np.mean(normal)), "normal_rms_deg_worst": max(normal)}
+    """Median, 90 % and worst of smooth and of rough surfaces, with the number of all runs that are beyond a bound."""
+    out: dict[str, Any] = {"beyond": sum(bool(failure(r)) for r in runs)}
+    for group, kinds in (("smooth", SMOOTH), ("rough", ROUGH)):
+        of = [r for r in runs if r["scenario"] in kinds and r["surface"] is not None]
+        out[group] = {
+            "runs": len(of),
+            "finished": sum(r["finished"] for r in of),
+            "bounded": list(FIGURES) if group == "smooth" else ["peak"],
+        }
+        for name in FIGURES if of else ():
+            values = [r["surface"][name] for r in of]
+            out[group][name] = [*np.quantile(values, (0.5, 0.9)).tolist(), max(values)]
+        if of:
+            out[group]["force_rms_mean"] = float(np.mean([r["surface"]["force_rms"] for r in of]))
     return out

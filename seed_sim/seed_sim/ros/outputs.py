@@ -9,6 +9,7 @@ from rosgraph_msgs.msg import Clock
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32, Float64, Float64MultiArray
+from visualization_msgs.msg import Marker
 
 from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_core.spatial import Array, so3_log
@@ -26,6 +27,7 @@ from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.plant import Plant
 from seed_sim.pressure import PressureSensors
 from seed_sim.ros.membrane_message import TOPIC, Membranes, membranes_to_message
+from seed_sim.ros.table_marker import table_marker
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.models import JOINT_NAMES
 
@@ -68,11 +70,14 @@ class Outputs:
         self._true_wrench = create(WrenchStamped, "~/ground_truth/contact_wrench", QUEUE)
         self._true_tip = create(PoseStamped, "~/ground_truth/tip_pose", QUEUE)
         self._table = create(PoseStamped, "~/ground_truth/table_pose", LATCHED)
+        self._shape = create(Marker, "~/ground_truth/table", LATCHED)
         self._factor = create(Float32, "~/real_time_factor", QUEUE)
         self._tf = TransformBroadcaster(node)
         self._count = 0
         self._before: tuple[float, Array] | None = None
-        self._table.publish(pose_stamped(plant.surface.X_WS, node.now(), frames.base))
+        X_WS = pose_stamped(plant.surface.X_WS, node.now(), frames.base)
+        self._table.publish(X_WS)
+        self._shape.publish(table_marker(plant.surface, X_WS))
 
     def publish(self, t: float, grasped: bool) -> None:
         """Everything that is due at time t [s]: the pose at the full rate, loads and truth at half of it."""

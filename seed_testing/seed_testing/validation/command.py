@@ -8,7 +8,7 @@ seed validate slip --seed 7 [--json]
 seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
 seed validate gel --draws 20 --seed 100 [--jobs 2] [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
-seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--jobs 2] [--json]
+seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--out FILE] [--jobs 2] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
 """
 
@@ -119,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     six.add_argument("--runs", type=whole(1), default=20, help="how many, of every kind in turn, each another seed")
     six.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
     six.add_argument("--task", default="follow", help="name or file of a task along a surface")
+    six.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
     six.set_defaults(run=_surfaces)
     seven = commands.add_parser("gel", help="two GelSight-class gels, and one alone, over drawn tools and poses")
     seven.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
@@ -202,7 +203,7 @@ def _faults(options: argparse.Namespace) -> int:
 
 
 def _surfaces(options: argparse.Namespace) -> int:
-    runs = surfaces(options.runs, options.seed, options.kind or SCENARIOS, options.task, options.jobs)
+    runs = surfaces(options.runs, options.seed, options.kind or SCENARIOS, options.task, options.jobs, options.out)
     result = summary_of_surfaces(runs)
     print(to_json({"seed": options.seed, **result, "each": runs}) if options.json else table_of_surfaces(runs))
     return int(result["beyond"] > 0)

@@ -28,7 +28,12 @@ from seed_core.spatial import Array
 RATE, PLOTS_EVERY = 10.0, 3  # [Hz] of the pictures; pictures, the plots are drawn anew
 EVERY = 0.04  # [s] between two kept messages of a stream
 RECENT = 0.3  # [s] that a picture stays
-KEPT_ALL = ("/tf_static", "controller/ready", "driver/hold_reason", "sim/hold_reason", "sim/ground_truth/table_pose")
+KEPT_ALL = (
+    "/tf_static",
+    "controller/ready",
+    *("driver/hold_reason", "sim/hold_reason"),
+    *("sim/ground_truth/table_pose", "sim/ground_truth/table"),
+)
 
 
 class Recording:

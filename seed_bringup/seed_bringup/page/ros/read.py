@@ -15,10 +15,12 @@ from seed_msgs.msg import ContactPatches, ControllerState, RelativePose, WrenchE
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float32, String
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
 
 from seed_bringup.page.state import CellState, Control, Depth, Grasp, Touch
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
+from seed_core.meshes import Mesh
 from seed_core.spatial import Array, pose_from_quaternion
 from seed_ros import COMMAND, LATCHED, SENSOR
 from seed_ros.conversions import pose_to_matrix, seconds
@@ -52,6 +54,7 @@ TOPICS: Mapping[str, Topic] = {
     "sim/hold_reason": Topic(String, LATCHED),
     "sim/real_time_factor": Topic(Float32, NEWEST),
     "sim/ground_truth/table_pose": Topic(PoseStamped, LATCHED),
+    "sim/ground_truth/table": Topic(Marker, LATCHED),
     "/tf_static": Topic(TFMessage, LATCHED),
     DEBUG: Topic(Image, SENSOR, raw=True),
     **{f"bubble_{f}/{IMAGES['depth']}": Topic(Image, SENSOR, raw=True) for f in FINGERS},
@@ -80,6 +83,7 @@ def read_state(
     for name, topic, read in (
         ("X_WE", "current_pose", lambda m: pose_to_matrix(m.pose)),
         ("X_WS", "sim/ground_truth/table_pose", lambda m: pose_to_matrix(m.pose)),
+        ("table", "sim/ground_truth/table", _TABLE.of),
         ("joints", "joint_states", _joints),
         ("control", "controller/state", _control),
         ("grasp", "relative_pose", _grasp),
@@ -120,6 +124,27 @@ def _joints(message: Any) -> Array:
     if q.shape != (6,) or not np.isfinite(q).all():
         raise ValueError("joint_states are not those of this arm")
     return q
+
+
+class TableShape:
+    """The table's mesh of a marker; worked out once for each message."""
+
+    def __init__(self) -> None:
+        self._message: Any = None
+        self._mesh: Mesh | None = None
+
+    def of(self, marker: Any) -> Mesh:
+        """Raises ValueError: no triangles with finite corners."""
+        if marker is not self._message or self._mesh is None:
+            corners = np.array([(p.x, p.y, p.z) for p in marker.points], float).reshape(-1, 3)
+            if not len(corners) or len(corners) % 3 or not np.isfinite(corners).all():
+                raise ValueError("the table's marker holds no triangles")
+            vertices, index = np.unique(corners, axis=0, return_inverse=True)
+            self._message, self._mesh = marker, Mesh(vertices, index.reshape(-1, 3).astype(np.int32))
+        return self._mesh
+
+
+_TABLE = TableShape()
 
 
 def _control(m: Any) -> Control:
