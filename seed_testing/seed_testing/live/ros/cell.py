@@ -43,6 +43,7 @@ class Cell:
         self.factors: list[float] = []
         self.also: Callable[[], None] = lambda: None
         self._record, self._log = record, log
+        self._death, self._last = "", dict[str, str]()  # why the cell ended; the last line of each node
         self.launch = Launch(find_launch_file([launch_file]), self.arguments, self._tell)
         self._stack = ExitStack()
 
@@ -65,10 +66,13 @@ class Cell:
 
     def _tell(self, label: str, line: str) -> None:
         print(f"[{label}] {line}", file=self._file, flush=True)
+        if label == "launch" and "died" in line:
+            self._death = f"{line}; it said last: {self._last.get(line.split(' ')[0], 'nothing')}"
+        self._last[label] = line
 
     def _watch(self) -> None:
         if self.launch.poll() is not None:
-            raise SessionError("the cell ended early")
+            raise SessionError(f"the cell ended early: {self._death or 'nobody says why'}")
         self.also()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
