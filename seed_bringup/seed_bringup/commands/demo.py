@@ -98,5 +98,5 @@ def _demo(options: argparse.Namespace, domain: int) -> int:
             except SeedError as error:  # membranes may give way to a baseline
                 say(f"no baseline {law.replace('_', ' ')}: {error}")
     held = conclude(asked, live, series, baselines, findings)
-    say(f"{time.monotonic() - started:.0f} s in all; look at {asked.folder / 'report.html'}")
+    say(f"it took {time.monotonic() - started:.0f} s; look at {asked.folder / 'report.html'}")
     return 0 if held else 1
