@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import pose_from_rpy, so3_exp
-from seed_sim.scenario import load_scenario, shipped_scenarios, tactile_of
+from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios, tactile_of
 from seed_sim.tactile import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
 from seed_testing.validation import command as validate
@@ -219,6 +219,14 @@ def test_slip_command_prints_alarms_and_delays(capsys):
 def test_a_pull_aside_is_no_slip_yet(fingers):
     """Seed 7100003 turns the tool and then jerks it along z, back through the middle: displacement falls at once."""
     scenario = replace(load_scenario("long_cylinder", *run.FOLDERS), tactile=TactileParameters(fingers=fingers))
-    delay, early = slip.alarm_delay(scenario, 7100003)
-    assert not early
-    assert delay <= slip.IN_TIME
+    told = slip.alarm_delay(scenario, 7100003)
+    assert not told.early
+    assert told.alarm <= slip.IN_TIME
+
+
+def test_a_slip_on_membranes_with_mechanics_makes_the_estimate_invalid(monkeypatch):
+    """A pull along x: depth sees it, the images are not explained any longer."""
+    monkeypatch.setattr(slip, "_SPACING", 0.009)
+    scenario = on_membrane(load_scenario("long_cylinder", *run.FOLDERS), 1)
+    told = slip.alarm_delay(scenario, 31004)
+    assert told.invalid <= slip.IN_TIME

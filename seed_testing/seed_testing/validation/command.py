@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument(
         "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
     )
+    two.add_argument("--membranes", action="store_true", help="between membranes with mechanics, others for each pull")
     two.set_defaults(run=_slip)
     three = commands.add_parser(
         "map",
@@ -168,6 +169,8 @@ def _estimator(options: argparse.Namespace) -> int:
 
 def _slip(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, *run.FOLDERS)
+    if options.membranes:
+        scenario = on_membrane(scenario, options.seed)
     result = slip.alarms(scenario, options.seed, options.slips, options.minutes, options.jobs)
     print(json.dumps(result, indent=2))
     return 0

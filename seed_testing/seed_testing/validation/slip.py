@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gross slip with ground truth: the tool is pulled until friction gives way; the estimator should say so at once."""
+"""Gross slip with ground truth: the tool is pulled until friction gives way; the estimator should say so at once.
+
+Rendered bubbles go with the tool as one body, under friction; membranes with mechanics are drawn anew for each pull.
+"""
 
 import math
 from collections.abc import Iterator
@@ -12,8 +15,11 @@ from joblib import delayed
 
 from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
+from seed_estimation import TactileImages
+from seed_sim.bubbles import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.scenario import Scenario, tactile_of
+from seed_sim.membrane import MembraneError
+from seed_sim.scenario import Scenario, on_membrane, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
 from seed_sim.tactile.parameters import TactileParameters
@@ -28,6 +34,9 @@ _SUBSTEPS = 10  # of friction per pair of images
 # ordinary manipulation moves the tool about half as far as the combined trajectory
 _ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
 _HOLD = 0.009  # [m] grip in ordinary manipulation
+# Membranes: share of the touching nodes that slide when the tool does, solves per pair of images, [m] between nodes,
+# and share of the ordinary motion that a light grip bears
+_ALL, _SUBSOLVES, _SPACING, _BORNE = 0.95, 2, 0.006, 0.4
 
 
 class Pull(NamedTuple):
@@ -79,42 +88,104 @@ def moments(
             yield Moment(t, X_CT, held, onset)
 
 
-def alarm_delay(scenario: Scenario, seed: int) -> tuple[float | None, bool]:
-    """Seconds from onset to alarm (None: none), and whether there was an alarm before the onset."""
-    pull = random_pull(np.random.default_rng((seed, 5)))
+class Frame(NamedTuple):
+    """Images of one time [s], since when the tool slides (inf: not), and whether it slides at all."""
+
+    stamp: float
+    images: dict[str, TactileImages]
+    onset: float
+    sliding: bool
+
+
+def rendered(
+    renderer: TactileRenderer, section: TrajectorySection, pull: Pull | None, seed: int, p: TactileParameters
+) -> Iterator[Frame]:
+    """Frames of a tool that friction of p holds as one body."""
+    for m in moments(p, renderer.reach, section, pull, seed):
+        yield Frame(m.stamp, renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load), m.onset, m.held.sliding)
+
+
+def on_membranes(renderer: HeldRenderer, section: TrajectorySection, pull: Pull | None, seed: int) -> Iterator[Frame]:
+    """Frames of a tool between membranes with mechanics: it slides as soon as nearly all that touches it does."""
+    onset = math.inf
+    fine = replace(section, rate=section.rate * _SUBSOLVES)
+    for i, (t, X) in enumerate(poses(fine, seed), start=1):
+        X_CT = X if pull is None else X @ pull.pulled(t)
+        share = renderer.hold.at(X_CT, t).sliding_share
+        onset = min(onset, t) if share > _ALL else onset
+        if i % _SUBSOLVES == 0:
+            yield Frame(t, renderer.render(X_CT, t), onset, share > _ALL)
+
+
+def watched(
+    scenario: Scenario, seed: int, pull: Pull | None, duration: float
+) -> tuple[TactileRenderer | HeldRenderer, Iterator[Frame]]:
+    """The renderer of a run, and its frames: ordinary manipulation with a pull on top of it if there is one."""
     cv2.setNumThreads(1)
-    p = replace(tactile_of(scenario), hold=pull.hold, kinetic=pull.kinetic)
+    section = replace(_ORDINARY, duration=duration)
+    if scenario.grasp.kind == "membrane":
+        drawn = on_membrane(scenario, seed)
+        drawn = replace(drawn, membrane=replace(drawn.membrane, spacing=_SPACING))
+        held = renderer_of(drawn, seed)
+        assert isinstance(held, HeldRenderer)
+        return held, on_membranes(held, replace(section, scale=_BORNE), pull, seed)
+    p = replace(tactile_of(scenario), hold=_HOLD)
+    if pull is not None:
+        p = replace(p, hold=pull.hold, kinetic=pull.kinetic)
     renderer = TactileRenderer(p, scenario.hand, seed)
+    return renderer, rendered(renderer, section, pull, seed, p)
+
+
+class Told(NamedTuple):
+    """What a slip came to: seconds from its onset to the alarm, and to the first estimate that is not valid, be it by
+    the alarm or by a track that is lost (None: never); whether there was an alarm before the onset."""
+
+    alarm: float | None = None
+    invalid: float | None = None
+    early: bool = False
+
+
+def alarm_delay(scenario: Scenario, seed: int) -> Told:
+    """How a pull drawn from the seed is told."""
+    pull = random_pull(np.random.default_rng((seed, 5)))
+    renderer, frames = watched(scenario, seed, pull, _LONGEST)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=_LONGEST), pull, seed):
-        images = renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load)
-        if estimator.update(images, m.stamp).gross_slip:
-            return (m.stamp - m.onset, False) if m.stamp >= m.onset else (None, True)
-        if m.stamp > m.onset + _AFTER:
-            break
-    return None, False
+    invalid: float | None = None
+    try:
+        for frame in frames:
+            estimate, since = estimator.update(frame.images, frame.stamp), frame.stamp - frame.onset
+            if since >= 0.0 and not estimate.valid and invalid is None:
+                invalid = since
+            if estimate.gross_slip:
+                return Told(since, invalid) if since >= 0.0 else Told(early=True)
+            if since > _AFTER:
+                break
+    except MembraneError:  # torn out of the grasp, and no alarm was raised
+        pass
+    return Told(None, invalid)
 
 
 def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, int, int]:
     """Alarms in so many seconds of ordinary manipulation without slip, valid estimates, and frames.
 
-    The grasp is taken anew after an alarm, as an operator would.
+    The grasp is taken anew after an alarm, as an operator would; on membranes, where that would be another grasp, a
+    piece ends with it.
 
     Raises:
         SeedError: the tool slid after all.
     """
-    cv2.setNumThreads(1)
-    p = replace(tactile_of(scenario), hold=_HOLD)
-    renderer = TactileRenderer(p, scenario.hand, seed)
+    renderer, images = watched(scenario, seed, None, duration)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
     alarms = valid = frames = 0
-    for m in moments(p, renderer.reach, replace(_ORDINARY, duration=duration), None, seed):
-        if m.held.sliding:
-            raise FailedError(f"ordinary motion of seed {seed} slides at {m.stamp:.2f} s: the grip holds {_HOLD:g} m")
-        estimate = estimator.update(renderer.render(m.X_CT, m.stamp, load=m.held.load), m.stamp)
+    for frame in images:
+        if frame.sliding:
+            raise FailedError(f"ordinary motion of seed {seed} slides at {frame.stamp:.2f} s: the grip is too weak")
+        estimate = estimator.update(frame.images, frame.stamp)
         frames, valid = frames + 1, valid + estimate.valid
         if estimate.gross_slip:
             alarms += 1
+            if isinstance(renderer, HeldRenderer):
+                break
             estimator = estimator_for(scenario, "rigid_fit", renderer)
     return alarms, valid, frames
 
@@ -127,10 +198,12 @@ def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int)
     work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
     results: list[Any] = list(in_parallel(work, min(jobs, len(work)), "run"))
     found, calm = results[:slips], np.array(results[slips:])
-    delays = [delay for delay, _ in found if delay is not None]
+    delays = [told.alarm for told in found if told.alarm is not None]
+    held = [told.invalid for told in found if told.invalid is not None]
     wrong, valid, frames = calm.sum(axis=0).tolist()
     return {
         "scenario": scenario.name,
+        "grasp": scenario.grasp.kind,
         "seed": seed,
         "slips": slips,
         "alarm_fraction": sum(d <= IN_TIME for d in delays) / max(slips, 1),
@@ -138,7 +211,8 @@ def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int)
             "median": 1e3 * float(np.median(delays)) if delays else None,
             "max": 1e3 * max(delays) if delays else None,
         },
-        "early_alarms": sum(early for _, early in found),
+        "early_alarms": sum(told.early for told in found),
+        "invalid_fraction": sum(d <= IN_TIME for d in held) / max(slips, 1),
         "minutes": minutes,
         "false_alarms": wrong,
         "valid_fraction": valid / max(frames, 1),
