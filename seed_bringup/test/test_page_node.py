@@ -50,8 +50,8 @@ pytestmark = pytest.mark.ros
 class SlowCell(Node):
     """Offers what the buttons call; a reference takes until it is let go, and an arm as long as it is told to."""
 
-    def __init__(self, context: Context) -> None:
-        super().__init__("slow_cell", context=context)
+    def __init__(self, context: Context, namespace: str | None = None) -> None:
+        super().__init__("slow_cell", context=context, namespace=namespace)
         self.enabled, self.called = False, []
         self.go_on, self.arm_is_there, self.enable_in_time = threading.Event(), threading.Event(), threading.Event()
         self.arm_is_there.set()
@@ -103,8 +103,9 @@ def context() -> Iterator[Context]:
 
 
 @pytest.fixture
-def cell(context: Context) -> Iterator[SlowCell]:
-    node, executor = SlowCell(context), MultiThreadedExecutor(4, context=context)
+def cell(request: pytest.FixtureRequest, context: Context) -> Iterator[SlowCell]:
+    """In the namespace that the test asks for."""
+    node, executor = SlowCell(context, getattr(request, "param", None)), MultiThreadedExecutor(4, context=context)
     executor.add_node(node)
 
     def spin() -> None:
@@ -148,6 +149,28 @@ def ready(hands: CellHands) -> None:
 
 DOES = ("publish", "request", "call")
 RESUME = "sim/resend_robot_program"
+
+
+@pytest.mark.parametrize("cell", ["/left"], indirect=True)
+def test_the_buttons_reach_the_cell_of_their_namespace_and_no_other(
+    cell: SlowCell, context: Context, hands: CellHands
+) -> None:
+    cell.offer_stop(good=True)
+    of_left = CellHands(context, ("squeegee",), "/left", "hands_of_left")
+    try:
+        ready(of_left)
+        until(of_left._triggers["driver/stop"].service_is_ready)
+        assert of_left.press("Enable").result(10.0) == (True, "Enable: enabled.")
+        assert cell.called == ["resume", "resumed", "enabling", "on"]
+        good, told = hands.stop().result(10.0)
+        assert not good
+        assert "no cell answers" in told
+        assert cell.enabled
+        good, told = of_left.stop().result(10.0)
+        assert good, told
+        assert not cell.enabled
+    finally:
+        of_left.close()
 
 
 def test_stop_is_served_at_once_while_another_button_waits(cell: SlowCell, hands: CellHands) -> None:
