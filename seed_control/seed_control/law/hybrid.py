@@ -68,7 +68,8 @@ class HybridLaw(PublishedLaw):
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
         if self._finds(s) and self.touches(0):
-            self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time)
+            gives = float(self.observers[0].x[4]) if self.observers else 0.0
+            self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
 

@@ -27,7 +27,7 @@ from seed_control.wrench.estimate import Measurement
 from seed_core.spatial import Array
 
 _H, _A, _S, _SIZE = 0, slice(1, 3), slice(3, 6), 6
-_HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 10.0  # [m], [1], [1/m] deviations at first contact
+_HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 6.0  # [m], [1], [1/m] deviations at first contact
 _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
 _WALK_SLOPE, _WALK_BEND = 0.03, 8.0  # [1/sqrt(m)], [1/m/sqrt(m)] along the way: surfaces, not time, bend
 _OFF_ACROSS = 0.1  # of the force that its direction is off by, whatever is stated
@@ -36,7 +36,7 @@ _ROUGH = 1.5e-4  # [m] deviation of a height, whatever is stated
 _LEAST_SPEED = 6e-3  # [m/s] from which on a tip slides
 _TOLD, _STILL_TOLD = 3.5, 2.5  # deviations of a speed that make a tip that sticks one that slides; that it still does
 _SMOOTHING = 0.08  # [s] over which the place along the surface and its speed are smoothed, and the force's direction
-_GIVES = 0.2  # of the grasp's compliance: what a surface may sink by where the force on it changes
+_GIVES = 0.1  # of the grasp's compliance: deviation of what a surface sinks by where the force on it changes
 _GATE = 16.0  # squared innovation over its variance (4 sigma)
 _IN_A_ROW = 3  # of them on one side mean that the surface has an edge here
 _OPENED = 0.25  # [1] deviation of the slope after an edge
@@ -67,7 +67,8 @@ class SurfaceNormal:
         self._velocity = np.zeros(2)  # [m/s] of the tip along the tangents, as images show it
         self._share = np.zeros(2)  # of the force along the tangents, smoothed as the velocity is
         self._pressing = 0.0  # [N] at the last image
-        self._slides = False
+        self._gives = 0.0  # [m/N] of the surface
+        self._slides = self._slid = False
         self._going = np.zeros(2)  # to where the tip is going to be
 
     @property
@@ -100,11 +101,20 @@ class SurfaceNormal:
         self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND]))
         self.anchor, self._last, self.running = m.tip.copy(), m.stamp, True
         self._outside[:] = 0
-        self._velocity, self._share, self._slides = np.zeros(2), np.zeros(2), False
+        self._velocity, self._share = np.zeros(2), np.zeros(2)
+        self._gives, self._slides, self._slid = 0.0, False, False
         self._pressing = -float(n @ m.on_environment.force)
 
-    def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float) -> None:
-        """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s]."""
+    def image(
+        self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float, share: float = 0.0
+    ) -> None:
+        """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s].
+
+        share: of the gripper's motion that the surface gives way by, as `SurfaceObserver` tells it. What it is as the
+            force is built up holds from then on: of a tip that slides it cannot be told from the slope.
+        """
+        if not self._slid:
+            self._gives = share / (1.0 - share) / stiffness
         self._predict(m, stiffness)
         foretold = self.x[_A].copy()
         h = np.zeros(_SIZE)
@@ -149,7 +159,9 @@ class SurfaceNormal:
         """To the place of a new image, smoothed along the surface: there the tip moves evenly, or sticks."""
         dt = max(m.stamp - self._last, 1e-3)
         self._last = m.stamp
-        off = m.tip - self.anchor
+        force = m.on_environment.force
+        pressing = -float(self.n @ force)
+        off = m.tip + self._gives * pressing * self.n - self.anchor  # where the surface were if nothing pressed on it
         rise = float(self.n @ off)
         left = exp(-dt / _SMOOTHING)
         d = self._velocity * dt
@@ -158,6 +170,7 @@ class SurfaceNormal:
         d = d + (1.0 - left**2) * late
         self.anchor = self.anchor + self.tangents.T @ d + rise * self.n
         self._slides = float(self._velocity @ self._velocity) > self._least_speed(m, dt) ** 2
+        self._slid = self._slid or self._slides
         if not self._slides:
             d = np.zeros(2)  # what stands still tells nothing of a slope, however its noise moves
         self._step = d
@@ -166,10 +179,8 @@ class SurfaceNormal:
         F[1, 3:5] = F[2, 4:6] = d
         self.x = F @ self.x
         self.x[_H] -= rise
-        way = float(np.sqrt(d @ d))
+        way = float(np.sqrt(self._velocity @ self._velocity)) * dt if self._slides else 0.0
         walk = np.zeros(_SIZE)
-        force = m.on_environment.force
-        pressing = -float(self.n @ force)
         sinks, self._pressing = _GIVES * (pressing - self._pressing) / stiffness, pressing
         felt = self.tangents @ force / max(pressing, _LEAST_FORCE) - self.x[_A]
         self._share = self._share + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._share)
