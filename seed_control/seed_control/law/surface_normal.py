@@ -32,6 +32,7 @@ _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
 _WALK_SLOPE, _WALK_BEND = 0.03, 8.0  # [1/sqrt(m)], [1/m/sqrt(m)] along the way: surfaces, not time, bend
 _OFF_ACROSS = 0.1  # of the force that its direction is off by, whatever is stated
 _LEAST_FORCE = 1.0  # [N] whose direction tells anything
+_TOUCHES = 0.35  # of the wanted force, below which the tip may be in the air
 _ROUGH = 1.5e-4  # [m] deviation of a height, whatever is stated
 _LEAST_SPEED = 6e-3  # [m/s] from which on a tip slides
 _TOLD, _STILL_TOLD = 3.5, 2.5  # deviations of a speed that make a tip that sticks one that slides; that it still does
@@ -116,6 +117,8 @@ class SurfaceNormal:
         if not self._slid:
             self._gives = share / (1.0 - share) / stiffness
         self._predict(m, stiffness)
+        if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
+            self._leave()
         foretold = self.x[_A].copy()
         h = np.zeros(_SIZE)
         h[_H] = 1.0
@@ -187,6 +190,12 @@ class SurfaceNormal:
         walk[_H] = _WALK_HEIGHT**2 * dt + sinks * sinks
         walk[_A], walk[_S] = _WALK_SLOPE**2 * way, _WALK_BEND**2 * way
         self.P = F @ self.P @ F.T + np.diag(walk)
+
+    def _leave(self) -> None:
+        """A tip that hardly presses flies over a step, or falls: its track is not the surface's."""
+        self.x[_H] = 0.0
+        self.P[_H, :] = self.P[:, _H] = 0.0
+        self.P[_H, _H] = _HEIGHT**2
 
     def _least_speed(self, m: Measurement, dt: float) -> float:
         """[m/s] from which on the tip slides: beyond what the noise of its place makes of one that sticks."""
