@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 
 from seed_control.law.surface_normal import SurfaceNormal
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_control.tasks.surface_run import carried
+from seed_control.tasks import load_task
+from seed_control.tasks.steps import steps_of
+from seed_control.tasks.surface_run import SurfaceRun, carried
 from seed_core.spatial import Array, Wrench, make_pose, so3_exp
 
 DT, SPEED, LOOP = 1.0 / 45.0, 0.05, 0.08  # [s], [m/s], [s]
@@ -84,6 +86,54 @@ def test_a_tip_that_stands_still_turns_no_normal() -> None:
         s = HybridSetpoint(np.eye(4), task_frame="found", velocity=pull)
         filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
     assert np.rad2deg(np.arccos(filter_.ahead[2])) < 3.0
+
+
+def test_what_the_surface_sinks_by_is_no_slope() -> None:
+    rng, filter_, share = np.random.default_rng(3), SurfaceNormal(), 0.2
+    gives = share / (1.0 - share) / STIFFNESS  # [m/N] of the surface
+    v = np.array((SPEED, 0.0, 0.0))
+    for i in range(90):
+        t = i * DT
+        n, slid = np.array((0.0, 0.0, 1.0)), SPEED * max(t - 0.7, 0.0)
+        force = min(20.0 * t + 2.0, 10.0) - 60.0 * slid  # built up while the tip sticks, and less as it slides
+        m = measurement(t, np.array((slid, 0.0, -gives * force)), n, v, rng, np.eye(3))
+        m.on_environment.force[:] *= force / 10.0
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        s = HybridSetpoint(np.eye(4), task_frame="found", velocity=v)
+        filter_.image(m, s, STIFFNESS, LOOP, share)  # type: ignore[arg-type]
+    assert np.rad2deg(np.arccos(filter_.n[2])) < 2.0  # gives * 60 N/m is a slope of 1 degree, the build-up one of many
+
+
+def test_a_tip_in_the_air_tells_nothing_of_the_surface() -> None:
+    errors, filter_ = along(0.5, 0.0, 1)
+    before, n = filter_.deviation, filter_.n.copy()
+    rng, tip = np.random.default_rng(5), filter_.anchor.copy()
+    for i in range(9):  # it falls by 9 mm
+        tip = tip + DT * SPEED * filter_.tangents[0] - 1e-3 * n
+        m = measurement(2.4 + i * DT, tip, n, filter_.tangents[0], rng, np.eye(3))
+        m.on_environment.force[:] *= 0.1
+        wanted = Wrench(np.zeros(3), np.array((0.0, 0.0, -10.0)))
+        s = HybridSetpoint(np.eye(4), wanted, np.diag((0.0, 0.0, 1.0)), task_frame="found")
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+    assert np.rad2deg(np.arccos(np.clip(filter_.n @ n, -1.0, 1.0))) < 3.0  # it falls at 42
+    assert filter_.deviation >= before
+    assert errors
+
+
+def test_the_path_slows_down_where_the_tool_cannot_turn_as_fast_as_the_surface() -> None:
+    step = next(s for s in steps_of(load_task("follow")) if s.phase.name == "wipe")
+    gone = []
+    for degrees in (5.0, 21.0, 40.0):
+        run = SurfaceRun(step, np.zeros(3), np.eye(3), np.eye(3), np.eye(3), np.eye(4))
+        angle = np.deg2rad(degrees)
+        state = SimpleNamespace(in_contact=True, X_W_tip=np.eye(4), R_W_task=so3_exp((0.0, angle, 0.0)))
+        run.advance(0.01, state)  # type: ignore[arg-type]
+        for _ in range(50):
+            run.advance(0.01, state)  # type: ignore[arg-type]
+        gone.append(run.share)
+        assert float(np.linalg.norm(run.velocity)) <= 0.05 * run.pace + 1e-9
+    assert gone[0] > gone[1] > gone[2]
 
 
 def test_a_blade_that_lies_on_the_surface_shows_how_it_leans() -> None:

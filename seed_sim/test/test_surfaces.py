@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables that are not flat: distances are exact, and the simulated contact obeys friction along the true normal."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from numpy.testing import assert_allclose
 from seed_control.tasks import read_task, shipped_tasks
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy
 from seed_sim.closed_loop.evaluate import evaluate
-from seed_sim.closed_loop.surfaces import MOST_NORMAL, MOST_PEAK, WORST_FORCE, failure, table
+from seed_sim.closed_loop.surfaces import MOST_NORMAL, MOST_PEAK, WORST_FORCE, failure, summary, surfaces, table
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.surfaces.draw import draw_shapes
 from seed_sim.plant.surfaces.section import KINDS, SurfaceSection
@@ -146,6 +148,25 @@ def test_a_task_follows_a_cylinder_that_it_does_not_know() -> None:
     assert score["peak"] < MOST_PEAK
     assert failure({**result}) == ""
     assert "cylinder" in table([result])
+
+
+def test_a_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    kept, score = tmp_path / "runs.jsonl", {"peak": 1.2, "force_rms": 0.2, "normal_rms_deg": 2.0}
+    worse = {"peak": 1.7, "force_rms": 0.5, "normal_rms_deg": 4.0}
+    runs = [
+        {"task": "follow", "scenario": kind, "seed": seed, "finished": True, "message": "finished",
+         "surface": {**figures, "force_mean": 10.0, "normal_max_deg": 5.0}}
+        for kind, seed, figures in (("cylinder", 7, score), ("sphere", 8, worse))
+    ]  # fmt: skip
+    lines = "".join(json.dumps(run) + "\n" for run in runs)
+    kept.write_text(lines + '{"task": "fol')
+    assert surfaces(2, 7, ("cylinder", "sphere"), keep=kept) == runs
+    assert kept.read_text() == lines  # nothing was run again, and the line that was cut off is gone
+    found = summary(runs)
+    assert found["smooth"]["peak"] == pytest.approx([1.45, 1.65, 1.7])
+    assert found["smooth"]["force_rms_mean"] == pytest.approx(0.35)
+    assert found["beyond"] == 1
+    assert "BEYOND: peak" in table(runs)
 
 
 CORNER = """

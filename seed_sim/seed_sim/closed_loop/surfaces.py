@@ -100,9 +100,8 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
             bound = f"   (at most {most:g} {unit} for each)" if most is not None and name in of["bounded"] else ""
             median, ninety, worst = of[name]
             lines.append(f"  {name:14s}{median:6.2f}{ninety:7.2f}{worst:7.2f} {unit}{bound}")
-    if result["smooth"]["runs"]:
-        mean = result["smooth"]["force_rms_mean"]
-        lines.append(f"  force_rms on the mean {mean:.3f} N (at most {MEAN_FORCE:g} N)")
+        if group == "smooth":
+            lines.append(f"  force_rms on the mean {of['force_rms_mean']:.3f} N (at most {MEAN_FORCE:g} N)")
     lines.append(f"{result['beyond']} of {len(runs)} runs beyond a bound")
     return "\n".join(lines)
 
