@@ -106,9 +106,7 @@ class SurfaceNormal:
         self._gives, self._slides, self._slid = 0.0, False, False
         self._pressing = -float(n @ m.on_environment.force)
 
-    def image(
-        self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float, share: float = 0.0
-    ) -> None:
+    def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float, share: float = 0.0) -> None:
         """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s].
 
         share: of the gripper's motion that the surface gives way by, as `SurfaceObserver` tells it. What it is as the
