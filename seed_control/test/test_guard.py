@@ -38,6 +38,16 @@ def test_an_approach_that_goes_too_far_or_nowhere_known_is_held(z: float) -> Non
     assert "no contact within max_free_travel = 60 mm along (0.00, 0.00, 1.00)" in went(travel, (0.0, 0.0, z))
 
 
+def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
+    travel = still(BOUND)
+    reason = went(travel, (0.0, 0.0, 0.01))
+    for k in range(1, 90):
+        travel.image([0.85], [False], [0.01], [0.0])
+        reason = reason or went(travel, (0.0, 0.0, 0.01 + 9e-4 * k))
+    assert "the force stays at 85% of the wanted one over max_free_travel = 60 mm" in reason
+    assert "the tool slides in the grasp" in reason
+
+
 def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
     for share, settled, anew in ((1.0, True, True), (0.8, False, True), (0.6, False, False)):
         travel = still(BOUND)

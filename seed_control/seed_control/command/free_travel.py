@@ -10,6 +10,7 @@ from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
 _REACHED = 0.7  # share of the wanted force from which on a rise shows that the way is not free: half, and the noise
 _RISE = 0.1  # share by which it has to rise
 _OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
+_PRESSES = 0.4  # share from which on something is in the way, and gives way
 _UNSEEN = 1.5e-3  # [m] of the tip's way that noise and lean as contact ended may hide
 _RUBS = 1.0  # friction, at most, that a force across a direction may make along it
 _SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
@@ -22,6 +23,7 @@ class _Way:
 
     def __init__(self, start: Vector3) -> None:
         self.start, self.best, self.last = start, 0.0, start
+        self.share = 0.0  # of the wanted force, in the last image
         self.time = 0.0  # [s] since the start
         self.first = self.deflection = 0.0  # [m] of the grasp, at the start, and now by what is in the way
 
@@ -60,6 +62,7 @@ class FreeTravel:
             self._ways = []
             return
         for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
+            way.share = share
             way.deflection = min(max(share - _RUBS * rubs, 0.0), _REACHED) * whole
             if share < _OVER:
                 way.best = 0.0
@@ -94,11 +97,7 @@ class FreeTravel:
             )  # a step more, and to rest
             rests = gone + (ahead if speed > 0.0 else -ahead)
             if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - way.first:
-                return (
-                    f"no contact within max_free_travel = {1e3 * self._bound:.0f} mm along {_words(along)} of the "
-                    "base: start nearer to the surface, or check the force's sign (what the tool does to it) and the "
-                    "estimate"
-                )
+                return self._reason(_words(along), way.share)
             way.time += dt
             if way.time > _LONG:
                 self.warning = (
@@ -106,6 +105,17 @@ class FreeTravel:
                     f"{1e3 * abs(gone):.0f} mm"
                 )
         return ""
+
+    def _reason(self, along: str, share: float) -> str:
+        """Why to hold at the bound, with that share of the wanted force."""
+        bound = f"max_free_travel = {1e3 * self._bound:.0f} mm along {along} of the base"
+        if share < _PRESSES:
+            start = "start nearer to the surface, or check the force's sign (what the tool does to it) and the estimate"
+            return f"no contact within {bound}: {start}"
+        return (
+            f"the force stays at {share:.0%} of the wanted one over {bound}: the tool slides in the grasp, or the "
+            "surface gives way: grip more firmly, or ask for less force"
+        )
 
 
 def _words(n: Vector3) -> str:
