@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from seed_bringup.commands.cells import missing
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 
@@ -22,6 +23,20 @@ def cell() -> Iterator[Launch]:
     launch = Launch(find_launch_file(["cell"]), CELL, output=lambda label, line: print(f"[{label}] {line}"))
     with launch:
         yield launch
+
+
+def test_a_name_that_is_not_there_is_told_with_what_is_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = ("/sim/grasp", "/sim/reset", "/estimator/capture_reference", "/controller/enable")
+    listing = "; ./seed call lists what there is"
+    for name, told in (
+        ("/sim/grab", "none; did you mean sim/grasp? ./seed call lists what there is"),
+        ("/capture_reference", "none; did you mean estimator/capture_reference? ./seed call lists what there is"),
+        ("/sim/gone", f"none{listing}"),
+        ("/nonsense", f"none{listing}"),
+    ):
+        assert missing("none", name, known, "./seed call") == told
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
+    assert missing("none", "/sim/grasp", (), "./seed call") == "none: no cell is running in ROS domain 42"
 
 
 def seed(*words: str) -> subprocess.CompletedProcess[str]:

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from seed_bringup.launching.domains import VARIABLE, running
 from seed_core.errors import SeedError
 
+LIKE = 0.75  # of 1, from which one name may have been meant by another
+
 
 def cell_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that name a cell."""
@@ -28,8 +30,8 @@ def missing(problem: str, name: str, known: Iterable[str], listing: str) -> str:
     ends = {k.rpartition("/")[2]: k for k in known}
     if not ends:
         return f"{problem}: no cell is running in ROS domain {os.environ.get(VARIABLE, 0)}"
-    close = difflib.get_close_matches(name, ends.values(), n=1)
-    close += [ends[e] for e in difflib.get_close_matches(name.rpartition("/")[2], ends, n=1)]
+    close = difflib.get_close_matches(name, ends.values(), 1, LIKE)
+    close += [ends[e] for e in difflib.get_close_matches(name.rpartition("/")[2], ends, 1, LIKE)]
     return f"{problem}; {f'did you mean {close[0][1:]}? ' if close else ''}{listing} lists what there is"
 
 
