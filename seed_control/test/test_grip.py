@@ -163,6 +163,41 @@ def test_a_gripper_that_does_not_answer_is_named() -> None:
     assert "does not follow: it grips with 3.0 N where 7.5 N" in told.hold
 
 
+def test_a_grip_that_was_set_while_nothing_is_sent_is_where_it_goes_on_from() -> None:
+    control = GripControl(SETTINGS)
+    for i in range(90):  # two seconds of a hand at the gripper, which the load does not ask for
+        t = i * FRAME
+        control.heard(t, 0.02, 10.0)
+        control.image(margin_of(1.0, t), t)
+        control.rest(t)
+        told = control.command(t)
+    assert told.hold == ""
+    assert told.force == 10.0
+    control.image(margin_of(1.0, t + FRAME), t + FRAME)
+    assert control.wanted > 9.9  # it relaxes slowly from there
+
+
+def test_nothing_relaxes_while_the_gripper_is_silent() -> None:
+    control = GripControl(SETTINGS)
+    control.heard(0.0, 0.02, 8.0)
+    for i in range(1, 180):
+        control.image(margin_of(1.0, i * FRAME), i * FRAME)
+        if i * FRAME <= SETTINGS.answer_time:
+            before = control.wanted
+    assert control.wanted >= before
+    assert "does not answer" in control.command(4.0).hold
+
+
+def test_fingers_that_close_no_further_without_a_grip_are_named() -> None:
+    control = GripControl(replace(SETTINGS, min_width=0.012))
+    for i in range(40):
+        t = i * FRAME
+        control.heard(t, 0.012, 3.0)
+        control.image(margin_of(9.0, t), t)
+        told = control.command(t)
+    assert "12.0 mm apart and close no further (min_width is 12 mm): they grip with 3.0 N" in told.hold
+
+
 def test_a_load_that_the_grasp_cannot_bear_is_named_and_the_grip_stays_firm() -> None:
     control = GripControl(replace(SETTINGS, max_force=8.0))
     for i in range(30):

@@ -102,6 +102,18 @@ def test_a_deaf_gripper_makes_the_arm_hold_and_is_named(answering: tuple[Bench, 
     assert gripper.asked[-1] > 3.0  # it goes on asking
 
 
+def test_a_grip_that_was_set_by_hand_can_be_enabled(answering: tuple[Bench, Cell, Gripper]) -> None:
+    bench, cell, gripper = answering
+    assert bench.until(lambda: cell.node.grip.hold == "")
+    gripper.force = 10.0  # more than the load needs
+    bench.spin(2.2)  # answer_time is 1 s
+    assert not gripper.asked
+    assert cell.node.grip.hold == ""
+    cell.enabled()
+    assert bench.until(lambda: bool(gripper.asked))
+    assert gripper.asked[0] > 9.0
+
+
 def test_a_silent_gripper_is_refused_before_anything_moves(answering: tuple[Bench, Cell, Gripper]) -> None:
     bench, cell, gripper = answering
     gripper.silent = True

@@ -50,13 +50,18 @@ class Goal(NamedTuple):
 
 
 class GripperGoals:
-    """Which goal to send, and what the joint says of the fingers. Time is an argument."""
+    """Which goal to send, and what joint and server say of the fingers. Time is an argument.
+
+    Attributes:
+        settled: [N] push of each finger by what the newest goal that has ended says; not a number for unknown.
+    """
 
     def __init__(self, config: GripperActionConfig) -> None:
         self.config = config
         self._wanted: Goal | None = None
         self._sent: Goal | None = None
         self._when = -inf  # [s]
+        self.settled = nan
 
     def width(self, width: float) -> None:
         """The fingers are to go to a width [m], and push with no more than max_force. Raises GripperError."""
@@ -81,7 +86,7 @@ class GripperGoals:
     def due(self, t: float) -> Goal | None:
         """The goal to send at t [s]; None where there is nothing new."""
         c, new, old = self.config, self._wanted, self._sent
-        if new is None or t - self._when < 1.0 / c.rate:
+        if new is None or 0.0 <= t - self._when < 1.0 / c.rate:
             return None
         if old is not None:
             moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
@@ -93,6 +98,17 @@ class GripperGoals:
     def refused(self) -> None:
         """The server did not accept the newest goal: it is sent again."""
         self._sent = None
+
+    def forget(self) -> bool:
+        """No server is there: one that comes later gets new commands only. Whether one was waiting or carried out."""
+        known = self._wanted is not None
+        self._wanted, self._sent, self.settled = None, None, nan
+        return known
+
+    def ended(self, goal: Goal, stalled: bool, reached: bool) -> None:
+        """The server says how a goal has ended: fingers that stall push as was asked for, others may push on nothing."""
+        if stalled or reached:
+            self.settled = goal.force if stalled else 0.0
 
     def width_of(self, position: float) -> float:
         """Distance of the fingers [m] where the joint is at a position [m or rad]."""

@@ -3,6 +3,7 @@
 
 from functools import partial
 from importlib.util import find_spec
+from math import isnan
 from types import SimpleNamespace
 from typing import Any
 
@@ -43,6 +44,36 @@ def test_goals_come_no_faster_than_the_rate_and_only_when_something_changes() ->
     assert 15 <= sent <= 22
     goals.refused()
     assert goals.due(3.0) is not None
+
+
+def test_a_server_that_comes_later_gets_no_old_command() -> None:
+    goals = GripperGoals(ANGLE)
+    goals.push(12.0)
+    assert goals.forget()
+    assert goals.due(0.0) is None
+    goals.push(12.0)
+    assert goals.due(1.0) is not None
+    assert goals.forget()  # it went away: the same command is sent to the next one
+    goals.push(12.0)
+    assert goals.due(0.5) is not None  # the clock was set back, too
+    goals.forget()
+    assert not goals.forget()
+
+
+def test_only_fingers_that_stall_push() -> None:
+    goals = GripperGoals(ANGLE)
+    assert isnan(goals.settled)
+    goals.push(12.0)
+    goal = goals.due(0.0)
+    assert goal is not None
+    goals.ended(goal, stalled=True, reached=False)
+    assert goals.settled == 12.0
+    goals.ended(goal, stalled=False, reached=False)  # another goal took its place
+    assert goals.settled == 12.0
+    goals.ended(goal, stalled=False, reached=True)  # closed on nothing
+    assert goals.settled == 0.0
+    goals.forget()
+    assert isnan(goals.settled)
 
 
 @pytest.mark.parametrize("width", [float("nan"), -0.01, 0.2])

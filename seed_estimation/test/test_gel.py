@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of the gel: depth from slopes, dots, and colours to slopes, each against a formula."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from seed_core.errors import SeedError
 from seed_estimation import PinholeCamera
+from seed_estimation.gel.calibration import calibrated, load
 from seed_estimation.gel.depth import Integrator
 from seed_estimation.gel.dots import DotFinder, matched
+from seed_estimation.gel.image import GelImage
+from seed_estimation.gel.settings import GelSettings
 from seed_estimation.gel.shading import Canvas, Press, filled, fit_shading
 
 CAMERA = PinholeCamera(320, 240, np.array(((370.5, 0.0, 159.5), (0.0, 370.5, 119.5), (0.0, 0.0, 1.0))))
@@ -82,3 +87,20 @@ def test_a_ball_teaches_what_colours_mean() -> None:
     assert not np.any(flat)
     with pytest.raises(SeedError, match="of 3 images"):
         fit_shading(presses[15:18], CANVAS, 0.002)
+
+
+def test_what_is_no_calibration_is_refused(tmp_path: Path) -> None:
+    zipped, one, text, shading = tmp_path / "a.npz", tmp_path / "b.npz", tmp_path / "c.npz", tmp_path / "d.npz"
+    zipped.write_bytes(b"PK\x03\x04 cut off")
+    with one.open("wb") as file:
+        np.save(file, np.zeros(3))
+    text.write_text("no calibration")
+    np.savez(shading, left=np.zeros(3))
+    for file in (zipped, one, text, shading, tmp_path / "missing.npz"):
+        with pytest.raises(SeedError, match=f"{file.name}: no calibration of gels"):
+            load(file)
+    settings, image = GelSettings(), GelImage(np.zeros((10, 10, 3), np.uint8), 0.0)
+    with pytest.raises(SeedError, match="no image of the free gel"):
+        calibrated([], [image], 0.002, CAMERA, settings)
+    with pytest.raises(SeedError, match=r"shape \(10, 10\)"):
+        calibrated([image], [image], 0.002, CAMERA, settings)

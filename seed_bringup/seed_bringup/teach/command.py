@@ -51,6 +51,8 @@ def main(argv: list[str]) -> int:
         raise SeedError(f"{options.out} exists: name another file, or say --force")
     if options.out.suffix not in (".yaml", ".yml"):
         raise SeedError(f"{options.out} must end in .yaml: name the file first, then the bag")
+    if not options.out.absolute().parent.is_dir():
+        raise SeedError(f"{options.out}: there is no folder {options.out.absolute().parent}: make it first")
     settings = replace(DEFAULTS, path=options.path, resists=tuple(options.resists))
     with leaving_at_once("teach"):
         from seed_bringup.teach.shown_bag import heard_in

@@ -18,6 +18,7 @@ _FRAME = 0.022  # [s] between images, about
 _MOST_AHEAD = 1.0  # by this share of itself a load is foretold to rise at most
 _GAP = 0.2  # of 100 ms between images: longer ones tell no rate
 _NEAR, _NEAR_SHARE = 0.4, 0.2  # [N], [1] within which a command counts as answered
+_AT_AN_END = 2e-4  # [m] from min_width or max_width
 _REST = 0.02  # share by which a need may fall short without being less
 _GIVEN_BACK = 0.08  # [s] in which a grip for a load that did not come decays by e
 _AFTER_SLIP = 1.3  # times the grip that let the tool slide
@@ -66,16 +67,22 @@ class GripControl:
         if abs(self.wanted - force) <= max(_NEAR, _NEAR_SHARE * self.wanted) or self._at_an_end():
             self._answered = t
 
+    def rest(self, t: float) -> None:
+        """Nothing is sent at t [s]: the grip is the one that was heard, and no answer is due."""
+        if isfinite(self._force):
+            self.wanted = self._kept = self._bounded(self._force)
+            self._needed = self._answered = t
+
     def _at_an_end(self) -> bool:
-        """Whether the fingers are where they go no further, in the direction that is wanted."""
-        s = self.settings
-        return self._width <= s.min_width + 2e-4 if self.wanted > self._force else self._width >= s.max_width - 2e-4
+        """Whether less grip is wanted, and the fingers open no further."""
+        return self.wanted < self._force and self._width >= self.settings.max_width - _AT_AN_END
 
     def image(self, margin: Margin, t: float) -> None:
         """The margin of a new image, at time t [s]. Nothing is wanted before the gripper was heard."""
         if not isfinite(self.wanted):
             return
         s, dt = self.settings, margin.stamp - self._stamp
+        wanted, kept = self.wanted, self._kept
         if 0.0 < dt < _GAP:
             off = margin.load - (self._load + self._rate * dt)
             self._load += self._rate * dt + _TRUST * off
@@ -91,6 +98,8 @@ class GripControl:
         share = margin.need * doubt / (1.0 - s.margin)
         self._want(self._mean * share, t)
         self.wanted = max(self._kept, self._bounded(ahead * share), self._given_back(t))
+        if t - self._heard > s.answer_time:
+            self.wanted, self._kept = max(self.wanted, wanted), max(self._kept, kept)
         need = self._mean * margin.need * doubt
         most = s.max_force * (1.0 - 0.5 * s.margin)
         self._overload = "" if need <= most else (
@@ -147,6 +156,12 @@ class GripControl:
                 f"{s.answer_time:g} s is the most; look at its power and its node"
             )
         if (late := t - self._answered) > s.answer_time:
+            if self.wanted > self._force and self._width <= s.min_width + _AT_AN_END:
+                return (
+                    f"the fingers are {1e3 * self._width:.1f} mm apart and close no further (min_width is "
+                    f"{1e3 * s.min_width:g} mm): they grip with {self._force:.1f} N where {self.wanted:.1f} N are "
+                    "needed; take load off, or look whether the tool is still there"
+                )
             return (
                 f"the gripper does not follow: it grips with {self._force:.1f} N where {self.wanted:.1f} N were asked "
                 f"for {late:.1f} s ago ({s.answer_time:g} s is the most); look at its force limit and its node"

@@ -29,7 +29,7 @@ class GripAnswer:
         self.hold = ""
         self._margin, self._control, self._kept = SlipMargin(settings), GripControl(settings), KeptLoad()
         self._width = self._force = nan
-        self._image = self._sent = self._width_heard = -inf  # [s]
+        self._image = self._sent = self._width_heard = self._force_heard = -inf  # [s]
         self._told = node.publisher(Float64, "slip_margin", QUEUE)
         self._status = node.publisher(DiagnosticStatus, "~/grip", COMMAND)
         self._status_told = -inf  # [s]
@@ -45,7 +45,8 @@ class GripAnswer:
 
     def _on_force(self, message: Float64) -> None:
         """A gripper is heard by both: one that tells no width any more is silent."""
-        self._force, now = message.data, self._node.now()
+        self._force_heard = now = self._node.now()
+        self._force = message.data
         if now - self._width_heard <= self._settings.answer_time:
             self._control.heard(now, self._width, self._force)
 
@@ -74,18 +75,22 @@ class GripAnswer:
             A[:3, :3] = A[3:, 3:] = R
             margin = self._margin.update(m.stamp, load.rotated(R), A @ C @ A.T, self._force, signs_of(m.estimate))
             self._control.image(margin, now)
-            self._told.publish(Float64(data=margin.value))
+            if 0.0 <= now - self._force_heard <= self._settings.answer_time:  # a margin of an old grip is none
+                self._told.publish(Float64(data=margin.value))
             self._tell(margin, now)
         if self._settings.command == "off":
             return
+        enabled = self._core.state.enabled
+        if not enabled:
+            self._control.rest(now)
         command = self._control.command(now)
         self.hold = command.hold
-        if not self._core.state.enabled:
+        if not enabled:
             return
         if command.hold:
             self._core.hold(now, command.hold)
         wanted = command.width if self._settings.command == "width" else command.force
-        if isfinite(wanted) and now - self._sent >= SEND:
+        if isfinite(wanted) and not 0.0 <= now - self._sent < SEND:
             self._sent = now
             self._command.publish(Float64(data=wanted))
 

@@ -52,7 +52,6 @@ class GripperActionNode(SeedNode):
         self._client = ActionClient(self, self._kind, config.action)
         self._width = self.publisher(Float64, "gripper/width", QUEUE)
         self._force = self.publisher(Float64, "gripper/force", QUEUE)
-        self._settled = nan  # [N] asked for by the newest goal that has ended
         self._heard = False
         self.loop = FixedRateLoop(self, _RATE, self._step)
         self.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)
@@ -74,9 +73,12 @@ class GripperActionNode(SeedNode):
         i = message.name.index(self.config.joint)
         if i >= len(message.position):
             return
+        if not isfinite(message.position[i]):
+            self.counters.add("joints_refused", f"joint_states tell {message.position[i]} of {self.config.joint}")
+            return
         self._heard = True
         self._width.publish(Float64(data=self.goals.width_of(message.position[i])))
-        force = self._settled
+        force = self.goals.settled
         if self.config.force == "measured":
             force = self.goals.force_of(message.effort[i] if i < len(message.effort) else nan)
         if isfinite(force):
@@ -85,6 +87,8 @@ class GripperActionNode(SeedNode):
     def _step(self) -> None:
         self.beats.add()
         if not self._client.server_is_ready():
+            if self.goals.forget():
+                self.counters.add("commands_lost", f"no action server {self.config.action}: commands are dropped")
             return
         goal = self.goals.due(self.now())
         if goal is not None:
@@ -101,8 +105,8 @@ class GripperActionNode(SeedNode):
         handle.get_result_async().add_done_callback(lambda done: self._ended(goal, done.result()))
 
     def _ended(self, goal: Goal, answer: Any) -> None:
-        if answer is not None and (answer.result.stalled or answer.result.reached_goal):
-            self._settled = goal.force
+        if answer is not None:
+            self.goals.ended(goal, answer.result.stalled, answer.result.reached_goal)
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"action": self.config.action, **self.counters.values()}

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -25,8 +26,14 @@ def calibrated(
         free: nothing touches. presses: one ball of that radius [m] in each, away from the edge, at different places.
 
     Raises:
-        SeedError: too few presses show an imprint.
+        SeedError: no image of the free gel, an image of another size than the camera's, or too few presses show an
+            imprint.
     """
+    if not free:
+        raise SeedError("no image of the free gel: take some with nothing touching it")
+    for image in (*free, *presses):
+        if image.rgb.shape[:2] != camera.shape:
+            raise SeedError(f"an image has shape {image.rgb.shape[:2]}; the camera's calibration says {camera.shape}")
     canvas = Canvas(camera, p.distance, p.decimate)
     per_metre = float(camera.K[0, 0]) / p.distance
     finder, (h, w), n = DotFinder(p.dot * per_metre, p.contrast), canvas.shape, p.decimate
@@ -53,7 +60,7 @@ def load(file: Path) -> dict[str, Shading]:
     try:
         with np.load(file, allow_pickle=False) as content:
             out = {finger: Shading(np.asarray(content[finger], float)) for finger in content.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, BadZipFile) as error:
         raise SeedError(f"{file}: no calibration of gels: {error}") from error
     if not out or any(s.coefficients.ndim != 3 or not np.isfinite(s.coefficients).all() for s in out.values()):
         raise SeedError(f"{file}: no calibration of gels")

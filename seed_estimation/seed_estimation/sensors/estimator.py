@@ -96,8 +96,10 @@ class SensorEstimator(Generic[Image]):
             return self._invalid(stamp, "the tool touches no finger; searching")
         observations = [seen[f] for f in touching]
         found = fit(observations, start, p.iterations)
-        share = min(o.explained(found.X_CT) for o in observations)
-        if share < p.lock:
+        # a sensor may have measured no numbers
+        told = np.isfinite(found.X_CT).all() and np.isfinite(found.covariance).all()
+        share = min(o.explained(found.X_CT) for o in observations) if told else 0.0
+        if not share >= p.lock:
             self._lost, self._rate = self._lost + 1, np.zeros(6)
             self._slid = self._lost >= p.patience
             words = f"no one motion explains more than {share:.0%} of the material in contact"
