@@ -84,6 +84,8 @@ def test_a_bag_that_is_no_demonstration_is_refused_by_name(tmp_path: Path, capsy
     assert command.main([str(out), str(tmp_path / "other.mcap")]) == 2
     assert "lacks /wrench_estimate: record with" in capsys.readouterr().err
     assert not out.exists()
+    assert command.main([str(tmp_path / "none" / "mine.yaml"), "--freedrive"]) == 2  # before any arm is led
+    assert "there is no folder" in capsys.readouterr().err
 
 
 def test_an_arm_that_is_led_by_hand_is_heard_and_held_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ class GripperActionConfig:
     force: str = field(
         "measured",
         choices=("measured", "commanded"),
-        doc="what gripper/force tells: the joint's effort, or what was asked for once the server says it has settled",
+        doc="what gripper/force tells: the joint's effort, or what was asked for once the server says it has stalled",
     )
     rate: float = field(20.0, unit="Hz", low=1.0, high=200.0, doc="of goals, at most")
     least_width: float = field(2e-4, unit="m", low=0.0, high=0.01, doc="smaller changes of width send no goal")
