@@ -106,7 +106,7 @@ class GripperGoals:
         return known
 
     def ended(self, goal: Goal, stalled: bool, reached: bool) -> None:
-        """The server says how a goal has ended: fingers that stall push as was asked for, others may push on nothing."""
+        """How a goal has ended: fingers that stall push as was asked for, those that arrive may push on nothing."""
         if stalled or reached:
             self.settled = goal.force if stalled else 0.0
 

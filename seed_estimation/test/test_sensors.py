@@ -153,7 +153,7 @@ def test_bad_frames_are_answered_with_a_reason() -> None:
     assert "out of order" in estimator.update(good, 0.05).reason
     infinite = Marked(np.full((12, 3), 1e200), 0.25)  # numbers, whose squares are none
     with np.errstate(all="ignore"):
-        found = estimator.update({f: infinite for f in places}, 0.25)
+        found = estimator.update(dict.fromkeys(places, infinite), 0.25)
     assert not found.valid
     assert np.isfinite(found.X_CT).all()
     assert np.isfinite(estimator.update(frame(places, np.eye(4), 0.27, np.random.default_rng(1)), 0.27).X_CT).all()
