@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.law.surface_models import RESTING
 from seed_control.law.surface_observer import MAX_SHARE, SurfaceObserver
 from seed_control.parameters import ControllerParameters
 from seed_core.vector3 import as_vector3
@@ -113,7 +114,7 @@ def test_a_surface_that_swings_is_foretold(frequency: float) -> None:
     height_error, rate_error = np.sqrt(np.mean(np.square(errors), axis=0))
     assert height_error < 2.5e-4
     assert rate_error < 0.2 * 3e-3 * w
-    assert observer.weights[:2].sum() < 0.1
+    assert observer.weights[:RESTING].sum() < 0.1
 
 
 def test_a_surface_that_rests_is_taken_for_one_that_rests_though_its_noise_is_understated() -> None:
@@ -124,7 +125,7 @@ def test_a_surface_that_rests_is_taken_for_one_that_rests_though_its_noise_is_un
         if i == 0:
             observer.start(0.0, UP, tip, undeflected)
         observer.update(i * FRAME, UP, tip, undeflected, 1e-8)  # a ninth of its variance
-    assert observer.weights[:2].sum() > 0.9
+    assert observer.weights[:RESTING].sum() > 0.9
 
 
 def test_nothing_moves_where_the_surface_is_said_to_rest() -> None:
@@ -153,3 +154,21 @@ def test_estimate_does_not_depend_on_how_the_world_is_turned() -> None:
             observer.update(i * FRAME, up, tip, undeflected, 9e-8)
         results.append((height(observer, up, tip + 0.01 * along), observer.x[1:4] @ along, observer.x[4]))
     assert_allclose(results[0], results[1], atol=1e-12)
+
+
+def test_a_slope_that_nobody_expects_is_not_trailed_for_long() -> None:
+    """A table four deviations steeper than expected, after standing still: the mean of the first half second."""
+    slope, speed, errors = 0.12, 0.1, []
+    for seed in range(12):
+        rng, observer = np.random.default_rng(seed), SurfaceObserver(TUNING)
+        for i in range(90):
+            t = i * FRAME
+            x, pressed = speed * max(t - 1.5, 0.0), 0.01 * min(t / 0.3, 1.0)
+            tip, undeflected = np.array((x, 0.0, slope * x)), np.array((x, 0.0, slope * x - pressed))
+            tip[2] += 3e-4 * rng.standard_normal()
+            if i == 0:
+                observer.start(t, UP, tip, undeflected)
+            observer.update(t, UP, tip, undeflected, 9e-8)
+            if t > 1.5:
+                errors.append(height(observer, UP, undeflected) - (slope * x - 0.01))
+    assert abs(np.mean(errors)) < 2.8e-4  # [m]; 0.37 mm if nothing steep is thought of

@@ -22,11 +22,11 @@ _WANDERS = 0.02  # [1/sqrt(s)] of a frequency, as a share of it
 _SWING = 3e-3  # [m] deviation of a swing's displacement at first
 _DRIFT, _PUSHED = 8e-3, 5e-3  # [m/s] deviation of a drift's speed at first, [m/s per sqrt(s)] by which it changes
 SIZE = 3  # u, v, q
-RESTING = 2  # models
+RESTING = 3  # models
 
 
 class SurfaceModels:
-    """The transitions of (u, v, q) for every model; the first two rest, on hard and on soft ground, the third drifts.
+    """The transitions of (u, v, q) for every model; the first three rest (plane, soft ground, steep ground), then one drifts.
 
     Attributes:
         count: of models.

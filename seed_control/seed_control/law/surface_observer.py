@@ -11,7 +11,8 @@ then y is off by as far as the gripper has gone since. Left out, that would pass
 does. The model is linear in [zeta, g (3), beta, e, u], since c is known from kinematics. u is how the surface moves in
 time: one filter for each of `SurfaceModels`, weighted by how well each has foretold the images.
 A surface that rests is all but always the likeliest, and then the bank is the one filter of a plane. One of those that
-rest expects soft ground: what gives way as it is pressed would else look as if it sank by itself.
+rest expects soft ground: what gives way as it is pressed would else look as if it sank by itself. One expects steep
+ground: a plane that is believed to be nearly level trails behind a slope until many images have told it.
 
 The wanted deflection d = c - y along n then needs
 
@@ -39,6 +40,7 @@ _LATE, _LATE_WALK = 0.03, 0.01  # [s] deviation of the images' stamps at first, 
 _MOVING_WALK = 5e-5  # [m/sqrt(s)] of the height of a surface whose motion is modelled
 _MOTION = slice(6, 9)  # of the state
 _SOFT, _SOFT_SHARE = 0.4, 0.1  # deviation of beta on soft ground, and how likely that is at first
+_STEEP, _STEEP_SHARE = 0.15, 0.1  # the same of the slope on steep ground
 _SIZE = 9
 _STATED_IMAGES, _NOISE_IMAGES = 15, 60  # that the stated variance is worth at first, and that the level is a mean of
 
@@ -65,7 +67,7 @@ class SurfaceObserver:
     """The bank along one direction. `start` at first contact, `update` and `wanted_height` per image.
 
     Attributes:
-        weights: of the models, the first two of which rest.
+        weights: of the models, the first three of which rest.
         anchor: (3,) [m] in W; heights are counted from it.
     """
 
@@ -82,8 +84,10 @@ class SurfaceObserver:
         self._prior[:, range(6), range(6)] = np.square(fixed)
         self._prior[:, _MOTION, _MOTION] = models.prior()
         self._prior[1, 4, 4] = _SOFT**2
+        self._prior[2, range(1, 4), range(1, 4)] = max(_STEEP, p.slope_prior) ** 2
         self._first_weights = np.full(models.count, p.moving_surface / (models.count - RESTING))
-        self._first_weights[:RESTING] = np.array((1.0 - _SOFT_SHARE, _SOFT_SHARE)) * (1.0 - p.moving_surface)
+        shares = np.array((1.0 - _SOFT_SHARE - _STEEP_SHARE, _SOFT_SHARE, _STEEP_SHARE))
+        self._first_weights[:RESTING] = shares * (1.0 - p.moving_surface)
         self.weights = self._first_weights
         self._x, self._P = np.zeros((models.count, _SIZE)), self._prior
         self._noise = NoiseLevel()
