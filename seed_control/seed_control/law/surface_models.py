@@ -26,7 +26,7 @@ RESTING = 3  # models
 
 
 class SurfaceModels:
-    """The transitions of (u, v, q) for every model; the first three rest (plane, soft ground, steep ground), then one drifts.
+    """The transitions of (u, v, q) for every model; the first three rest (plane, soft, steep), then one drifts.
 
     Attributes:
         count: of models.
