@@ -150,6 +150,14 @@ def test_a_task_follows_a_cylinder_that_it_does_not_know() -> None:
     assert "cylinder" in table([result])
 
 
+def test_a_surface_that_falls_away_makes_the_arm_hold_with_a_reason() -> None:
+    result = evaluate("follow", scenario="edge", estimator="noisy", seed=1).result
+    assert not result["finished"]
+    assert "arm holds: " in result["message"]
+    assert "contact was lost" in result["message"]
+    assert result["surface"]["peak"] < 1.6  # issue 16: of the wanted force
+
+
 def test_a_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
     kept, score = tmp_path / "runs.jsonl", {"peak": 1.2, "force_rms": 0.2, "normal_rms_deg": 2.0}
     worse = {"peak": 1.7, "force_rms": 0.5, "normal_rms_deg": 4.0}
