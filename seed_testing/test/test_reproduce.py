@@ -83,11 +83,15 @@ def test_pen_across_the_hand_presses_along_y_of_the_hand():
     assert task.tip_rpy == (180.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("arguments", [[], ["fig5"], ["fig6", "--seed", "x"]])
-def test_wrong_arguments_end_with_usage(arguments, capsys):
+@pytest.mark.parametrize(
+    ("arguments", "words"), [([], "figure"), (["fig5"], "fig4"), (["fig6", "--seed", "x"], "whole number")]
+)
+def test_wrong_arguments_are_named_in_one_line(arguments, words, capsys):
     with pytest.raises(SystemExit):
         main(arguments)
-    assert "fig4" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.endswith("seed reproduce --help tells more\n")
 
 
 def test_impossible_force_is_named(tmp_path, capsys):
