@@ -140,7 +140,8 @@ class Panel:
             _put(self._picture_note, style.note("No tactile pictures: nobody sends them.") if state.alive else "")
             return
         _put(
-            self._picture_note, style.note("Green: contact. Orange: motion of the tool. Blue: where the membrane went.")
+            self._picture_note,
+            style.note("Green: contact. Orange: motion of the tool. Blue: where the membrane creeps."),
         )
         self._picture.image = state.picture
 

@@ -107,8 +107,8 @@ class GrossSlip:
         if now and all(without_load([size for _, size in m.sizes]) for m in found):
             self._evidence, self._fell, self._steepest = 0.0, math.inf, 0.0
             return False
-        drop = max((seen[-2].size - seen[-1].size for seen in now if len(seen) > 1), default=math.inf)
-        self._steepest = max(self._steepest, drop) if now else self._steepest
+        drop = max((seen[-2].size - seen[-1].size for seen in now if len(seen) > 1), default=0.0)
+        self._steepest = max(self._steepest, drop)
         falling = not now or drop > max(FALL, FALLING * self._steepest)
         return since > LONGEST or (since > SETTLED and not falling)
 
