@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from seed_bringup.commands.cells import missing
+from seed_bringup.demo.live import OPERATOR_TIMEOUT
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 
@@ -19,8 +20,11 @@ CELL = {"method": "truth", "use_sim_time": "true", "sim_rate": "125", "links": "
 
 
 @pytest.fixture(scope="module")
-def cell() -> Iterator[Launch]:
-    launch = Launch(find_launch_file(["cell"]), CELL, output=lambda label, line: print(f"[{label}] {line}"))
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launch]:
+    controller = tmp_path_factory.mktemp("cell") / "controller.yaml"
+    controller.write_text(f"controller: {{ros__parameters: {{operator_timeout: {OPERATOR_TIMEOUT}}}}}\n")
+    arguments = CELL | {"controller_file": str(controller)}
+    launch = Launch(find_launch_file(["cell"]), arguments, output=lambda label, line: print(f"[{label}] {line}"))
     with launch:
         yield launch
 

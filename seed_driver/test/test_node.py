@@ -208,7 +208,7 @@ def test_an_absurd_header_is_refused_as_any_other(peer, node, change, reason) ->
     change(message)
     before = leftover_processes(node.pid)
     peer.targets.publish(message)
-    peer.wait(lambda: reason in peer.latest["hold_reason"].data, 1.0, "refusal")
+    peer.wait(lambda: reason in peer.latest["hold_reason"].data, 5.0, "refusal")
     assert node.poll() is None
     assert leftover_processes(node.pid) == before
 

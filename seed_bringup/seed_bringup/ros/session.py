@@ -30,6 +30,7 @@ from seed_ros.conversions import seconds
 from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
+AGAIN = 2.0  # [s] after which an unanswered request to cancel is sent again
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 ALONE = 4.0  # [s] without another node, after which there is no cell
 SEEN = 5.0  # [s] for driver or simulation to be seen, and for the driver's answer
@@ -233,9 +234,16 @@ class Session:
         """End whatever task is played, whoever began it; how many there were."""
         client = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
         self.until(client.service_is_ready, patience, "no action controller/follow_setpoints: is the cell running?")
-        future = client.call_async(CancelGoal.Request())  # no goal and no time: all of them
-        self.until(future.done, patience, "no answer of controller/follow_setpoints")
-        return len(future.result().goals_canceling)
+        asked: list[Any] = []
+
+        def answered() -> bool:
+            if time.monotonic() >= began + AGAIN * len(asked):  # a request or its answer may be lost while nodes meet
+                asked.append(client.call_async(CancelGoal.Request()))  # no goal and no time: all of them
+            return any(future.done() for future in asked)
+
+        began = time.monotonic()
+        self.until(answered, patience, "no answer of controller/follow_setpoints")
+        return max(len(future.result().goals_canceling) for future in asked if future.done())
 
     def cancel(self, patience: float = 60.0) -> None:
         """End the task, if one is played: the tool is lifted."""
