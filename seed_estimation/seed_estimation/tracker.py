@@ -4,7 +4,8 @@
 A frame is locked when the motion explains enough of the image of every finger that touches something, and no finger's
 depth contradicts it. Where the first fit is not, others are tried before the track is lost. A membrane that creeps
 along its edge or stretches does not move as one body: where one rigid motion explains less, a frame is locked all the
-same if depth fits as well as usual and the material, followed as it deforms, is found in the image of every finger.
+same if depth fits as well as usual and the material of every finger, followed as it deforms, is found in its image:
+that of the patch, or that of the free band around it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -15,7 +16,7 @@ import numpy as np
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, crop
 from seed_estimation.images.tactile_images import TactileImages
-from seed_estimation.material.motion import MaterialMotion, MaterialTracker
+from seed_estimation.material.motion import Followed, MaterialTracker, Motions
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.covariance import HIDDEN
 from seed_estimation.rigid_fit.fit import Fit, fit
@@ -66,11 +67,10 @@ class Tracker:
         self.gross_slip = False
         self.slip, self.timing = MicroSlip(max_slip), timing
         self._course: Course | None = None
-        self.patches: dict[str, MaterialMotion] = {}
-        self.around: dict[str, MaterialMotion] = {}
-        self._patches = [MaterialTracker(m, m.patch) for m in models]
-        self._patches_seen = np.eye(4)  # X_CT when they were looked at last
-        self._around = [MaterialTracker(m, m.around) for m in models if m.around is not None]
+        self.patches: Motions = {}
+        self.around: Motions = {}
+        self._patches = Followed([MaterialTracker(m, m.patch) for m in models])
+        self._bands = Followed([MaterialTracker(m, m.around) for m in models if m.around is not None])
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
         self._stamp = max(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
@@ -90,7 +90,7 @@ class Tracker:
 
         touching: fingers whose depth shows a contact, wherever it is; p: in force.
         """
-        was, start, dt = self.X_CT, self._predicted(stamp), stamp - self._stamp
+        start, dt = self._predicted(stamp), stamp - self._stamp
         behind = self.timing.behind({f: i.stamp for f, i in images.items()}, stamp)
         on_course = not self.lost and 0.0 < dt <= FOLLOWED and any(behind.values())
         self._course = Course(self._rate, behind) if on_course else None
@@ -101,34 +101,32 @@ class Tracker:
         if share < p.lock:
             best = max([best, *self._fits_elsewhere(crops, start, p.iterations)], key=quality)
             share = quality(best)
-        patches: dict[str, MaterialMotion] | None = None
+        material: tuple[Motions, Motions] | None = None
         if share < p.lock and self._fits_in_part(touching, best, share):
-            patches = self._patches_at(crops, best.X_CT)
-            if all(f in patches and patches[f].explained >= WHOLE for f in touching):
+            material = self._material_at(crops, best.X_CT)
+            if all(any(f in found and found[f].explained >= WHOLE for found in material) for f in touching):
                 share = max(share, p.lock + 2.0 * SURE)
             else:
-                patches = None
+                material = None
         locked = share >= (p.lock + SURE if self.lost else p.lock)
         if locked or 0.0 < stamp - self._stamp <= SPAN:
             self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
         if share < p.lock and not self.lost:  # the markers may have sprung back, and the tool with them
             best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._detector.places)], key=quality)
             share = quality(best)
-        if share >= p.lock and not self.lost and patches is None:
+        if share >= p.lock and not self.lost and material is None:
             best = self._without_hidden_images(crops, best, touching, p.iterations)
             share = quality(best)
         self._accept(best, share, stamp, p)
         self.patches, self.around = {}, {}
         if not self.lost:
             clear = all(best.explained[f] > CLEAR for f in touching)
-            self.patches = patches or ({} if clear else self._patches_at(crops, self.X_CT))
-            self.around = _followed(self._around, crops, was, self.X_CT)
+            self.patches, self.around = material or self._material_at(crops, self.X_CT, patches=not clear)
         return best
 
-    def _patches_at(self, crops: Mapping[str, Crop], X_CT: Array) -> dict[str, MaterialMotion]:
-        """How the material of the patches has moved with the tool at X_CT (4, 4), by finger that is found."""
-        before, self._patches_seen = self._patches_seen, X_CT
-        return _followed(self._patches, crops, before, X_CT)
+    def _material_at(self, crops: Mapping[str, Crop], X_CT: Array, patches: bool = True) -> tuple[Motions, Motions]:
+        """How patches, if asked for, and bands have moved with the tool at X_CT (4, 4), by finger that is found."""
+        return self._patches.follow(crops, X_CT) if patches else {}, self._bands.follow(crops, X_CT)
 
     def _fits_in_part(self, touching: Collection[str], found: Fit, share: float) -> bool:
         """Whether a fit that explains too little may be right: it explains a part, and depth fits as usual."""
@@ -224,12 +222,3 @@ class Tracker:
             if np.isfinite(rms):
                 usual = self._usual.setdefault(f, rms)
                 self._usual[f] = usual + USUAL * (min(rms, 2.0 * usual) - usual)
-
-
-def _followed(
-    materials: Sequence[MaterialTracker], crops: Mapping[str, Crop], before: Array, X_CT: Array
-) -> dict[str, MaterialMotion]:
-    """How materials have moved where the tool has gone from `before` to X_CT (4, 4), by finger that is found."""
-    step = X_CT @ inverse_pose(before)
-    found = {m.model.finger: m.follow(crops[m.model.finger], step, X_CT) for m in materials}
-    return {f: motion for f, motion in found.items() if motion is not None}

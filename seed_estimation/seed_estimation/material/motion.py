@@ -15,6 +15,7 @@ Where the dots of a finger are not found for a moment, its material is taken to 
 worse the longer that lasts and the further the tool goes.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +66,9 @@ class MaterialMotion(NamedTuple):
     covariance: Array
     deformation: Array
     explained: float
+
+
+Motions = dict[str, MaterialMotion]  # by finger
 
 
 class MaterialTracker:
@@ -225,3 +229,17 @@ class MaterialTracker:
         about = np.eye(6)  # from the patch's middle to C
         about[3:, :3] = skew(X_CM[:3, :3] @ self._area.mean(axis=1) + X_CM[:3, 3])
         return np.asarray(about @ np.diag((turn, turn, turn, way, way, way)) @ about.T)
+
+
+class Followed:
+    """Pieces of the membranes of several fingers, followed together."""
+
+    def __init__(self, pieces: Sequence[MaterialTracker]) -> None:
+        self._pieces = pieces
+        self._seen = np.eye(4)  # X_CT when they were looked at last
+
+    def follow(self, crops: Mapping[str, Crop], X_CT: Array) -> Motions:
+        """How they have moved where the tool is at X_CT (4, 4), by finger whose piece is found."""
+        step, self._seen = X_CT @ inverse_pose(self._seen), X_CT
+        found = {m.model.finger: m.follow(crops[m.model.finger], step, X_CT) for m in self._pieces}
+        return {finger: motion for finger, motion in found.items() if motion is not None}
