@@ -166,6 +166,14 @@ class Session:
         task = str(file.resolve()) if file.is_file() else task  # the controller runs elsewhere
         overrides = "" if force is None else f"force: {force}"
         client = ActionClient(self.node, FollowSetpoints, "controller/follow_setpoints")
+        try:
+            return self._played(client, task, overrides, tell, patience)
+        finally:
+            client.destroy()  # here and now: the middleware may wait for ever for one that is left to the collector
+
+    def _played(
+        self, client: ActionClient, task: str, overrides: str, tell: Callable[[Any], None], patience: float
+    ) -> Played:
         self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
 
         def on_feedback(message: Any) -> None:
@@ -187,7 +195,6 @@ class Session:
                 self.cancel()  # while it is still seen to
                 raise
         self.played.result, self.played.ended = result.result().result, self.now()
-        client.destroy()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 

@@ -41,6 +41,7 @@ class Client:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._action.destroy()
         self._node.destroy_node()
         rclpy.try_shutdown()
 

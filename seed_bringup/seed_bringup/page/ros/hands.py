@@ -86,6 +86,7 @@ class CellHands:
         self._closing = True
         self._executor.shutdown(timeout_sec=1.0)
         self._thread.join(timeout=2.0)
+        self._action.destroy()
         self.node.destroy_node()
 
     def _spin(self) -> None:

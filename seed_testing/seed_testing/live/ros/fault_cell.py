@@ -130,22 +130,31 @@ class FaultCell(Cell):
     def _reach(self, phase: str) -> ActionClient:
         """The phase of a fault, healthy; a client of the task's action."""
         client = ActionClient(self.session.node, FollowSetpoints, "controller/follow_setpoints")
+        try:
+            self._lead(client, phase)
+        except BaseException:
+            client.destroy()
+            raise
+        return client
+
+    def _lead(self, client: ActionClient, phase: str) -> None:
+        """To the phase; raises SessionError where it is not reached."""
         self.phase = ""
         if self.images:
             self._take_reference()
         else:
             self.session.until(lambda: bool(self._track["flange"]), STARTS_WITHIN, "no current_pose")
         if phase == "reference":
-            return client
+            return
         self.session.trigger("sim/grasp", patience=STARTS_WITHIN)
         self.session.spin(0.4)
         self.initialize()
         if phase == "grasped":
-            return client
+            return
         self.enable()
         self.session.spin(0.4)
         if phase == "enabled":
-            return client
+            return
         self.session.until(client.server_is_ready, STARTS_WITHIN, "no action controller/follow_setpoints")
         sent = client.send_goal_async(FollowSetpoints.Goal(task=TASK), feedback_callback=self._on_feedback)
         self.session.until(sent.done, 10.0, "follow_setpoints did not answer")
@@ -156,7 +165,6 @@ class FaultCell(Cell):
             raise SessionError(f"the task ended before the fault: {ended.result().result.message}")
         if self.state.mode == "holding":
             raise SessionError(f"it held before the fault: {self.state.reason}")
-        return client
 
     def _take_reference(self) -> None:
         """A cell that has just been started needs its time."""
