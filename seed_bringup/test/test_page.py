@@ -3,6 +3,8 @@
 
 import asyncio
 import socket
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,6 +16,7 @@ import websockets
 
 from seed_bringup.page import style, words
 from seed_bringup.page.server import PageServer
+from seed_bringup.page.slow_browser import SCRIPT
 from seed_bringup.page.state import CellState, Control, Grasp, History
 
 HELD = Grasp(np.eye(4), True, "", 0.02, False)
@@ -135,6 +138,18 @@ def test_a_page_of_another_site_cannot_press_buttons(server: PageServer) -> None
     own = f"http://127.0.0.1:{server.get_port()}"
     origins = (own, own.replace("127.0.0.1", "localhost"), None, "http://evil.example", "http://127.0.0.1.evil.example")
     assert [asyncio.run(answer(o)) for o in origins] == [101, 101, 101, 403, 403]
+
+
+def test_the_page_comes_whole_with_the_script_for_browsers_that_draw_in_software(server: PageServer) -> None:
+    asked = urllib.request.Request(f"{server.address}/", headers={"Accept-Encoding": "gzip"})
+    with urllib.request.urlopen(asked, timeout=5.0) as answer:
+        text, length = answer.read().decode(), int(answer.headers["Content-Length"])
+    assert len(text.encode()) == length
+    head = text.index("<head>") + len("<head>")
+    assert text[head:].startswith(SCRIPT)  # before viser's own
+    assert text.rstrip().endswith("</html>")
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(f"{server.address}/none.html", timeout=5.0)
 
 
 def test_a_port_that_is_taken_is_left_to_whoever_has_it(server: PageServer) -> None:

@@ -137,6 +137,17 @@ def test_stop_is_the_first_that_tab_reaches(page: Any) -> None:
     assert page.evaluate("document.activeElement.innerText") == "STOP"
 
 
+def test_a_browser_that_draws_in_software_draws_no_more_pictures_than_the_cell_has(page: Any) -> None:
+    assert page.evaluate("document.documentElement.dataset.drawnIn") == "software"
+    count = """() => new Promise((done) => {
+      let frames = 0;
+      const began = performance.now();
+      const next = (t) => { frames += 1; t - began > 2000 ? done(frames) : requestAnimationFrame(next); };
+      requestAnimationFrame(next);
+    })"""
+    assert page.evaluate(count) < 36  # 16 a second; a screen would ask for 60
+
+
 def test_buttons_reach_the_nodes_and_the_task_is_seen(page: Any, watcher: Watcher) -> None:
     page.get_by_text("Not enabled").wait_for()
     press(page, "Grasp")

@@ -104,16 +104,22 @@ class Panel:
         self._said = gui.add_html("")
         gui.add_html(style.note("Stop brings the arm to rest through the cell's nodes. It is no emergency stop."))
 
-    def show(self, state: CellState, viewers: int, plots: bool) -> None:
-        """viewers: pages that are open; plots: whether to draw the plots anew as well."""
+    def show(self, state: CellState, viewers: int, numbers: bool) -> None:
+        """viewers: pages that are open; numbers: whether to write plots and numbers anew as well."""
         _put(self._status, style.status(words.headline(state, live=self._hands is not None)))
-        doubt = state.touch.doubt if state.touch is not None else ""
-        _put(self._table, style.table(_rows(state, viewers)) + (style.note(f"In doubt: {doubt}") if doubt else ""))
         if self._hands is not None:
             self._show_hands(self._hands, words.next_button(state))
-        if plots:
-            self._plots.show(state.now)
+        if numbers:
+            self._show_numbers(state, viewers)
         self._show_picture(state)
+
+    def _show_numbers(self, state: CellState, viewers: int) -> None:
+        self._plots.show(state.now)
+        doubt = state.touch.doubt if state.touch is not None else ""
+        _put(self._table, style.table(_rows(state, viewers)) + (style.note(f"In doubt: {doubt}") if doubt else ""))
+        contact = ", ".join(f"{f} {1e4 * area:.1f} cm²" for f, area in state.contact.items())
+        title = f'<div class="seed-row"><span>Bubbles <small>left, right</small></span><span>{contact}</span></div>'
+        _put(self._picture_title, title)
 
     def _show_hands(self, hands: Hands, next_button: str) -> None:
         playing = hands.playing
@@ -133,9 +139,6 @@ class Panel:
         _put(self._said, style.said(list(hands.said)[:LINES]))
 
     def _show_picture(self, state: CellState) -> None:
-        contact = ", ".join(f"{f} {1e4 * area:.1f} cm²" for f, area in state.contact.items())
-        title = f'<div class="seed-row"><span>Bubbles <small>left, right</small></span><span>{contact}</span></div>'
-        _put(self._picture_title, title)
         if state.picture is None:
             _put(self._picture_note, style.note("No tactile pictures: nobody sends them.") if state.alive else "")
             return

@@ -33,6 +33,8 @@ TRAIL, TRAIL_STEP = 400, 0.002  # points of the tip's path; [m] between two of t
 FORCE, TORQUE, PATH = (217, 85, 26), (118, 74, 188), (217, 85, 26)
 GLASS = 0.5  # opacity of the table: the force upon it points into it
 FINE, COARSE = (232, 234, 237), (214, 218, 223)  # lines of the floor
+SKY, GROUND = (255, 255, 255), (176, 184, 198)  # light from above and below
+LAMP = (1.0, -2.0, 3.0)  # where the other light comes from: from behind the one who looks, over the right shoulder
 BOX = 12  # vertices: a mesh with no more has edges to be seen
 NAMED = ("base", "tool0", "compliance", "tool", "tip")
 VIEW_FROM = (0.42, -0.62, 0.2)  # [m] from the middle between grasp and tip
@@ -41,17 +43,20 @@ FREE = 0.06  # [m] that the tip moves along the floor before the view follows
 
 
 class Scene:
-    """`show` a state; everything hangs below the arm's base W."""
+    """`show` a state, inside the server's `atomic()`; everything hangs below the arm's base W."""
 
     def __init__(self, server: viser.ViserServer, model: str = "ur5e") -> None:
         self._server, self._scene, self._model = server, server.scene, model
         self._hand, self._tool = Hand(), Tool()
         self._trail: deque[Array] = deque(maxlen=TRAIL)
         self._at: Array | None = None  # (3,) what the view is centred on
+        self._framed: set[int] = set()  # pages that look there
         self.follow = self.named = True  # whether the view moves with the tip; whether frames are shown
         self._scene.set_up_direction("+z")
-        self._scene.configure_environment_map("studio", environment_intensity=0.3)  # sent by this server
-        self._scene.configure_default_lights(cast_shadow=False)
+        self._scene.configure_environment_map(None)  # by software, light from a picture costs as much as all the rest
+        self._scene.configure_default_lights(enabled=False)
+        self._scene.add_light_hemisphere("/light/sky", sky_color=SKY, ground_color=GROUND, intensity=1.9)
+        self._scene.add_light_directional("/light/lamp", position=LAMP, intensity=2.2)
         self._scene.add_grid("/floor", 4.0, 4.0, cell_size=0.1, cell_color=FINE, section_color=COARSE, shadow_opacity=0)
         self._links = self._groups("arm", arm_parts(model))
         self._of_hand = self._groups("hand", hand_parts(self._hand))
@@ -93,18 +98,17 @@ class Scene:
         """Put everything where it is."""
         self._learn(state)
         poses = self._poses(state)
-        with self._server.atomic():
-            self._show_arm(state)
-            for name, frame in self._frames.items():
-                _place(frame, poses.get(name) if self.named else None)
-            _place(self._table, state.X_WS)
-            for group, name in ((self._of_hand, "compliance"), (self._of_tool, "tool")):
-                for handle in group.values():
-                    _place(handle, poses.get(name))
-            self._show_bubbles(state, poses.get("compliance"))
-            self._show_wrench(state.touch, poses.get("tip"))
-            if "tip" in poses:
-                self._follow(poses["tip"][:3, 3])
+        self._show_arm(state)
+        for name, frame in self._frames.items():
+            _place(frame, poses.get(name) if self.named else None)
+        _place(self._table, state.X_WS)
+        for group, name in ((self._of_hand, "compliance"), (self._of_tool, "tool")):
+            for handle in group.values():
+                _place(handle, poses.get(name))
+        self._show_bubbles(state, poses.get("compliance"))
+        self._show_wrench(state.touch, poses.get("tip"))
+        if "tip" in poses:
+            self._follow(poses["tip"][:3, 3])
         self._frame(poses)
 
     def clear_path(self) -> None:
@@ -169,32 +173,29 @@ class Scene:
             self._path.points = np.stack((points[:-1], points[1:]), axis=1)
 
     def _frame(self, poses: dict[str, Array]) -> None:
-        """The first picture is of hand, tool and table; then the view follows them where they leave its middle."""
+        """The first picture of a page is of hand, tool and table; then the view follows them out of its middle."""
         if "compliance" not in poses:
             return
         X_WC = poses["compliance"]
         at = X_WC[:3, 3] + 0.5 * (X_WC @ self._tool.X_Ttip - X_WC)[:3, 3]
-        if self._at is None:
-            self._at = at
-            position = at + VIEW_FROM
-            for camera in self._cameras():
-                camera.position, camera.look_at, camera.fov = position, at, FIELD
-        else:
-            move = at - self._at
-            far = float(np.linalg.norm(move[:2]))
-            if not self.follow or far <= FREE:
-                return
-            move = np.array((*move[:2], 0.0)) * (1.0 - FREE / far)
-            self._at = self._at + move
-            for camera in self._cameras():
-                camera.position = camera.position + move  # what it looks at moves with it
-        first = self._server.initial_camera
-        first.position, first.look_at, first.fov = tuple(self._at + VIEW_FROM), tuple(self._at), FIELD
+        move = np.zeros(3) if self._at is None else np.array((*(at - self._at)[:2], 0.0))
+        far = float(np.linalg.norm(move))
+        move *= 1.0 - FREE / far if self.follow and far > FREE else 0.0
+        known, self._at = self._at is not None, at if self._at is None else self._at + move
+        if not known or move.any():
+            first = self._server.initial_camera
+            first.position, first.look_at, first.fov = tuple(self._at + VIEW_FROM), tuple(self._at), FIELD
+        self._turn_cameras(self._at, move)
 
-    def _cameras(self) -> list[viser.CameraHandle]:
-        """Of the pages that have told where they look from."""
-        clients = self._server.get_clients().values()
-        return [c.camera for c in clients if c.camera.update_timestamp > 0.0]
+    def _turn_cameras(self, at: Array, move: Array) -> None:
+        """To (3,) [m] on pages that have just come; on the others by `move` (3,) [m]."""
+        told = {i: c.camera for i, c in self._server.get_clients().items() if c.camera.update_timestamp > 0.0}
+        for i, camera in told.items():
+            if i not in self._framed:  # it may have looked at it already, or from far away, as viser begins
+                camera.position, camera.look_at, camera.fov = at + VIEW_FROM, at, FIELD
+            elif move.any():
+                camera.position = camera.position + move  # what it looks at moves with it
+        self._framed = set(told)
 
 
 class _Arrow:
@@ -240,8 +241,9 @@ class _Arrow:
 def _mesh(
     scene: viser.SceneApi, name: str, mesh: Mesh, color: tuple[int, int, int], opacity: float | None = None
 ) -> viser.MeshHandle:
-    vertices, box = mesh.vertices.astype(np.float32), len(mesh.vertices) <= BOX
-    return scene.add_mesh_simple(name, vertices, mesh.faces, color=color, opacity=opacity, flat_shading=box)
+    if len(mesh.vertices) <= BOX:  # a corner for each of its faces: none is smoothed away
+        mesh = Mesh(mesh.vertices[mesh.faces.ravel()], np.arange(3 * len(mesh.faces), dtype=np.int32).reshape(-1, 3))
+    return scene.add_mesh_simple(name, mesh.vertices.astype(np.float32), mesh.faces, color=color, opacity=opacity)
 
 
 def _place(handle: Any, X: Array | None) -> None:

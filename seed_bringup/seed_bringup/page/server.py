@@ -3,7 +3,7 @@
 
 Viser would offer to send the page through a server of its makers; that is switched off. A page of another site that
 is open in the same browser could reach a server on loopback and press its buttons: connections that such a page opens
-are refused.
+are refused. The page itself is viser's, with a script for browsers that draw in software.
 """
 
 import contextlib
@@ -11,9 +11,12 @@ import functools
 import io
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import viser
 import websockets.asyncio.server
+
+from seed_bringup.page.slow_browser import with_script
 
 LOOPBACK, PORT = "127.0.0.1", 8080
 OWN_PAGES = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?")
@@ -23,7 +26,7 @@ class PageServer(viser.ViserServer):
     """A viser server for this computer alone; if the port is taken, the next that is free."""
 
     def __init__(self, port: int = PORT, title: str = "SEED") -> None:
-        with _own_pages_only(), contextlib.redirect_stdout(io.StringIO()):  # it would print a banner
+        with _own_pages(), contextlib.redirect_stdout(io.StringIO()):  # it would print a banner
             super().__init__(host=LOOPBACK, port=port, label=title, verbose=False)
         self.gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=(38, 110, 164), control_width="large"
@@ -44,10 +47,16 @@ class PageServer(viser.ViserServer):
 
 
 @contextlib.contextmanager
-def _own_pages_only() -> Iterator[None]:
+def _own_pages() -> Iterator[None]:
     """Servers that are started meanwhile refuse connections from pages of other sites; programs have no origin."""
     serve = websockets.asyncio.server.serve
-    websockets.asyncio.server.serve = functools.partial(serve, origins=[OWN_PAGES, None])  # type: ignore[misc,assignment]
+
+    @functools.wraps(serve)
+    def serve_own(*arguments: Any, **settings: Any) -> Any:
+        settings["process_request"] = with_script(settings["process_request"])
+        return serve(*arguments, **settings, origins=[OWN_PAGES, None])
+
+    websockets.asyncio.server.serve = serve_own  # type: ignore[misc,assignment]
     try:
         yield
     finally:

@@ -30,7 +30,7 @@ from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
-DEBUG_PERIOD = 0.09  # [s] between two debug images: eyes want no more
+DEBUG_PERIOD = 0.06  # [s] between two debug images: one for each picture of the operator page, which has 12 a second
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`page`: the operator page of a running cell. It listens and calls services and the action; it publishes no command.
 
-Of each stream it takes the newest message ten times a second, and none while no page is open, so that neither a second
-page nor a slow one costs the loop anything.
+Of each stream it takes the newest message twelve times a second, and pictures only while a page is open, so that
+neither a second page nor a slow one costs the loop anything.
 """
 
 import os
@@ -27,8 +27,9 @@ from seed_ros import FixedRateLoop, SeedNode, diagnostics
 from seed_ros.node import run
 from seed_ur.models import MODELS
 
-RATE = 10.0  # [Hz] of the pictures
-PLOTS_EVERY = 3  # pictures, the plots are drawn anew
+RATE = 12.0  # [Hz] of the pictures
+NUMBERS_EVERY = 4  # pictures, plots and numbers are written anew
+UNSEEN_EVERY = 12  # pictures, one is made for a page that may be opened: it begins with that one
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,10 @@ class PageNode(SeedNode):
         self.state = read_state(self._newest, self._fixed, time.monotonic() - self._heard, self.hands.tool)
         self.history.add(self.state.control)
         self.beats.add()
-        if viewers:
-            self.scene.show(self.state)
-            self.panel.show(self.state, viewers, plots=self._count % PLOTS_EVERY == 0)
+        if viewers or self._count % UNSEEN_EVERY == 0:
+            with self.server.atomic():
+                self.scene.show(self.state)
+                self.panel.show(self.state, viewers, numbers=self._count % NUMBERS_EVERY == 0)
 
     def _report(self) -> diagnostics.Report:
         viewers = len(self.server.get_clients())

@@ -25,7 +25,7 @@ from seed_bringup.page.state import SPAN, CellState, History
 from seed_core.program.command_line import interrupts
 from seed_core.spatial import Array
 
-RATE, PLOTS_EVERY = 10.0, 3  # [Hz] of the pictures; pictures, the plots are drawn anew
+RATE, NUMBERS_EVERY = 10.0, 3  # [Hz] of the pictures; pictures, plots and numbers are written anew
 EVERY = 0.04  # [s] between two kept messages of a stream
 RECENT = 0.3  # [s] that a picture stays
 KEPT_ALL = (
@@ -176,12 +176,13 @@ class Player:
         self._shown, self._viewers = t, viewers
         self._count += 1
         now = self._recording.start + t
-        plots = not self._running or self._count % PLOTS_EVERY == 0
-        if plots:
+        numbers = not self._running or self._count % NUMBERS_EVERY == 0
+        if numbers:
             self._recording.fill(self._history, now)
         state = self._recording.at(now)
-        self._scene.show(state)
-        self._panel.show(state, 1, plots)
+        with self._server.atomic():
+            self._scene.show(state)
+            self._panel.show(state, 1, numbers)
 
 
 def play(path: Path, port: int, model: str) -> int:
