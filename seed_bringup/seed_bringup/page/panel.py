@@ -169,6 +169,8 @@ def _rows(state: CellState, viewers: int) -> list[tuple[str, str]]:
             rows.append((f"{name} x, y, z [{unit}]", three))
     if state.X_WE is not None:
         rows.append(("flange x, y, z [mm]", ", ".join(f"{1e3 * v:.0f}" for v in state.X_WE[:3, 3])))
+    if state.arm:
+        rows.append(("arm", state.arm))
     if state.arm_holds:
         rows.append(("arm holds", state.arm_holds))
     if factor is not None:

@@ -18,6 +18,7 @@ Answer = Callable[[ServerConnection, Request], Response | None]
 SCRIPT = """<script>
 (() => {
   const PERIOD = 66;  // ms between two pictures: every one of the cell's, and hardly one twice
+  const OPENING = 4000;  // ms in which the page is put together, picture by picture
   const plainContext = HTMLCanvasElement.prototype.getContext;
   const inSoftware = () => {
     const gl = plainContext.call(document.createElement('canvas'), 'webgl2');
@@ -40,7 +41,8 @@ SCRIPT = """<script>
       const frame = request((t) => { waiting.delete(id); last = Math.max(last, t); callback(t); });
       waiting.set(id, () => cancel(frame));
     };
-    const timer = setTimeout(draw, Math.max(0, last + PERIOD - performance.now()));
+    const now = performance.now();
+    const timer = setTimeout(draw, now < OPENING ? 0 : Math.max(0, last + PERIOD - now));
     waiting.set(id, () => clearTimeout(timer));
     return id;
   };

@@ -88,7 +88,7 @@ class CellState:
         depths: what each bubble's camera sees of its membrane.
         picture: (H, W, 3) uint8 RGB of both tactile images side by side.
         contact: area [m^2] of each bubble's contact.
-        arm_holds: why the arm follows nothing.
+        arm: its name; arm_holds: why it follows nothing.
         missing: what keeps a task from being played, by part.
         silent: [s] since the cell said anything.
     """
@@ -106,6 +106,7 @@ class CellState:
     depths: Mapping[str, Depth] = field(default_factory=dict)
     picture: NDArray[np.uint8] | None = None
     contact: Mapping[str, float] = field(default_factory=dict)
+    arm: str = ""
     arm_holds: str = ""
     missing: Mapping[str, str] = field(default_factory=dict)
     real_time_factor: float | None = None

@@ -26,10 +26,12 @@ MODES = {
 }
 
 
+STOPPED = "Nothing is wrong. Press Enable when the arm may move again."
 SLIPPED = "The tool moves in the fingers. Take it again (Release, Grasp), press less or grip firmer; then Enable."
 # Words of a reason, and what helps against it. The first that is found counts; Enable ends every hold.
 REMEDIES = (
-    ("disabled by", "Nothing is wrong. Press Enable when the arm may move again."),
+    ("disabled by", STOPPED),
+    ("stopped on request", STOPPED),
     (
         "slip",
         SLIPPED,

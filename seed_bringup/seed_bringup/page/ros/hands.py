@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from unique_identifier_msgs.msg import UUID
 
 from seed_bringup.page.panel import Playing
-from seed_bringup.page.ros.held import HeldTool
+from seed_bringup.page.ros.held import Held
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
@@ -71,7 +71,7 @@ class CellHands:
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
         self._enable = self.node.create_client(SetBool, ENABLE)
         self._cancel = self.node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
-        self._held = HeldTool(self.node)
+        self._held = Held(self.node)
         self._action = ActionClient(self.node, FollowSetpoints, ACTION)
         self._here = self.node.create_publisher(UUID, "controller/operator", COMMAND)
         self.node.create_timer(BEAT, self._beat)
@@ -104,6 +104,11 @@ class CellHands:
     def tool(self) -> Tool | None:
         """As the controller knows it."""
         return self._held.tool
+
+    @property
+    def arm(self) -> str:
+        """As its driver knows it."""
+        return self._held.arm
 
     @property
     def simulated(self) -> bool:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which tool the controller knows, which another cell may have changed: asked for now and then."""
+"""Which tool the controller knows, and which arm the driver has: asked for now and then, for another cell may come."""
 
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters
@@ -12,34 +13,59 @@ from seed_core.errors import SeedError
 from seed_core.hand import Frame, Tool
 
 LOOK = 2.0  # [s] between two questions
-NAMES = ("tool.name", "tool.T_tip.position", "tool.T_tip.rpy_deg")
+TOOL = ("tool.name", "tool.T_tip.position", "tool.T_tip.rpy_deg")
+ARM = ("model", "robot_ip")
 
 
-class HeldTool:
+class Held:
     """Asks by itself.
 
     Attributes:
         tool: the last that the controller has named, or None.
+        arm: model and address of the last that the driver has named, or nothing.
     """
 
     def __init__(self, node: Node) -> None:
         self.tool: Tool | None = None
-        self._parameters = node.create_client(GetParameters, "controller/get_parameters")
-        self._asked: Any = None
+        self.arm = ""
+        self._questions = (
+            _Question(node, "controller", TOOL, self._on_tool),
+            _Question(node, "driver", ARM, self._on_arm),
+        )
         node.create_timer(LOOK, self._ask)
 
     def _ask(self) -> None:
-        if self._parameters.service_is_ready():
-            if self._asked is not None:
-                self._parameters.remove_pending_request(self._asked)  # of a controller that hangs: they would pile up
-            self._asked = self._parameters.call_async(GetParameters.Request(names=list(NAMES)))
-            self._asked.add_done_callback(self._on_tool)
+        for question in self._questions:
+            question.ask()
 
-    def _on_tool(self, answer: Future) -> None:
+    def _on_tool(self, name: Any, position: Any, turned: Any) -> None:
+        x, y, z = position.double_array_value
+        roll, pitch, yaw = turned.double_array_value
+        self.tool = Tool(name.string_value, Frame((x, y, z), (roll, pitch, yaw)))
+
+    def _on_arm(self, model: Any, address: Any) -> None:
+        name, at = model.string_value, address.string_value
+        self.arm = f"{name.upper().replace('E', 'e')}, {'stand-in' if at.startswith('127.') else 'robot'} at {at}"
+
+
+class _Question:
+    """Parameters of a node; `hear` gets their values, and may refuse them."""
+
+    def __init__(self, node: Node, other: str, names: tuple[str, ...], hear: Callable[..., None]) -> None:
+        self._names, self._hear = names, hear
+        self._client = node.create_client(GetParameters, f"{other}/get_parameters")
+        self._asked: Future | None = None
+
+    def ask(self) -> None:
+        """Ask once more, if the node is there."""
+        if self._client.service_is_ready():
+            if self._asked is not None:
+                self._client.remove_pending_request(self._asked)  # of a node that hangs: they would pile up
+            self._asked = self._client.call_async(GetParameters.Request(names=list(self._names)))
+            self._asked.add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: Future) -> None:
         response = answer.result()
-        if response is not None and len(response.values) == 3:
-            name, position, turned = response.values
+        if response is not None and len(response.values) == len(self._names):
             with contextlib.suppress(SeedError, ValueError):
-                x, y, z = position.double_array_value
-                roll, pitch, yaw = turned.double_array_value
-                self.tool = Tool(name.string_value, Frame((x, y, z), (roll, pitch, yaw)))
+                self._hear(*response.values)

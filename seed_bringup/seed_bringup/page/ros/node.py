@@ -91,7 +91,9 @@ class PageNode(SeedNode):
         self._count += 1
         self.hands.saw(viewers)
         self._look(viewers)
-        self.state = read_state(self._newest, self._fixed, time.monotonic() - self._heard, self.hands.tool)
+        self.state = read_state(
+            self._newest, self._fixed, time.monotonic() - self._heard, self.hands.tool, self.hands.arm
+        )
         self.history.add(self.state.control)
         self.beats.add()
         if viewers or self._count % UNSEEN_EVERY == 0:

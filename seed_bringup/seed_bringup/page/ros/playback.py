@@ -18,7 +18,7 @@ from seed_bringup.bags import BagError
 from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.page.panel import Panel, set_value
-from seed_bringup.page.ros.read import PICTURES, TOPICS, fixed_frames, read_state
+from seed_bringup.page.ros.read import HOLDS, PICTURES, TOPICS, fixed_frames, read_state
 from seed_bringup.page.scene import Scene
 from seed_bringup.page.server import PageServer
 from seed_bringup.page.state import SPAN, CellState, History
@@ -31,7 +31,7 @@ RECENT = 0.3  # [s] that a picture stays
 KEPT_ALL = (
     "/tf_static",
     "controller/ready",
-    *("driver/hold_reason", "sim/hold_reason"),
+    *HOLDS,
     *("sim/ground_truth/table_pose", "sim/ground_truth/table"),
 )
 

@@ -34,6 +34,14 @@ DEBUG = "estimator/debug_image"
 NEWEST = QoSProfile(depth=1)  # of a reliable stream
 
 
+# Who says why the arm holds, and what the page calls that arm where it has no better name.
+HOLDS = {
+    "driver/hold_reason": "behind the driver",
+    "guard/hold_reason": "one of your own, behind the guard",
+    "sim/hold_reason": "simulated",
+}
+
+
 class Topic(NamedTuple):
     """raw: kept as bytes until it is shown."""
 
@@ -50,8 +58,7 @@ TOPICS: Mapping[str, Topic] = {
     "joint_states": Topic(JointState, NEWEST),
     "controller/state": Topic(ControllerState, NEWEST),
     "controller/ready": Topic(DiagnosticStatus, LATCHED),
-    "driver/hold_reason": Topic(String, LATCHED),
-    "sim/hold_reason": Topic(String, LATCHED),
+    **{topic: Topic(String, LATCHED) for topic in HOLDS},
     "sim/real_time_factor": Topic(Float32, NEWEST),
     "sim/ground_truth/table_pose": Topic(PoseStamped, LATCHED),
     "sim/ground_truth/table": Topic(Marker, LATCHED),
@@ -69,6 +76,7 @@ def read_state(
     fixed: Mapping[tuple[str, str], Array],
     silent: float = 0.0,
     tool: Tool | None = None,
+    arm: str = "",
 ) -> CellState:
     """What the page shows of these messages, by topic; what cannot be read is left out.
 
@@ -77,6 +85,7 @@ def read_state(
         fixed: poses of the fixed frames.
         silent: [s] since the last message.
         tool: what is held.
+        arm: what its driver calls it.
     """
     stamps = [seconds(m.header.stamp) for m in newest.values() if hasattr(m, "header")]
     state: dict[str, Any] = {"now": max(stamps, default=nan), "fixed": fixed, "silent": silent, "tool": tool}
@@ -95,8 +104,8 @@ def read_state(
         if topic in newest:
             with suppress(SeedError, ValueError):
                 state[name] = read(newest[topic])
-    holds = (newest[t].data for t in ("driver/hold_reason", "sim/hold_reason") if t in newest)
-    state["arm_holds"] = next(filter(None, holds), "")
+    state["arm_holds"] = next(filter(None, (newest[t].data for t in HOLDS if t in newest)), "")
+    state["arm"] = arm or next((name for t, name in HOLDS.items() if t in newest), "")
     state["depths"] = dict(_depths(newest))
     with suppress(SeedError, ValueError):
         state["picture"] = _picture(newest)
