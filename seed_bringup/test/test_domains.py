@@ -55,6 +55,24 @@ def test_two_cells_take_two_domains_and_give_them_back() -> None:
     assert domains.running() == {}
 
 
+def test_a_cell_keeps_clear_of_those_of_other_users_and_commands_do_not_find_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine, hers = tmp_path / f"{domains.FOLDERS}1", tmp_path / f"{domains.FOLDERS}2"
+    mine.mkdir()
+    hers.mkdir()
+    monkeypatch.setattr(domains, "folder", lambda: hers)
+    with domains.claimed(domains.SHARED, "launch cell"):
+        monkeypatch.setattr(domains, "folder", lambda: mine)
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        with domains.claimed(domains.SHARED, "launch cell") as domain:
+            assert domain == 1
+            assert domains.running() == {1: "launch cell"}
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    with domains.claimed(domains.SHARED, "launch cell") as domain:
+        assert domain == 0  # hers has ended
+
+
 def test_a_domain_that_is_named_is_taken_though_another_cell_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     with domains.claimed(domains.OWN, "demo") as first, domains.claimed(domains.OWN, "demo") as second:

@@ -14,7 +14,7 @@ import pytest
 from seed_testing.live import kills
 from seed_testing.live.processes import Usage, cpu_time, descendants, usage
 from seed_testing.live.slopes import slope
-from seed_testing.live.soak_report import Samples, frames, summary, words
+from seed_testing.live.soak_report import PICTURES, Samples, frames, summary, words
 from seed_testing.live.verdict import faults_of, motion, moved_on
 
 V, BRAKE = 0.05, 0.5  # [m/s], [m/s^2]
@@ -158,6 +158,16 @@ def test_a_soak_is_level_or_says_what_grew_and_what_was_lost_unsaid() -> None:
     assert "estimator: files rise" in summary(soaked(0.0, 450, 0, files=1))["verdict"]
     assert "nothing counts them" in summary(soaked(0.0, 440, 0))["verdict"]
     assert "no task" in summary(Samples())["verdict"]
+
+
+def test_a_soak_with_an_open_page_says_what_that_was_sent() -> None:
+    for rate, verdict in ((10.0, "level"), (0.2, "the page was sent 0.2 pictures a second")):
+        run = soaked(0.0, 449, 1)
+        for t, figures in list(zip(run.times, run.figures, strict=True))[5:]:  # opened when the cell was ready
+            figures[PICTURES] = rate * t
+        result = summary(run)
+        assert result["verdict"] == verdict
+        assert f"page open: {rate} pictures a second" in words(result)
 
 
 def test_a_process_is_measured_by_what_the_system_says(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 """A ROS domain for each cell on this machine, so that none hears another.
 
 A running cell holds a lock on a file named after its domain, which says what runs; the lock ends with the process.
+Every user has a folder of such files. Commands look for cells in their user's; a new cell keeps clear of all of them.
 """
 
 import fcntl
@@ -15,14 +16,15 @@ from typing import IO
 from seed_core.errors import FailedError
 
 VARIABLE = "ROS_DOMAIN_ID"
+FOLDERS = "seed-domains-"
 LAST = 101  # above it, DDS ports meet the ephemeral ones of Linux
 OWN = range(1, LAST + 1)  # of those who want to be alone
 SHARED = range(LAST + 1)  # of a cell that others are to find: 0, which is ROS's default, while it is free
 
 
 def folder() -> Path:
-    """Where the locks are."""
-    place = Path(tempfile.gettempdir()) / f"seed-domains-{os.getuid()}"
+    """Where this user's locks are."""
+    place = Path(tempfile.gettempdir()) / f"{FOLDERS}{os.getuid()}"
     place.mkdir(exist_ok=True)
     return place
 
@@ -44,7 +46,9 @@ def claimed(candidates: Iterable[int], who: str) -> Iterator[int]:
     wanted = [int(named)] if named.isdigit() else candidates
     for domain in wanted:
         lock = _lock(domain, who)
-        if lock is None and not named:
+        if not named and (lock is None or _of_others(domain)):
+            if lock is not None:
+                lock.close()
             continue
         os.environ[VARIABLE] = str(domain)
         try:
@@ -71,6 +75,22 @@ def _lock(domain: int, who: str) -> IO[str] | None:
     lock.write(who)
     lock.flush()
     return lock
+
+
+def _of_others(domain: int) -> bool:
+    """Whether a cell of another user of this machine has a domain."""
+    mine = folder()
+    for place in mine.parent.glob(f"{FOLDERS}*"):
+        if place == mine:
+            continue
+        try:
+            with (place / str(domain)).open() as lock:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # there is none, or it is not for us to read
+            continue
+    return False
 
 
 def running() -> dict[int, str]:

@@ -6,7 +6,6 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.page.browser import FLAGS, browser
+from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command, number, whole
 from seed_testing.figures import text
 from seed_testing.live.processes import cpu_time, descendants, usage
@@ -74,7 +74,9 @@ def run(arguments: dict[str, str], program: str, rounds: int, seconds: float, fo
 
     with Cell({"view_port": "0", **arguments}, log=folder / "nodes.log") as cell:
         cell.prepare()
-        pages = _Pages(program, lambda: _address(folder / "nodes.log"), cell.pids(), rounds, seconds)
+        if not cell.page:
+            raise FailedError("the cell has no page: leave out view:=false")
+        pages = _Pages(program, cell.page, cell.pids(), rounds, seconds)
         cell.also = lambda: pages.hear(cell.factors)
         pages.start()
         errors, ended = [], 0
@@ -94,11 +96,6 @@ def run(arguments: dict[str, str], program: str, rounds: int, seconds: float, fo
     return told | {kind: _summary([w for k, w in pages.windows if k == kind]) for kind in ("closed", "open")}
 
 
-def _address(log: Path) -> str:
-    """That the page has printed."""
-    return next(line.split()[-1] for line in log.read_text().splitlines() if line.startswith("[page] the operator"))
-
-
 def _summary(windows: list[dict[str, float]]) -> dict[str, float]:
     """Median over the windows, and the worst first picture."""
     names = windows[0].keys() if windows else ()
@@ -111,9 +108,7 @@ def _summary(windows: list[dict[str, float]]) -> dict[str, float]:
 class _Pages(threading.Thread):
     """Closed, open, closed, open: a thread of its own, for the cell's task wants to be seen to meanwhile."""
 
-    def __init__(
-        self, program: str, address: Callable[[], str], nodes: dict[str, int], rounds: int, seconds: float
-    ) -> None:
+    def __init__(self, program: str, address: str, nodes: dict[str, int], rounds: int, seconds: float) -> None:
         super().__init__(daemon=True)
         self._program, self._address, self._nodes = program, address, nodes
         self._rounds, self._seconds = rounds, seconds
@@ -144,7 +139,7 @@ class _Pages(threading.Thread):
         page = chromium.new_page(viewport=SMALL)
         page.add_init_script(LOOK)
         time.sleep(SETTLES)  # whoever opens the page has a browser that runs
-        page.goto(self._address(), timeout=1e3 * PATIENCE)
+        page.goto(self._address, timeout=1e3 * PATIENCE)
         page.wait_for_function("window.seen > 0", timeout=1e3 * PATIENCE, polling=200.0)
         first = 1e-3 * float(page.evaluate("window.seen"))
         time.sleep(SETTLES)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""./seed bench soak: tasks in a live cell for hours, recorded: does anything grow, is anything lost unsaid?"""
+"""./seed bench soak: tasks in a live cell for hours, recorded: does anything grow, is anything lost unsaid?
+
+With --page the operator page is open all the while: somebody takes all that it sends, as a browser would.
+"""
 
 import argparse
 import json
@@ -11,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from seed_bringup.launching.domains import OWN, claimed
+from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command, number
-from seed_testing.live.soak_report import Samples, plot, summary, words
+from seed_testing.live.soak_report import PICTURES, Samples, plot, summary, words
 
 TASKS = ("squeegee",)
 
@@ -22,6 +26,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--minutes", type=number(0.2, "min"), default=120.0, help="how long")
     p.add_argument("--every", type=number(0.5, "s"), default=10.0, help="[s] between two samples")
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")
+    p.add_argument("--page", action="store_true", help="with the operator page open, though in no browser")
     p.add_argument("--out", type=Path, default=Path("results/soak"), help="folder for samples, summary and picture")
     p.add_argument(
         "robot", nargs="*", default=["robot:=sim"], metavar="NAME:=VALUE", help="launch arguments, as of seed demo"
@@ -34,12 +39,13 @@ def main(argv: list[str]) -> int:
     """Run, write samples.csv, summary.json and soak.png; 1 when something grew, or was lost unsaid."""
     o = _parser().parse_args(argv)
     o.out.mkdir(parents=True, exist_ok=True)
-    arguments = {"method": o.method, **dict(word.split(":=", 1) for word in o.robot)}
+    page = {"view": "true", "view_port": "0"} if o.page else {}
+    arguments = {"method": o.method, **page, **dict(word.split(":=", 1) for word in o.robot)}
     samples = Samples()
     ended = ""
     try:
         with claimed(OWN, "seed bench soak"):
-            run(arguments, o.minutes, o.every, samples, o.out)
+            run(arguments, o.minutes, o.every, samples, o.out, o.page)
     except KeyboardInterrupt:
         ended = "ended by Ctrl-C"
     finally:
@@ -51,8 +57,9 @@ def main(argv: list[str]) -> int:
     return 0 if result["verdict"] == "level" else 1
 
 
-def run(arguments: dict[str, str], minutes: float, every: float, samples: Samples, out: Path) -> None:
-    """Play tasks for `minutes`; samples every `every` [s] go into `samples`."""
+def run(arguments: dict[str, str], minutes: float, every: float, samples: Samples, out: Path, look: bool) -> None:
+    """Play tasks for `minutes`; samples every `every` [s] go into `samples`; look: with the page open."""
+    from seed_bringup.page.visitor import Visitor
     from seed_testing.live.ros.cell import Cell
 
     with ExitStack() as stack:
@@ -61,6 +68,10 @@ def run(arguments: dict[str, str], minutes: float, every: float, samples: Sample
         sampler = _Sampler(cell, samples, every)
         cell.also = sampler.look
         cell.prepare()
+        if look:
+            if not cell.page:
+                raise FailedError("the cell has no page: leave out view:=false")
+            sampler.visitor = stack.enter_context(Visitor(cell.page))
         end = time.monotonic() + 60.0 * minutes
         turn = 0
         while time.monotonic() < end:
@@ -92,6 +103,7 @@ class _Sampler:
 
     def __init__(self, cell: Any, samples: Samples, every: float) -> None:
         self._cell, self._samples, self._every, self._next = cell, samples, every, -math.inf
+        self.visitor: Any = None
 
     def look(self) -> None:
         """Sample when it is time."""
@@ -101,4 +113,5 @@ class _Sampler:
 
     def sample(self) -> None:
         """Of every process, and what the nodes say of lost frames."""
-        self._samples.add(time.monotonic(), self._cell.usage(), self._cell.figures())
+        seen = {} if self.visitor is None else {PICTURES: float(self.visitor.pictures)}
+        self._samples.add(time.monotonic(), self._cell.usage(), self._cell.figures() | seen)

@@ -14,6 +14,8 @@ from seed_testing.live.slopes import slope
 MEMORY_RISE = 6.0  # [MB/h] that a process may surely rise by
 LATE_FRAMES = 50  # both count at moments of their own, up to a second apart
 CLIENT = "client"  # this process, which keeps its samples
+PICTURES = "page.pictures"  # figure: tactile pictures that an open page was sent
+FEW = 1.0  # [1/s] of them: the page hangs, however busy the machine is
 IMAGES_A_SET = 2.0  # pictures of both fingers make one estimate
 
 
@@ -74,6 +76,9 @@ def summary(s: Samples) -> dict[str, Any]:
     sent, told, lost = frames(s)
     if sent - told - lost > LATE_FRAMES:
         problems.append(f"{sent - told - lost:.0f} of {sent:.0f} image sets were lost, and nothing counts them")
+    seen = pictures(s)
+    if seen is not None and lost + told > 0 and seen < FEW:
+        problems.append(f"the page was sent {seen:.1f} pictures a second")
     factors = [f for x in s.figures if np.isfinite(f := x["real_time_factor"])]
     if len(s.times) < 2 or not s.tasks:
         problems.append("no task was played")
@@ -85,6 +90,7 @@ def summary(s: Samples) -> dict[str, Any]:
         "real_time_factor": round(float(np.median(factors)), 3) if factors else None,
         "load": round(float(np.median(s.loads)), 1) if s.loads else None,
         "image_sets": {"sent": sent, "used": told, "counted_as_missing": lost},
+        "page_pictures_per_s": None if seen is None else round(seen, 1),
         "bag_mb": round(s.bag_mb, 1),
         "processes": processes,
     }
@@ -103,6 +109,15 @@ def frames(s: Samples) -> tuple[float, float, float]:
     return rise("bubbles.pairs") / IMAGES_A_SET, rise("estimator.pairs"), rise("estimator.sets_missing")
 
 
+def pictures(s: Samples) -> float | None:
+    """[1/s] that a page was sent while it was open; None: none was."""
+    open_ = [(t, f[PICTURES]) for t, f in zip(s.times, s.figures, strict=True) if PICTURES in f]
+    if len(open_) < 2:
+        return None
+    (began, first), (ended, last) = open_[0], open_[-1]
+    return (last - first) / (ended - began)
+
+
 def _levels(v: np.ndarray) -> tuple[float, float]:
     """The highest value of the second quarter, and the lowest of the last one: it rose when all of that lies above."""
     n = len(v) // 4
@@ -111,13 +126,14 @@ def _levels(v: np.ndarray) -> tuple[float, float]:
 
 def words(result: dict[str, Any]) -> list[str]:
     """The summary for people."""
-    sets = result["image_sets"]
+    sets, seen = result["image_sets"], result["page_pictures_per_s"]
     lines = [
         f"{result['tasks']} tasks in {result['minutes']} min at load {result['load']}, real-time factor "
         f"{result['real_time_factor']}; {len(result['holds'])} ended early",
         *(f"  early: {reason}" for reason in result["holds"]),
         f"image sets: {sets['sent']:.0f} sent, {sets['used']:.0f} used, "
         f"{sets['counted_as_missing']:.0f} missing by the stamps",
+        *([f"page open: {seen} pictures a second"] if seen is not None else []),
         f"{'process':<16} {'MB':>7} {'MB/h':>7} {'+-':>6} {'files':>6} {'threads':>8}",
     ]
     for name, p in result["processes"].items():

@@ -29,6 +29,7 @@ class Cell:
         session: the client.
         said: newest diagnostics of each node: level, message, values.
         also: called often while anything is waited for.
+        page: address of the operator page, once it serves; empty without one.
     """
 
     session: Session
@@ -42,6 +43,7 @@ class Cell:
         self.said: dict[str, tuple[int, str, dict[str, str]]] = {}
         self.factors: list[float] = []
         self.also: Callable[[], None] = lambda: None
+        self.page = ""
         self._record, self._log = record, log
         self._death, self._last = "", dict[str, str]()  # why the cell ended; the last line of each node
         self.launch = Launch(find_launch_file([launch_file]), self.arguments, self._tell)
@@ -66,6 +68,8 @@ class Cell:
 
     def _tell(self, label: str, line: str) -> None:
         print(f"[{label}] {line}", file=self._file, flush=True)
+        if label == "page" and "http://" in line:
+            self.page = line.split()[-1]
         if label == "launch" and "died" in line:
             self._death = f"{line}; it said last: {self._last.get(line.split(' ')[0], 'nothing')}"
         self._last[label] = line
