@@ -15,10 +15,9 @@ from seed_testing.live.verdict import faults_of
 pytestmark = [pytest.mark.ros, pytest.mark.realtime]
 
 
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FaultCell]:
-    log: Path = tmp_path_factory.mktemp("cell") / "nodes.log"
-    cell = FaultCell("sim", "truth", log).open()
+@pytest.fixture
+def cell(tmp_path: Path) -> Iterator[FaultCell]:
+    cell = FaultCell("sim", "truth", tmp_path / "nodes.log").open()
     try:
         yield cell
     finally:
