@@ -8,12 +8,14 @@ clusters; Liang and Zeger 1986). What it is larger than H^-1 by is averaged over
 tell a variance roughly only: with H = L L^T, the average is of L^-1 (sum of g_c g_c^T) L^-T. So it follows at once when
 one camera sees less.
 
-What no image contradicts, because mounts, lenses and ranges are wrong all the time, comes from `systematic.py`.
+What no image contradicts, because mounts, lenses and ranges are wrong all the time, comes from `systematic.py`, and
+what a creeping membrane hides from `creep.py`.
 """
 
 import numpy as np
 
 from seed_core.spatial import Array, so3_log
+from seed_estimation.rigid_fit.creep import Creep
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.systematic import Systematic
@@ -37,6 +39,7 @@ class Covariance:
     def __init__(self, systematic: Systematic) -> None:
         """systematic: errors of the cameras."""
         self._systematic = systematic
+        self._creep = Creep()
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
     def update(self, fit: Fit, slip: MicroSlip, timing: Timing) -> Array:
@@ -58,6 +61,7 @@ class Covariance:
         turn, way = np.linalg.norm(so3_log(fit.X_CT[:3, :3])), np.linalg.norm(fit.X_CT[:3, 3])
         anywhere = ROUGH**2 * unknown + UNEVEN**2 * slip.value**2
         C += anywhere * np.diag(np.square((turn, turn, turn, way, way, way)))
+        C += np.diag(self._creep.update(fit))
         return np.asarray(0.5 * (C + C.T))
 
 
