@@ -23,6 +23,7 @@ from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.monitor.plausible import Frozen, Jumped
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
+from seed_control.monitor.stamp_step import StampStep
 from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
@@ -62,7 +63,7 @@ class Controller:
         checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
         pressure: whether the bubbles' pressures are those of the identification.
         grasp_check: what speaks against the zero of this grasp.
-        watch: what the contact says about clocks and swings.
+        watch: what the contact says about clocks and swings. stamps: whether the images' clock was set back.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class Controller:
         self._guard = Guard(p, self._counting, self._command.stopping)
         self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
+        self.stamps = StampStep(p.max_stamp_error)
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place at which it came to hold
         self._setpoint: Setpoint | None = None
@@ -127,6 +129,7 @@ class Controller:
         still = self._still.check(estimate, inputs.estimate, inputs.history)
         unknown = self._unobserved(estimate) or still or self.wrench_estimator.why_unknown(estimate)
         jump = "" if unknown else self._jump(estimate)
+        self._check_stamp(estimate.stamp)
         good = inputs.add_estimate(estimate, unknown or jump)
         if good:
             self.pressure.update(estimate)
@@ -135,7 +138,7 @@ class Controller:
             self._guard.hold(inputs.why_bad)
             self.references.new_grasp()
             if jump or NEW_GRASP in inputs.why_bad:
-                self.grasp_check.new_grasp(self.law.measured, "" if jump else NEW_GRASP)
+                self.grasp_check.new_grasp("" if jump else NEW_GRASP)
         return good
 
     def refused(self, kind: str, why: str) -> None:
@@ -261,6 +264,8 @@ class Controller:
         self._now = t
         if set_back := self._inputs.set_back(t):
             self._guard.hold(set_back)
+            self.stamps.restart()
+            self.checks.stamp_problem = ""
         if not self._command.started:
             if not len(self._inputs.history):
                 self._state = self._describe(t)
@@ -323,7 +328,16 @@ class Controller:
         if m is None or not (estimate.valid and self._guard.following and law.regulates_force):
             return ""
         known = self.wrench_estimator
-        return self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
+        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
+        self.grasp_check.doubt(self._jumped.newest)
+        return why
+
+    def _check_stamp(self, stamp: float) -> None:
+        """No force while images are dated by a clock that was set back."""
+        self.stamps.update(stamp, self._now)
+        self.checks.stamp_problem = self.stamps.reason
+        if self.law.regulates_force:
+            self._guard.hold(self.stamps.reason)
 
     def _pressing(self) -> Array | None:
         """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grasp that was taken under load, told by a controller that sees no image of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from quasi_static import Bench
 
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
-from seed_core.spatial import inverse_pose, make_pose
+from seed_core.spatial import Wrench, inverse_pose, make_pose
 
 NOISE = 3e-4  # [m]
 K = np.array(DEFAULT_STIFFNESS.translation)
@@ -64,18 +68,59 @@ def test_a_grasp_free_of_load_presses(k_table: float, scale: float) -> None:
         assert not bench.controller.grasp_check.reason
 
 
-def test_a_grasp_taken_anew_while_pressed_must_not_press_again() -> None:
-    bench = Bench().enabled()
-    bench.press(10.0)
+@pytest.mark.parametrize(("force", "noise"), [(10.0, 1e-9), (3.5, NOISE)])
+def test_a_grasp_taken_anew_while_pressed_must_not_press_again(force: float, noise: float) -> None:
+    bench = Bench(noise=noise).enabled()
+    bench.press(force)
     bench.run(3.0)
     bench.initialize_grasp()
     bench.run(1.0)
     bench.controller.enable(bench.t)
-    bench.press(10.0)
+    bench.press(force)
     state = bench.run(3.0)
     assert state.mode == "holding"
     assert "taken anew while the tool was loaded" in state.reason
-    assert max(bench.forces) < 12.0
+    assert max(bench.forces) < force + 2.0
+
+
+def shifted(along: tuple[float, float, float]) -> Bench:
+    """A bench that presses with 5 N as all poses become wrong by so many metres."""
+    bench = Bench(noise=NOISE).enabled()
+    bench.press(5.0)
+    bench.run(2.0)
+
+    def told(estimate: RelativePoseEstimate) -> RelativePoseEstimate:
+        X = estimate.X_CT
+        return replace(estimate, X_CT=make_pose(X[:3, :3], X[:3, 3] + np.array(along)))
+
+    bench.told = told
+    bench.run(1.0)
+    return bench
+
+
+def test_a_jump_is_not_forgotten_by_enable_until_free_air_shows_the_zero() -> None:
+    bench = shifted((0.0, 0.0, -3.6e-3))
+    assert bench.state.mode == "holding"
+    for _ in range(2):
+        bench.controller.enable(bench.t)
+        bench.press(5.0)
+        assert bench.run(0.5).mode == "holding"
+        assert "has not hung free since" in bench.state.reason
+    bench.told = lambda estimate: estimate
+    bench.controller.enable(bench.t)
+    above = HybridSetpoint(bench.start, Wrench.zero(), np.zeros((3, 3)))
+    bench.controller.set_setpoint(above, bench.t)
+    bench.run(2.0)
+    assert bench.force == 0.0
+    bench.controller.enable(bench.t)
+    bench.press(5.0)
+    assert bench.run(2.0).mode == "contact", bench.state.reason
+
+
+def test_time_does_not_make_a_jump_likelier() -> None:
+    bench = shifted((5.5e-3, 0.0, 0.0))
+    assert bench.state.mode == "holding"
+    assert "jumped" in bench.state.reason
 
 
 def test_a_zero_that_is_kept_by_a_new_grasp_presses_on() -> None:

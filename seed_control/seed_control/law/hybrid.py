@@ -18,11 +18,13 @@ from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
 from seed_core.spatial import Array, rotation_from_rpy
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 _LEAST_LEVER = 0.01  # [m] at which a side force counts
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
+_OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -175,7 +177,27 @@ class HybridLaw(PublishedLaw):
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)
         back = self.parameters.max_speed
-        return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes, rate=rate)
+        m, now = self.measured, self._relieved(i, reference.normal)
+        if m is None or now is None:
+            return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes, rate=rate)
+        # A motion that has just been noticed may be any: nothing is pressed further for what is foretold of it.
+        if pushes * (now - offset - dot(gradient, as_vector3(m.tip))) < 0.0:
+            offset, gradient, rate = now, ZERO, 0.0
+        return HeightReference(reference.normal, offset, gradient, 0.0, back=back, pushes=pushes, rate=rate)
+
+    def _relieved(self, i: int, n: Vector3) -> float | None:
+        """Height [m] of the undeflected tip that takes back what the newest image's force is above the wanted one.
+
+        None while it is not, beyond noise, or no force is wanted.
+        """
+        m, wanted = self.measured, float(self.plan.wanted[i])
+        if m is None or not wanted:
+            return None
+        force, stiffness = dot(n, as_vector3(m.on_environment.force)), self.wrench_estimator.mean_stiffness
+        over = abs(force) - abs(wanted) if force * wanted > 0.0 else 0.0
+        if over <= max(_OVER * self.parameters.max_excess_force, _NOISE * stiffness * m.variance**0.5):
+            return None
+        return dot(n, as_vector3(m.undeflected)) - (over if wanted > 0.0 else -over) / stiffness
 
 
 def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:

@@ -3,8 +3,12 @@
 
 Two things show a grasp that was taken under load, whichever estimator gives the poses. A force that was there, and is
 gone after a new grasp though the arm has not moved. And a force that stays while the tool approaches through free air,
-where there can be none.
+where there can be none. A third casts doubt on it: a pose that jumped in contact. Such a doubt outlasts a hold, until
+the tool is seen in free air without a force, or the grasp is taken anew.
 """
+
+from collections import deque
+from math import sqrt
 
 import numpy as np
 
@@ -20,9 +24,12 @@ _MOST = 100  # images of it that are kept
 _STAYED = 0.03, 0.1  # [m], and of a rotation matrix: an arm that has gone further may have left what it pressed
 _LEAST, _SHARE = 1.0, 0.3  # [N], and of the force before, by which a force that is kept may differ
 _NOISE = 4.0  # deviations of the estimated force
+_AVERAGED = 8  # images before a new grasp, and after it, that are compared
+_NEAR = 1e-3  # [m] within which the gripper stood in those before
 _TURNED = 6.0  # deviations of a rotation by which a pose that has jumped is another
 _ALIKE = 0.25  # of the weight, by which a force may differ that a hanging tool explains
 _NONE = np.zeros((0, 3)), np.zeros((0, 3))  # places and forces of no image
+_LIFT = 0.01  # [m] that are enough to see free air, with what has to be let go first
 
 
 class GraspCheck:
@@ -36,8 +43,12 @@ class GraspCheck:
     def __init__(self, tool: Tool, most: float) -> None:
         """most: [N] that a tool in free air may seem to press."""
         self.weight, self._most = tool.mass * GRAVITY, most
-        self._anew = self._loaded = ""
-        self._before: Measurement | None = None  # the last one of the grasp before
+        self._anew = self._loaded = self._doubted = ""
+        self._doubt = ""  # that the zero is right, since the tool last hung free
+        self._pressed: Array | None = None  # direction (3,) of the last force that was wanted
+        self._recent: deque[Measurement] = deque(maxlen=_AVERAGED)
+        self._before: tuple[Measurement, ...] = ()  # the last ones of the grasp before, alike
+        self._gone: list[Array] = []  # force that each image of the new grasp lacks
         self._taken = False  # a new grasp has been taken since
         self._why = NEW_GRASP
         self._rows: tuple[Array, Array] | None = _NONE  # of an approach: p_WC [m], force, (N, 3); None: it is judged
@@ -45,18 +56,32 @@ class GraspCheck:
     @property
     def reason(self) -> str:
         """The first thing that speaks against it."""
-        return self._anew or self._loaded
+        return self._anew or self._doubted or self._loaded
+
+    def doubt(self, why: str) -> None:
+        """Something spoke against the zero while force was controlled, and did not make it hold."""
+        self._doubt = why or self._doubt
 
     def restart(self) -> None:
         """Enabled anew: an approach is to show again what it has shown."""
         self._loaded, self._rows = "", _NONE
+        if self._doubt:
+            self._doubted = (
+                f"{self._doubt}, and the tool has not hung free since: lift it off by {1e3 * _LIFT:.0f} mm, so that "
+                "free air shows whether forces are right, or initialize the grasp free of load"
+            )
 
-    def new_grasp(self, last: Measurement | None, why: str) -> None:
-        """T is counted anew (why: NEW_GRASP), or poses have jumped (''); last: the newest measurement before."""
+    def new_grasp(self, why: str) -> None:
+        """T is counted anew (why: NEW_GRASP), or poses have jumped ('')."""
         if not self._taken:
-            self._before, self._taken = last, True
-        self._why = why
+            images = list(self._recent)
+            self._before = tuple(m for m in images if _distance(m.X_WC[:3, 3], images[-1].X_WC[:3, 3]) <= _NEAR)
+            self._taken = True
+            self._recent.clear()
+        self._why, self._gone = why, []
         self._anew = ""
+        if why:
+            self._doubt = self._doubted = ""
         self.restart()
 
     def update(self, m: Measurement, pressing: Array | None, stiffness: float) -> None:
@@ -68,31 +93,44 @@ class GraspCheck:
         """
         if self._taken:
             self._taken = False
+            self._gone = []
+        if self._before:
             self._compare(m, stiffness)
+        self._recent.append(m)
+        if pressing is not None:
+            self._pressed = pressing
+        elif self._doubt and self._pressed is not None:
+            self._rows = self._rows if self._rows is not None else _NONE
+            pressing = self._pressed
         if pressing is None:
             self._rows = _NONE
         elif self._rows is not None:
             self._approach(m, pressing, stiffness * m.variance**0.5)
 
     def _compare(self, m: Measurement, stiffness: float) -> None:
-        """The first image of a new grasp with the last of the one before."""
-        before = self._before
-        if before is None:
-            return
-        step = m.X_WC[:3, 3] - before.X_WC[:3, 3]
-        turn = float(np.abs(m.X_WC[:3, :3] - before.X_WC[:3, :3]).max())
+        """The first images of a new grasp with the last of the one before."""
+        before, last = self._before, self._before[-1]
+        step = m.X_WC[:3, 3] - last.X_WC[:3, 3]
+        turn = float(np.abs(m.X_WC[:3, :3] - last.X_WC[:3, :3]).max())
         if float(np.sqrt(step @ step)) > _STAYED[0] or turn > _STAYED[1]:
+            self._before = ()
             return
-        was, force = before.on_environment.force, m.on_environment.force
+        first = not self._gone
+        was = np.sum([b.on_environment.force for b in before], axis=0) / len(before)
         size = float(np.sqrt(was @ was))
-        noise = _NOISE * stiffness * (before.variance + m.variance) ** 0.5
+        noise = _NOISE * stiffness * (last.variance / len(before) + m.variance / (len(self._gone) + 1)) ** 0.5
         if size > max(_LEAST, noise):  # it touched: the arm's way since has pressed it further, or released it
             was = was * max(1.0 + stiffness * float(step @ was) / size**2, 0.0)
-        gone = float(np.sqrt((was - force) @ (was - force)))
-        turned = so3_log(before.X_CT[:3, :3].T @ m.X_CT[:3, :3])
-        angle = 0.0 if self._why else float(np.sqrt(turned @ turned))
+        self._gone.append(was - m.on_environment.force)
+        lacks = np.sum(self._gone, axis=0) / len(self._gone)
+        gone = float(np.sqrt(lacks @ lacks))
+        turned = so3_log(last.X_CT[:3, :3].T @ m.X_CT[:3, :3])
+        angle = float(np.sqrt(turned @ turned)) if first and not self._why else 0.0
+        if len(self._gone) >= _AVERAGED:
+            self._before = ()
         if gone <= max(_LEAST, _SHARE * size, noise) and angle <= _TURNED * m.rotation_deviation:
             return
+        self._before = ()
         what = "the grasp was taken anew while the tool was loaded" if self._why else "the tool's pose has jumped"
         self._anew = (
             f"{what}: {gone:.1f} of {size:.1f} N are gone though the arm has not moved back, so forces would be off by "
@@ -111,7 +149,9 @@ class GraspCheck:
             return  # a surface may rise and fall under a tool that wipes
         way = heights - heights.mean()
         square = float(way @ way)
-        rise = float(way @ (forces @ pressing)) / square  # [N/m]
+        along = forces @ pressing
+        rise = float(way @ along) / square  # [N/m]
+        noise = max(noise, float(np.std(along - rise * way)))  # over a surface that moves it changes by itself
         deviation = _CERTAIN * noise / square**0.5
         if rise - deviation > SOFTEST:  # it touches
             self._rows = None
@@ -123,6 +163,7 @@ class GraspCheck:
         """A force (3,) [N] that was seen in free air."""
         size = float(np.sqrt(force @ force))
         if size <= self._most + _NOISE * deviation:
+            self._doubt = self._doubted = ""
             return
         hung = float(np.abs(force + np.array((0.0, 0.0, self.weight))).max()) < _ALIKE * self.weight
         why = f"the grasp was taken while the tool hung ({self.weight:.1f} N)" if hung else "the grasp was loaded then"
@@ -130,3 +171,8 @@ class GraspCheck:
             f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "
             "stiffness are wrong; initialize the grasp free of load"
         )
+
+
+def _distance(a: Array, b: Array) -> float:
+    """Of two places (3,)."""
+    return sqrt(float((a - b) @ (a - b)))

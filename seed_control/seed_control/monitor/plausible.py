@@ -65,10 +65,10 @@ class Jumped:
 
     In contact the deflection goes no further than the gripper, in free air it stays. What jumps is a contact that is
     lost at once, a slide, or a wrong pose, none of which force may be controlled with; a small jump may be a step of
-    the surface, and is told.
+    the surface, and is told. A pose that stays where one has just jumped to is the same jump: time does not mend it.
 
     Attributes:
-        warning: the largest jump since it was enabled that does not hold; '' for none.
+        warning: the largest jump since it was enabled that does not hold; '' for none. newest: of the newest estimate.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
@@ -77,7 +77,8 @@ class Jumped:
 
     def restart(self) -> None:
         """What was seen is over."""
-        self.warning, self._largest = "", 0.0
+        self.warning, self.newest, self._largest = "", "", 0.0
+        self._to: tuple[Array, tuple[float, float]] | None = None  # pose that was jumped to; [m], [rad] allowed then
 
     def check(
         self, estimate: RelativePoseEstimate, m: Measurement, history: PoseHistory, stiffness: float, turning: float
@@ -88,12 +89,13 @@ class Jumped:
             history: of the flange. stiffness: of the grasp [N/m].
             turning: force at the tip that turns the grasp [N/rad].
         """
-        p, noise = self._parameters, m.variance**0.5
+        p, noise, self.newest = self._parameters, m.variance**0.5, ""
         size = norm(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
         turn = norm(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
         noise_turn = _NOISE * m.rotation_deviation
         bounds = max(p.max_jump / stiffness, _NOISE * noise), max(p.max_jump / turning, noise_turn)
         if size <= _TOLD * noise and turn <= noise_turn:
+            self._to = None
             return ""
         dt = max(estimate.stamp - m.stamp, 0.0)
         moved, turned = p.max_speed * dt, p.max_angular_speed * dt
@@ -103,9 +105,13 @@ class Jumped:
             turned = norm(so3_log(before[:3, :3].T @ now[:3, :3]))
         moved, turned = max(moved, p.press_speed * dt), max(turned, p.max_angular_speed * dt)
         most = bounds[0] + moved, bounds[1] + turned
+        if self._to is not None and _share(estimate.X_CT, *self._to) < max(size / most[0], turn / most[1]):
+            most = self._to[1]
         if size <= most[0] and turn <= most[1]:
+            self._to = None
             self._tell(size - moved, noise, stiffness)
             return ""
+        self._to = self._to or (estimate.X_CT, most)
         return (
             f"the tool's pose has jumped by {1e3 * size:.1f} mm and {degrees(turn):.1f} degrees (at most "
             f"{1e3 * most[0]:.1f} and {degrees(most[1]):.1f}): contact was lost at once, the tool has slid, or the "
@@ -114,12 +120,20 @@ class Jumped:
 
     def _tell(self, size: float, noise: float, stiffness: float) -> None:
         """A jump of so many metres, beyond what the motion explains."""
-        if size > max(self._largest, _TOLD * noise):
-            self._largest = size
-            self.warning = (
-                f"the tool's pose has jumped by {1e3 * size:.1f} mm: if the surface has no such step, forces are off "
-                f"by {size * stiffness:.1f} N"
-            )
+        if size <= _TOLD * noise:
+            return
+        self.newest = (
+            f"the tool's pose has jumped by {1e3 * size:.1f} mm: if the surface has no such step, forces are off "
+            f"by {size * stiffness:.1f} N"
+        )
+        if size > self._largest:
+            self._largest, self.warning = size, self.newest
+
+
+def _share(X_CT: Array, other: Array, most: tuple[float, float]) -> float:
+    """How far a pose (4, 4) is from another, by the larger share of these bounds [m], [rad]."""
+    turn = norm(so3_log(other[:3, :3].T @ X_CT[:3, :3]))
+    return max(norm(X_CT[:3, 3] - other[:3, 3]) / most[0], turn / most[1])
 
 
 def norm(v: Array) -> float:

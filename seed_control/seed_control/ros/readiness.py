@@ -53,7 +53,7 @@ class Readiness:
 
     def _status(self, parts: Mapping[str, str]) -> DiagnosticStatus:
         lacks = "; ".join(filter(None, parts.values()))
-        clocks = self._core.checks.clock_problem
+        clocks = self._core.checks.why_no_force
         status = DiagnosticStatus(name=self._name, hardware_id="cell")
         status.level = diagnostics.WARN if lacks else diagnostics.OK
         ready = f"ready for positions; no force: {clocks}" if clocks else "ready: send a set-point or a task"

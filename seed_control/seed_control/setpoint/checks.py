@@ -27,14 +27,20 @@ class SetpointChecks:
 
     Attributes:
         clock_problem: why force and torque must not be controlled before the clocks are compared; '' where they may.
+        stamp_problem: the same of what the images' stamps have shown since.
     """
 
-    clock_problem = ""
+    clock_problem = stamp_problem = ""
 
     def __init__(self, parameters: ControllerParameters, wrench_estimator: WrenchEstimator, hand: Hand) -> None:
         self.parameters, self._wrench_estimator = parameters, wrench_estimator
         self._X_Ttip = wrench_estimator.tool.X_Ttip
         self._X_tipE = inverse_pose(self._X_Ttip) @ inverse_pose(hand.X_EC)  # of an undeflected grasp
+
+    @property
+    def why_no_force(self) -> str:
+        """Why the clocks allow no force or torque; '' where they do."""
+        return self.clock_problem or self.stamp_problem
 
     def stamp(self, stamp: float | None, now: float) -> None:
         """SP10: a stamp [s] that is too old, or more than 50 ms in the future."""
@@ -82,8 +88,8 @@ class SetpointChecks:
         Args:
             R_WC: (3, 3) of the gripper at the estimate.
         """
-        if self.clock_problem and (s.force_projector.any() or any(s.torque_axes)):
-            raise SetpointError("SP18", f"force and torque wait for the clocks: {self.clock_problem}")
+        if self.why_no_force and (s.force_projector.any() or any(s.torque_axes)):
+            raise SetpointError("SP18", f"force and torque wait for the clocks: {self.why_no_force}")
         self.size(s.wrench)
         R_W_tip = s.X_W_tip[:3, :3]
         R_WT, R_W_task = R_W_tip @ self._X_Ttip[:3, :3].T, R_W_tip if s.task_frame == "tool" else s.R_W_task
