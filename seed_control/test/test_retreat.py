@@ -3,10 +3,12 @@
 
 import numpy as np
 import pytest
+from quasi_static import Bench
 
 from seed_control.command.relief import Relief
+from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference, TipReference
-from seed_core.vector3 import ZERO
+from seed_core.vector3 import ZERO, Vector3
 
 PRESS = np.array((0.0, 0.0, -10.0))  # N, of the tool on the environment
 
@@ -60,3 +62,24 @@ def test_a_retreat_that_the_limits_did_not_allow_is_not_made_good_at_press_speed
     assert away == pytest.approx(0.01)
     assert ask(0.0, 0.001) == pytest.approx(0.001 - 0.045 * dt)
     assert ask(0.02, 0.001) == pytest.approx(0.001 + (0.25 - 0.045) * dt)  # and it gives way as fast as before
+
+
+def test_a_force_that_is_too_large_is_taken_back_whatever_is_foretold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table has risen; the law believes that it sinks by 5 mm at once."""
+    bench = Bench(noise=3e-4).enabled()
+    bench.press(8.0)
+    bench.run(2.0)
+    since, foretold = bench.t, SurfaceObserver.wanted_height
+
+    def sinks(self: SurfaceObserver, n: Vector3, deflection: float, ahead: float = 0.0) -> tuple[float, Vector3, float]:
+        offset, gradient, rate = foretold(self, n, deflection, ahead)
+        return offset - 5e-3, gradient, rate
+
+    while bench.state.estimated is None or bench.state.estimated.force[2] > -10.0:
+        bench.table = min(0.06 * (bench.t - since), 2.7e-3)
+        bench.step()
+    now = bench.commands[-1][2, 3]
+    monkeypatch.setattr(SurfaceObserver, "wanted_height", sinks)
+    bench.run(4.5 / bench.image_rate)
+    assert bench.state.mode == "contact"
+    assert bench.commands[-1][2, 3] > now + 1.5e-3
