@@ -30,7 +30,7 @@ def test_a_clock_that_was_set_back_holds_and_lets_no_force_until_it_is_right() -
     assert "set back" in state.reason
     bench.run(1.0)
     bench.controller.enable(bench.t)
-    with pytest.raises(SetpointError, match="SP18.*set back"):
+    with pytest.raises(SetpointError, match=r"SP18.*set back"):
         bench.press(8.0)
     bench.told = lambda estimate: estimate
     bench.run(1.0)
