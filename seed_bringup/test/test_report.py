@@ -222,6 +222,22 @@ def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(
         plan(_parser().parse_args(["--world", "hidden", "--estimator", "truth", "--out", str(tmp_path / "d")]))
 
 
+@pytest.mark.parametrize(
+    ("words", "hidden"),
+    [
+        ([], True),
+        (["--world", "known"], False),
+        (["--estimator", "truth"], False),
+        (["--scenario", "slip20"], False),
+        (["--task", "pen"], False),
+        (["robot:=ur"], False),
+        (["--task", "pen", "--world", "hidden"], True),
+    ],
+)
+def test_a_plain_wipe_is_played_in_a_hidden_world(tmp_path: Path, words: list[str], hidden: bool) -> None:
+    assert plan(_parser().parse_args([*words, "--out", str(tmp_path / "out")])).hidden is hidden
+
+
 def test_ctrl_c_is_not_for_the_processes_of_the_baselines() -> None:
     """Each would answer it with a traceback; they end with their block."""
     before = signal.getsignal(signal.SIGINT)

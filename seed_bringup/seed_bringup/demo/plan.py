@@ -14,6 +14,7 @@ from seed_sim.closed_loop.evaluate import check_task, scenario_of
 from seed_sim.scenario import Scenario, load_scenario
 
 SEEING = "rigid_fit"  # the estimator that tells what the membranes do
+WIPE = "squeegee"  # the task that has been scored in hidden worlds
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def plan(options: argparse.Namespace, domain: int = 0) -> Plan:
     robot = robot_arguments(options.robot, domain)
     task = load_task(options.task, options.force)
     scenario_name = str(options.scenario or scenario_of(task))
-    scenario, hidden = load_scenario(scenario_name), hidden_world(options)
+    scenario, hidden = load_scenario(scenario_name), hidden_world(options, robot["robot"])
     check_task(task, scenario, options.law)
     stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     folder: Path = (options.out or results_folder() / f"{task.name}-{stamp}").resolve()
@@ -76,12 +77,15 @@ def plan(options: argparse.Namespace, domain: int = 0) -> Plan:
     return Plan(options, robot, task, scenario_name, scenario, folder, hidden)
 
 
-def hidden_world(options: argparse.Namespace) -> bool:
+def hidden_world(options: argparse.Namespace, robot: str) -> bool:
     """Whether the world is a hidden one.
 
     Raises:
         SeedError: a hidden world is asked for with an estimator that does not tell what membranes do.
     """
+    if options.world is None:
+        plain = options.task == WIPE and options.scenario is None and robot == "sim"
+        return plain and options.estimator == SEEING
     if options.world == "hidden" and options.estimator != SEEING:
         raise SeedError(
             f"--world hidden needs --estimator {SEEING}: '{options.estimator}' does not tell what the membranes do"
