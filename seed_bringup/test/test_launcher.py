@@ -19,6 +19,7 @@ PROGRAMS = {
     "sleeper": "trap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "stubborn": "trap '' INT TERM\nwhile :; do sleep 0.1; done",
+    "slow_to_end": "trap 'sleep 2; echo written; exit 0' INT\necho up\nwhile :; do sleep 0.1; done",
     "dying": "sleep 0.2; echo last words; exit 7",
     "finishing": "echo done",
     "starting": f"exec {sys.executable} -c 'import time; print(\"up\", flush=True); time.sleep(60)'",
@@ -105,6 +106,18 @@ def test_interrupt_ends_even_the_stubborn_within_five_seconds(cell: Path) -> Non
     assert time.monotonic() - started < 5.0
     assert "mule still running after 4.5 s: SIGKILL" in output
     assert not marked_processes(cell)
+
+
+def test_a_node_has_as_long_to_end_as_it_asks_for(cell: Path) -> None:
+    said: list[str] = []
+    hasty, slow = 'exec="stubborn" name="hasty" sigterm_timeout="0.1"', 'exec="slow_to_end" sigterm_timeout="9.0"'
+    with Launch(launch_file(cell, hasty, slow), output=lambda _, line: said.append(line)):
+        deadline = time.monotonic() + 5.0
+        while "up" not in said and time.monotonic() < deadline:
+            time.sleep(0.05)
+    told = [line for line in said if "still running" in line]
+    assert told == ["hasty still running after 0.1 s: SIGTERM", "hasty still running after 1.6 s: SIGKILL"]
+    assert "written" in said
 
 
 def test_nodes_do_not_outlive_a_killed_launcher(cell: Path) -> None:

@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from seed_bringup.launching.description import declared_arguments, describe
+from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
-from seed_bringup.launching.launcher import KILL_AFTER, TERM_AFTER, Launch
+from seed_bringup.launching.launcher import KILL_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_core.program.command_line import Parser, command
 
@@ -85,7 +85,7 @@ def run(launch: Launch) -> int:
 def _by_ros2(file: Path, arguments: dict[str, str]) -> int:
     """`ros2 launch` takes unknown arguments in silence, so they are checked here first."""
     describe(file, arguments)
-    timeouts = {"sigterm_timeout": TERM_AFTER, "sigkill_timeout": KILL_AFTER - TERM_AFTER}
+    timeouts = {"sigterm_timeout": TERM_AFTER, "sigkill_timeout": KILL_AFTER}
     words = [f"{name}:={value}" for name, value in (arguments | timeouts).items()]
     sys.stdout.flush()
     os.execvp("ros2", ["ros2", "launch", str(file), *words])

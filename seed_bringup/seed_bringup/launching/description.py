@@ -15,6 +15,7 @@ from seed_bringup.launching.parameters import Parameters, read_parameter
 from seed_bringup.launching.substitution import Scope
 
 MAX_INCLUDES = 20
+TERM_AFTER = 3.0  # [s] after the interrupt, unless a node asks for more
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Node:
     shutdown_on_exit: bool
     respawn: bool
     respawn_delay: float  # [s]
+    sigterm_timeout: float  # [s] that it may take to end after an interrupt
     origin: str
 
     @property
@@ -174,6 +176,7 @@ class _Resolver:
             shutdown_on_exit=on_exit == "shutdown",
             respawn=scope.boolean(element, "respawn", False),
             respawn_delay=float(scope.text(element, "respawn_delay", "0")),
+            sigterm_timeout=float(scope.text(element, "sigterm_timeout", str(TERM_AFTER))),
             origin=f"{element.file}:{element.line}",
         )
         self.description.nodes.append(node)

@@ -41,7 +41,7 @@ GRAMMAR: dict[str, tuple[set[str], set[str], set[str]]] = {
     "include": ({"file"}, COMMON, {"arg"}),
     "node": (
         {"pkg", "exec"},
-        {"name", "namespace", "output", "args", "on_exit", "respawn", "respawn_delay"} | COMMON,
+        {"name", "namespace", "output", "args", "on_exit", "respawn", "respawn_delay", "sigterm_timeout"} | COMMON,
         {"param", "remap", "env"},
     ),
     "param": (set(), {"name", "value", "value-sep", "type", "from"}, {"param"}),

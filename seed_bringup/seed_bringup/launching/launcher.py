@@ -25,8 +25,7 @@ from seed_bringup.launching.description import Node, describe
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.process import NodeProcess, Output, exit_text
 
-TERM_AFTER = 3.0  # [s] after the interrupt
-KILL_AFTER = 4.5  # [s] after the interrupt; everything has ended within 5 s
+KILL_AFTER = 1.5  # [s] after SIGTERM; what asks for no longer time has ended within 5 s
 POLL = 0.05  # [s]
 
 
@@ -107,18 +106,24 @@ class Launch:
         return self._code
 
     def stop(self) -> None:
-        """End every node and its children: SIGINT, SIGTERM after 3 s, SIGKILL after 4.5 s."""
+        """End every node and its children: SIGINT, SIGTERM after its `sigterm_timeout`, SIGKILL 1.5 s later."""
         self._code = self._code or 0
         self._respawns.clear()
         started = time.monotonic()
         self._signal(signal.SIGINT)
-        for number, at in ((signal.SIGTERM, TERM_AFTER), (signal.SIGKILL, KILL_AFTER)):
+        timeouts = {running.node.sigterm_timeout for running in self.nodes}
+        steps = [
+            (t + more, n, t) for t in timeouts for n, more in ((signal.SIGTERM, 0.0), (signal.SIGKILL, KILL_AFTER))
+        ]
+        for at, number, timeout in sorted(steps):
             if self._all_ended_before(started + at):
                 break
-            labels = ", ".join(running.node.label for running in self.nodes)
-            self._say("launch", f"{labels} still running after {at:.1f} s: {number.name}")
-            self._signal(number)
-        self._all_ended_before(started + KILL_AFTER + 0.4)
+            if late := [running for running in self.nodes if running.node.sigterm_timeout == timeout]:
+                labels = ", ".join(running.node.label for running in late)
+                self._say("launch", f"{labels} still running after {at:.1f} s: {number.name}")
+                for running in late:
+                    running.signal(number)
+        self._all_ended_before(time.monotonic() + 0.4)
         self._running.close()
 
     def kill(self) -> None:

@@ -238,6 +238,7 @@ class SimNode(SeedNode):
     def destroy_node(self) -> None:
         """Write what was recorded since it was saved last."""
         if self._film is not None and abs(self.plant.time - self._saved) > UNSAVED:
+            print(f"writing the replay to {self.settings.replay}; Ctrl-C again ends without it", flush=True)
             with self.counters.refusing("replay_not_saved"):
                 self._save_replay()
         super().destroy_node()
