@@ -267,7 +267,7 @@ class Estimator:
         covariance = self._covariance.update(fit, tracker.slip, tracker.timing)
 
         # Report: report.py
-        estimate = report.rigid_fit(stamp, fit, covariance, tracker, touching, p)
+        estimate = report.rigid_fit(stamp, fit, covariance, self._covariance.creep, tracker, touching, p)
         estimate = replace(estimate, membrane=report.membranes(tracker.around, self.patches, p))
         return report.from_free(estimate, self.zero)
 

@@ -40,13 +40,21 @@ def by_patches(stamp: float, X_CT: Array, method: PublishedMethod, name: str) ->
 
 
 def rigid_fit(
-    stamp: float, fit: Fit, covariance: Array, tracker: Tracker, touching: Collection[str], p: EstimatorParameters
+    stamp: float,
+    fit: Fit,
+    covariance: Array,
+    creep: Array,
+    tracker: Tracker,
+    touching: Collection[str],
+    p: EstimatorParameters,
 ) -> RelativePoseEstimate:
     """An estimate by the rigid fit, from a track that is locked.
 
-    covariance: (6, 6) of [rotation vector in C, translation in C]; touching: fingers whose depth shows a contact.
+    covariance: (6, 6) of [rotation vector in C, translation in C]; creep: (6,) variances in it that do not say that an
+    axis is not seen; touching: fingers whose depth shows a contact.
     """
-    deviation = np.sqrt(np.diag(covariance))
+    seen = covariance - np.diag(creep)
+    deviation = np.sqrt(np.diag(seen))
     if deviation[:3].max() > NO_POSE[0] or deviation[3:].max() > NO_POSE[1]:
         angle, length = np.rad2deg(deviation[:3].max()), 1e3 * deviation[3:].max()
         reason = f"too little is in contact: the pose is known to {angle:.1f} degrees and {length:.1f} mm only"
@@ -56,7 +64,7 @@ def rigid_fit(
     words = [f"{f} bubble {'is not followed' if f in touching else 'touches nothing'}" for f in unlocked]
     if len(fit.explained) < 2:
         words.append(f"reduced: {next(iter(fit.explained))} finger only")
-    observed = _observed(covariance, p)
+    observed = _observed(seen, p)
     if not all(observed):
         words.append("some axes are not observed")
     words += tracker.timing.words()

@@ -34,12 +34,17 @@ MEMORY = 0.05  # weight of one frame in the average
 
 
 class Covariance:
-    """Of the poses that are found in one grasp."""
+    """Of the poses that are found in one grasp.
+
+    Attributes:
+        creep: (6,) variances in the last one that are doubt about the membrane, not about what the images show.
+    """
 
     def __init__(self, systematic: Systematic) -> None:
         """systematic: errors of the cameras."""
         self._systematic = systematic
         self._creep = Creep()
+        self.creep = np.zeros(6)
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
     def update(self, fit: Fit, slip: MicroSlip, timing: Timing) -> Array:
@@ -61,7 +66,8 @@ class Covariance:
         turn, way = np.linalg.norm(so3_log(fit.X_CT[:3, :3])), np.linalg.norm(fit.X_CT[:3, 3])
         anywhere = ROUGH**2 * unknown + UNEVEN**2 * slip.value**2
         C += anywhere * np.diag(np.square((turn, turn, turn, way, way, way)))
-        C += np.diag(self._creep.update(fit))
+        self.creep = self._creep.update(fit)
+        C += np.diag(self.creep)
         return np.asarray(0.5 * (C + C.T))
 
 
