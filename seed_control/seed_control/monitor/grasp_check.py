@@ -20,6 +20,8 @@ from seed_core.spatial import Array, so3_log
 SOFTEST = 100.0  # [N/m] of a surface that is told from free air
 _CERTAIN = 2.0  # deviations of the force's rise per way, for either
 _WAY = 4e-3  # [m] along the force that an approach has to go, and further than across
+_ONE_WAY = 0.7  # of the way, by which its end is from its start
+_STEADY = 0.5, 3.0  # [N], and deviations, within which a force stays in free air
 _MOST = 100  # images of it that are kept
 _STAYED = 0.03, 0.1  # [m], and of a rotation matrix: an arm that has gone further may have left what it pressed
 _LEAST, _SHARE = 1.0, 0.3  # [N], and of the force before, by which a force that is kept may differ
@@ -151,11 +153,10 @@ class GraspCheck:
         square = float(way @ way)
         along = forces @ pressing
         rise = float(way @ along) / square  # [N/m]
-        noise = max(noise, float(np.std(along - rise * way)))  # over a surface that moves it changes by itself
         deviation = _CERTAIN * noise / square**0.5
         if rise - deviation > SOFTEST:  # it touches
             self._rows = None
-        elif rise + deviation < SOFTEST:
+        elif rise + deviation < SOFTEST and not _follows(heights, along - rise * way, noise):
             self._judge(forces.mean(axis=0), noise / len(heights) ** 0.5)
             self._rows = None
 
@@ -171,6 +172,12 @@ class GraspCheck:
             f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "
             "stiffness are wrong; initialize the grasp free of load"
         )
+
+
+def _follows(heights: Array, rest: Array, noise: float) -> bool:
+    """Whether the gripper follows a surface that moves: it turns back, or the force (less its rise) changes by itself."""
+    turns = abs(float(heights[-1] - heights[0])) < _ONE_WAY * float(heights.max() - heights.min())
+    return turns or float(np.std(rest)) > max(_STEADY[0], _STEADY[1] * noise)
 
 
 def _distance(a: Array, b: Array) -> float:
