@@ -136,3 +136,19 @@ def test_a_zero_that_is_kept_by_a_new_grasp_presses_on() -> None:
     bench.press(10.0)
     assert bench.run(3.0).mode == "contact"
     assert abs(bench.force - 10.0) < 0.1
+
+
+def test_a_table_that_is_followed_is_no_free_air() -> None:
+    """Enabled on a table that swings slowly: the gripper goes to and fro at the same force."""
+    bench = Bench(noise=NOISE).enabled()
+    bench.press(8.0)
+    bench.run(2.0)
+    bench.controller.hold(bench.t, "asked")
+    bench.run(0.1)
+    bench.controller.enable(bench.t)
+    bench.press(8.0)
+    since = bench.t
+    while bench.t < since + 3.0:
+        bench.table = 6e-3 * np.sin(2.0 * np.pi * 0.5 * (bench.t - since))
+        assert not bench.controller.grasp_check.reason
+        assert bench.step().mode != "holding", bench.state.reason

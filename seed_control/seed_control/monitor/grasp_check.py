@@ -53,6 +53,8 @@ class GraspCheck:
         self._gone: list[Array] = []  # force that each image of the new grasp lacks
         self._taken = False  # a new grasp has been taken since
         self._why = NEW_GRASP
+        self._touched: Array | None = None  # (3,) [m] place p_WC where it touched, as long as it has pressed since
+        self._free = False  # free air without a force was seen, and no touch since
         self._rows: tuple[Array, Array] | None = _NONE  # of an approach: p_WC [m], force, (N, 3); None: it is judged
 
     @property
@@ -65,8 +67,8 @@ class GraspCheck:
         self._doubt = why or self._doubt
 
     def restart(self) -> None:
-        """Enabled anew: an approach is to show again what it has shown."""
-        self._loaded, self._rows = "", _NONE
+        """Enabled anew: an approach is to show again what it has shown, unless it has pressed all along."""
+        self._loaded, self._rows = "", _NONE if self._touched is None else None
         if self._doubt:
             self._doubted = (
                 f"{self._doubt}, and the tool has not hung free since: lift it off by {1e3 * _LIFT:.0f} mm, so that "
@@ -80,7 +82,7 @@ class GraspCheck:
             self._before = tuple(m for m in images if _distance(m.X_WC[:3, 3], images[-1].X_WC[:3, 3]) <= _NEAR)
             self._taken = True
             self._recent.clear()
-        self._why, self._gone = why, []
+        self._why, self._gone, self._touched, self._free = why, [], None, False
         self._anew = ""
         if why:
             self._doubt = self._doubted = ""
@@ -99,6 +101,7 @@ class GraspCheck:
         if self._before:
             self._compare(m, stiffness)
         self._recent.append(m)
+        self._follow_touch(m, stiffness)
         if pressing is not None:
             self._pressed = pressing
         elif self._doubt and self._pressed is not None:
@@ -155,16 +158,27 @@ class GraspCheck:
         rise = float(way @ along) / square  # [N/m]
         deviation = _CERTAIN * noise / square**0.5
         if rise - deviation > SOFTEST:  # it touches
-            self._rows = None
+            self._rows, self._touched = None, m.X_WC[:3, 3]
         elif rise + deviation < SOFTEST and not _follows(heights, along - rise * way, noise):
             self._judge(forces.mean(axis=0), noise / len(heights) ** 0.5)
             self._rows = None
+
+    def _follow_touch(self, m: Measurement, stiffness: float) -> None:
+        """Whether the tool has pressed ever since it came out of free air."""
+        force = m.on_environment.force
+        presses = float(force @ force) > max(_LEAST, _NOISE * stiffness * m.variance**0.5) ** 2
+        if self._touched is None:
+            if self._free and presses:
+                self._touched, self._free = m.X_WC[:3, 3], False
+        elif self._doubt or not presses or _distance(m.X_WC[:3, 3], self._touched) > _STAYED[0]:
+            self._touched = None
 
     def _judge(self, force: Array, deviation: float) -> None:
         """A force (3,) [N] that was seen in free air."""
         size = float(np.sqrt(force @ force))
         if size <= self._most + _NOISE * deviation:
             self._doubt = self._doubted = ""
+            self._free = True
             return
         hung = float(np.abs(force + np.array((0.0, 0.0, self.weight))).max()) < _ALIKE * self.weight
         why = f"the grasp was taken while the tool hung ({self.weight:.1f} N)" if hung else "the grasp was loaded then"
@@ -175,7 +189,7 @@ class GraspCheck:
 
 
 def _follows(heights: Array, rest: Array, noise: float) -> bool:
-    """Whether the gripper follows a surface that moves: it turns back, or the force (less its rise) changes by itself."""
+    """Whether the gripper follows a surface that moves: it turns back, or the `rest` of the force changes by itself."""
     turns = abs(float(heights[-1] - heights[0])) < _ONE_WAY * float(heights.max() - heights.min())
     return turns or float(np.std(rest)) > max(_STEADY[0], _STEADY[1] * noise)
 
