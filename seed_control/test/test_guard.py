@@ -48,6 +48,15 @@ def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     assert "the tool slides in the grasp" in reason
 
 
+def test_a_tool_that_lags_as_it_is_enabled_may_come_after() -> None:
+    travel = still(BOUND)
+    went(travel, (0.0, 0.0, 0.0))
+    travel.image([0.4], [False], [0.01], [0.4])  # all of it friction, which goes as it wipes
+    travel.image([0.0], [False], [0.01], [0.0])
+    assert went(travel, (0.0, 0.0, 0.0555)) == ""
+    assert went(travel, (0.0, 0.0, 0.0565)) != ""
+
+
 def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
     for share, settled, anew in ((1.0, True, True), (0.8, False, True), (0.6, False, False)):
         travel = still(BOUND)

@@ -25,7 +25,8 @@ class _Way:
         self.start, self.best, self.last = start, 0.0, start
         self.share = 0.0  # of the wanted force, in the last image
         self.time = 0.0  # [s] since the start
-        self.first = self.deflection = 0.0  # [m] of the grasp, at the start, and now by what is in the way
+        self.first: float | None = None  # [m] deflection of the grasp at the start, by which a tool may come after
+        self.deflection = 0.0  # [m] now, by what is in the way
 
 
 class FreeTravel:
@@ -63,6 +64,8 @@ class FreeTravel:
             return
         for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
             way.share = share
+            if way.first is None:  # enabled while it rubs: the tool lags already
+                way.first = max(share, 0.0) * whole
             way.deflection = min(max(share - _RUBS * rubs, 0.0), _REACHED) * whole
             if share < _OVER:
                 way.best = 0.0
@@ -96,7 +99,7 @@ class FreeTravel:
                 0.0 if not speed else abs(speed) * dt + self._stopping(abs(speed)) + _UNSEEN
             )  # a step more, and to rest
             rests = gone + (ahead if speed > 0.0 else -ahead)
-            if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - way.first:
+            if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - (way.first or 0.0):
                 return self._reason(_words(along), way.share)
             way.time += dt
             if way.time > _LONG:
