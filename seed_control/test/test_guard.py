@@ -88,6 +88,7 @@ def test_the_gripper_goes_further_than_a_tool_that_something_stops() -> None:
     for across, share, further in ((0.0, 0.4, True), (0.1, 0.4, True), (1.2, 0.4, False), (0.0, 0.0, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0))
+        travel.image([0.0], [False], [0.016], [0.0])
         travel.image([share], [False], [0.016], [across])
         assert (went(travel, (0.0, 0.0, 0.064)) == "") == further
 
