@@ -156,12 +156,14 @@ class _Pages(threading.Thread):
         time.sleep(self._seconds)
         passed = time.monotonic() - began
         used = usage(page)
+        pictures, drawing = _pictures(shown) - drawn, sum(map(cpu_time, browser)) - drawing
         return {
             "real_time_factor": float(np.mean(self._factors[factors:] or [np.nan])),
             "page_cores": (cpu_time(page) - spent) / passed,
             "page_MB": used.rss if used is not None else np.nan,
-            "pictures_per_s": (_pictures(shown) - drawn) / passed,
-            "browser_cores": (sum(map(cpu_time, browser)) - drawing) / passed,
+            "pictures_per_s": pictures / passed,
+            "browser_cores": drawing / passed,
+            "browser_ms_per_picture": 1e3 * drawing / pictures if pictures else np.nan,
             "load": os.getloadavg()[0],
         }
 
