@@ -5,6 +5,7 @@ algorithm2.py   the paper's main algorithm, which every law shares
 law/            the laws: published.py (Algorithm 2, hybrid by the partial inverses of Sec. V-C, partial_inverse.py)
                 and hybrid.py (the same with what a real arm needs; the default law `seed`)
 controller.py   set-points: checks -> law -> flange command (and limiter); images: inputs -> wrench estimate -> law
+supervisor.py   what may make it hold: monitor/ (the estimate), command/ (the motion); report.py: what it then tells
 setpoint/       what may be asked, and its checks    wrench/   images to wrenches    command/   motion limits
 tasks/          YAML files to set-points             payload/  mass of the tool      ros/       the node
 """

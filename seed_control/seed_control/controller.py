@@ -2,6 +2,7 @@
 """The controller: Algorithm 2 and hybrid control in a loop that knows when to stop.
 
 A set-point goes checks -> law -> flange command (which owns the limiter), an image inputs -> wrench estimate -> law.
+The supervisor looks at all of it and may make it hold; report.py tells what came of a step.
 
 Inputs come with their own stamps, time comes as an argument, and nothing moves before `enable`. When the estimate or
 the kinematics go stale or invalid it decelerates to a hold, latched with the reason, until it is enabled again.
@@ -14,30 +15,24 @@ import numpy as np
 
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
-from seed_control.command.guard import Guard
-from seed_control.command.relief import Relief
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
-from seed_control.monitor.contact.contact_watch import ContactWatch
-from seed_control.monitor.grasp_check import GraspCheck
-from seed_control.monitor.plausible import Frozen, Jumped
 from seed_control.monitor.pressure_check import PressureCheck
-from seed_control.monitor.references import References
-from seed_control.monitor.stamp_step import StampStep
 from seed_control.parameters import LIVE, ControllerParameters
+from seed_control.report import describe
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
-from seed_control.state import ControllerState, ControlOutput, Counting, Mode
-from seed_control.wrench.estimate import Measurement, WrenchEstimator
-from seed_control.wrench.inputs import MOST_BAD, Inputs
-from seed_control.wrench.knowledge import WrenchKnowledge
+from seed_control.state import ControllerState, ControlOutput, Counting
+from seed_control.supervisor import Supervisor
+from seed_control.wrench.estimate import WrenchEstimator
+from seed_control.wrench.inputs import Inputs
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import checked
 from seed_core.errors import SeedError
-from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array, Wrench
-from seed_core.vector3 import ZERO, as_vector3
+from seed_core.vector3 import as_vector3
 from seed_core.wrench_model import WrenchModel
 from seed_core.wrench_settings import ReferenceSettings
 
@@ -58,12 +53,9 @@ class Controller:
 
     Attributes:
         wrench_estimator: the stiffness map in use, with the tool's weight.
-        references: what the wrench is checked against, and corrected by.
         law: what turns set-points and images into gripper poses.
         checks: of set-points; `checks.clock_problem` says why force must wait for the clocks.
-        pressure: whether the bubbles' pressures are those of the identification.
-        grasp_check: what speaks against the zero of this grasp.
-        watch: what the contact says about clocks and swings. stamps: whether the images' clock was set back.
+        supervisor: what may make it hold.
     """
 
     def __init__(
@@ -93,25 +85,16 @@ class Controller:
         law = LAW_CLASSES[p.law]
         self._counting = Counting("not enabled yet")
         self._inputs = Inputs(p, law.synchronised, self._counting)
-        self._still, self._jumped = Frozen(), Jumped(p)
         self.wrench_estimator = WrenchEstimator(
             tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model
         )
         self.checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)
-        self._known = WrenchKnowledge(self.wrench_estimator)
-        checks = checked(references or ReferenceSettings(), "reference")
-        if not law.gravity:  # the paper's law has the paper's wrench
-            checks = replace(checks, correct=False)
-        self.references = References(checks, hand, tool, self.wrench_estimator)
-        self.pressure = pressure or PressureCheck()
         self._command = FlangeCommand(p, hand.X_EC)
-        self._guard = Guard(p, self._counting, self._command.stopping)
-        self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
-        self.watch = ContactWatch(p, hand.X_EC[:3, 3])
-        self.stamps = StampStep(p.max_stamp_error)
-        self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
-        self._held_at = ZERO  # [m] commanded place at which it came to hold
+        self.supervisor = Supervisor(
+            p, hand, tool, self.law, self._inputs, self._command, self._counting, references, pressure
+        )
+        self._guard = self.supervisor.guard
         self._setpoint: Setpoint | None = None
         self._now, self._step = -inf, 1.0 / p.rate  # [s]
         self._state = self._describe(-inf)
@@ -125,20 +108,8 @@ class Controller:
 
         While force, torque or a displacement is controlled on an axis that it does not observe, it counts as invalid.
         """
-        inputs = self._inputs
-        still = self._still.check(estimate, inputs.estimate, inputs.history)
-        unknown = self._unobserved(estimate) or still or self.wrench_estimator.why_unknown(estimate)
-        jump = "" if unknown else self._jump(estimate)
-        self._check_stamp(estimate.stamp)
-        good = inputs.add_estimate(estimate, unknown or jump)
-        if good:
-            self.pressure.update(estimate)
-            self._guard.hold(self.pressure.reason)
-        if inputs.bad_in_a_row >= MOST_BAD:
-            self._guard.hold(inputs.why_bad)
-            self.references.new_grasp()
-            if jump or NEW_GRASP in inputs.why_bad:
-                self.grasp_check.new_grasp("" if jump else NEW_GRASP)
+        good = self.supervisor.add_estimate(estimate, self._unobserved(estimate), self._now)
+        self.checks.stamp_problem = self.supervisor.stamps.reason
         return good
 
     def refused(self, kind: str, why: str) -> None:
@@ -151,7 +122,7 @@ class Controller:
         Raises:
             SeedError: it cannot be used.
         """
-        self.references.arm.add(stamp, load)
+        self.supervisor.references.arm.add(stamp, load)
 
     def enable(self, t: float) -> None:
         """Allow motion, from where the arm is; also clears a hold.
@@ -171,12 +142,7 @@ class Controller:
         self._command.start_from(here)
         self._setpoint = None
         self.law.release()
-        self.watch.restart()
-        self.grasp_check.restart()
-        self._relief.restart()
-        self._still.restart()
-        self._jumped.restart()
-        self._guard.enable(True)
+        self.supervisor.restart()
         self._inputs.count_from(t)
         self._state = self._describe(t)  # a task may be asked for before the next step
 
@@ -186,7 +152,7 @@ class Controller:
         return {
             "pose": f"no flange pose (current_pose) within the last 0.1 s{self._inputs.why_no_pose}" if lacks else "",
             "estimate": "" if lacks else self._inputs.staleness(t),
-            "pressure": self.pressure.reason,
+            "pressure": self.supervisor.pressure.reason,
         }
 
     def hold(self, t: float, reason: str) -> None:
@@ -264,7 +230,7 @@ class Controller:
         self._now = t
         if set_back := self._inputs.set_back(t):
             self._guard.hold(set_back)
-            self.stamps.restart()
+            self.supervisor.stamps.restart()
             self.checks.stamp_problem = ""
         if not self._command.started:
             if not len(self._inputs.history):
@@ -273,14 +239,7 @@ class Controller:
             self._command.start_from(self._inputs.history.newest())
         self._take_image(t)
         self.wrench_estimator.advance(t)
-        guard, law = self._guard, self.law
-        if guard.following:
-            stale = self._inputs.staleness(t)
-            if stale:
-                guard.hold(stale)
-            command = self._command
-            X_WC = self._inputs.history.newest() @ self._X_EC
-            guard.check_motion(command.p_WC, law.plan, X_WC, command.lead, self._step)  # the last one's motion
+        self.supervisor.check_motion(t, self._step)
         limits = self._move(t, dt)
         self._step = dt
         self._state = self._describe(t, limits)
@@ -297,63 +256,15 @@ class Controller:
         self.law.image(m, loop_time=min(t - estimate.stamp + 0.5 * frame + self._command.lead, 0.5))
         if self.law.setpoint is not None:
             self._command.turn_to(self.law.plan.X_WC[:3, :3])
-        if self.law.contact.lost > self._counting.counters.contacts_lost:
-            self._counting.count("contacts_lost")
-        self._check_force(m)
-        if self._known.update(m, self.law.plan.R_W_task):
-            self.references.update(m, self._known.by_pose, self.law.contact.anywhere, t)
-            self._guard.hold(self.references.why_hold)
-        self.watch.update(m, self.law, self._inputs.history)
-        self._guard.hold(self.watch.reason)
-        self.grasp_check.update(m, self._pressing(), self.wrench_estimator.mean_stiffness)
-        if self._guard.following and self.law.regulates_force:
-            self._guard.hold(self.grasp_check.reason)
-
-    def _check_force(self, m: Measurement) -> None:
-        """What the newest image says against going on."""
-        law, guard, k = self.law, self._guard, self.wrench_estimator.mean_stiffness
-        if law.regulates_force:
-            wanted = law.plan.wanted @ law.plan.normals
-            self._relief.image(m.on_environment.force, wanted, k * m.variance**0.5)
-            if guard.held:
-                self._relief.give_way(k, m.X_WC[:3, 3], self._held_at)
-        guard.check_overload(m)
-        guard.free_travel.image(*law.shares())
-        if guard.following and law.setpoint is not None:
-            guard.check_unexpected(m, law.plan, self.grasp_check.weight)
-
-    def _jump(self, estimate: RelativePoseEstimate) -> str:
-        """Why an estimate does not go on from the last one, while force is controlled; '' if it does."""
-        law, m = self.law, self.law.measured
-        if m is None or not (estimate.valid and self._guard.following and law.regulates_force):
-            return ""
-        known = self.wrench_estimator
-        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
-        self.grasp_check.doubt(self._jumped.newest)
-        return why
-
-    def _check_stamp(self, stamp: float) -> None:
-        """No force while images are dated by a clock that was set back."""
-        self.stamps.update(stamp, self._now)
-        self.checks.stamp_problem = self.stamps.reason
-        if self.law.regulates_force:
-            self._guard.hold(self.stamps.reason)
-
-    def _pressing(self) -> Array | None:
-        """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""
-        plan = self.law.plan
-        if len(plan.normals) != 1 or not self._guard.following or not plan.wanted[0] or not self.law.gravity:
-            return None
-        n: Array = plan.normals[0]
-        return n if plan.wanted[0] > 0.0 else -n
+        self.supervisor.image(m, t)
 
     def _move(self, t: float, dt: float) -> tuple[str, ...]:
         """Move the command on; returns the names of the limits that it met."""
         command, law, setpoint, m = self._command, self.law, self._setpoint, self.law.measured
         if not self._guard.following or setpoint is None or m is None:
-            if self._relief.way and self._guard.enabled:
-                return command.towards(self._relief.target(self._held_at), dt, self.parameters.max_speed)
-            self._held_at = command.p_WC
+            back = self.supervisor.retreat(command.p_WC)
+            if back is not None:
+                return command.towards(back, dt, self.parameters.max_speed)
             command.stop(dt)
             return ()
         command.compare(self._inputs.history.newest(), dt)
@@ -381,45 +292,5 @@ class Controller:
         """The state after the last step."""
         return self._state
 
-    def _mode(self, held: str) -> Mode:
-        if not self._guard.enabled:
-            return "disabled"
-        if held:
-            return "holding"
-        if self._setpoint is None:
-            return "idle"
-        if not self.law.regulates_force:  # nor does a relative pose
-            return "position"
-        return "contact" if self.law.contact.made else "approach"
-
-    def _worth_telling(self) -> str:
-        """What does not hold, but explains what is seen."""
-        return self._guard.free_travel.warning or self._still.warning or self.watch.warning or self._jumped.warning
-
     def _describe(self, t: float, limits: tuple[str, ...] = ()) -> ControllerState:
-        law, plan, held, setpoint = self.law, self.law.plan, self._guard.held, self._setpoint
-        mode, m, hybrid = self._mode(held), law.measured, law.setpoint
-        return ControllerState(
-            stamp=t,
-            mode=mode,
-            enabled=self._guard.enabled,
-            setpoint_kind=setpoint.kind if setpoint is not None else "",
-            desired=hybrid.wrench if hybrid is not None else None,
-            estimated=law.estimated_task,
-            filtered=law.filtered_task,
-            told=m.told if m is not None else None,
-            deviation=self._known.deviation,
-            covariance=self._known.covariance,
-            contradictions=self.references.contradictions,
-            doubt=m.doubt if m is not None else "",
-            desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
-            measured_X_CT=m.X_CT if m is not None else None,
-            X_W_tip=law.X_W_tip,
-            R_W_task=plan.R_W_task,
-            limits_hit=limits,
-            reason=held or self._counting.remark or self._worth_telling(),
-            in_contact=law.contact.made,
-            settled=mode == "contact" and law.settled,
-            image_age=t - m.stamp if m is not None else inf,
-            counters=self._counting.counters,
-        )
+        return describe(t, self._setpoint, limits, self.law, self.supervisor, self._counting)

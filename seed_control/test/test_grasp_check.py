@@ -65,7 +65,7 @@ def test_a_grasp_free_of_load_presses(k_table: float, scale: float) -> None:
         bench.press(force)
         state = bench.run(1.5)
         assert state.mode != "holding", state.reason  # a stiff grasp approaches slowly
-        assert not bench.controller.grasp_check.reason
+        assert not bench.controller.supervisor.grasp_check.reason
 
 
 @pytest.mark.parametrize(("force", "noise"), [(10.0, 1e-9), (3.5, NOISE)])

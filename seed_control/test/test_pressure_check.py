@@ -72,7 +72,7 @@ def test_nobody_asks_where_nothing_was_identified() -> None:
 
 def test_the_arm_holds_and_is_not_enabled_again() -> None:
     bench = Bench().enabled()
-    bench.controller.pressure = PressureCheck(GRIPS)
+    bench.controller.supervisor.pressure = PressureCheck(GRIPS)
     bench.press(5.0)
     bench.run(0.2)
     assert bench.state.mode == "approach"

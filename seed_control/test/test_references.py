@@ -96,7 +96,7 @@ def test_a_grasp_taken_while_the_tool_hung_is_told_in_free_space_and_tared() -> 
     assert bench.state.mode == "holding"
     assert "the tool hung (2.0 N)" in bench.state.reason
     assert max(bench.forces) == 0.0
-    assert bench.controller.references.correction.active
+    assert bench.controller.supervisor.references.correction.active
     pressing(bench, force=8.0, seconds=3.0)
     assert bench.state.mode == "contact"
     assert "tool's weight of 1.96 N along the tool's z" in bench.state.contradictions[0]
@@ -121,11 +121,11 @@ def test_a_tool_that_was_carried_until_the_arm_moved_off_is_not_tared(still: flo
             given = min(given + DT / lets_go, 1.0)
         bench.X_TT_new = make_pose(p=(1.0 - given) * carried[:3, 3])
         bench.step()
-        seen |= bench.controller.references.correction.active
+        seen |= bench.controller.supervisor.references.correction.active
         assert bench.t < 8.0, bench.state.reason
     bench.run(3.0)
     assert not seen
-    assert not bench.controller.references.correction.active
+    assert not bench.controller.supervisor.references.correction.active
     assert not bench.state.contradictions  # what was told while it stood in the holder is taken back
     assert_allclose(bench.forces[-round(0.5 / DT) :], 10.0, atol=0.1)  # 8 N if it was tared
 
@@ -137,7 +137,7 @@ def test_a_touch_is_not_tared() -> None:
     bench.run(3.0)
     assert bench.force > 2.0
     assert "hanging free" in " ".join(bench.state.contradictions)
-    assert not bench.controller.references.correction.active
+    assert not bench.controller.supervisor.references.correction.active
 
 
 @pytest.mark.parametrize(("seconds", "what"), [(0.3, "is silent: none for"), (0.0, "is stuck: the very same reading")])

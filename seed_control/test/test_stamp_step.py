@@ -43,7 +43,7 @@ def test_images_that_come_late_are_no_clock_that_was_set_back() -> None:
     for delay in (0.1, 0.15, 0.2):
         bench.delay = delay
         bench.run(0.3)
-        assert not bench.controller.stamps.reason
+        assert not bench.controller.supervisor.stamps.reason
     assert bench.state.mode == "contact"
 
 
@@ -51,4 +51,4 @@ def test_one_image_that_another_has_overtaken_does_not_hold() -> None:
     bench, count = pressing(), iter(range(1000))
     bench.told = lambda estimate: dated_early(estimate) if next(count) % 10 < 2 else estimate
     assert bench.run(1.0).mode == "contact"
-    assert not bench.controller.stamps.reason
+    assert not bench.controller.supervisor.stamps.reason

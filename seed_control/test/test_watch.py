@@ -37,7 +37,7 @@ def test_stamp_error_is_measured_while_the_force_is_built_up(error: float) -> No
     bench = Bench(stamp_error=error, noise=NOISE, delay=0.06).enabled()
     bench.press(10.0)
     bench.run(1.8)
-    late = bench.controller.watch.late
+    late = bench.controller.supervisor.watch.late
     assert late.error is not None
     assert abs(late.error - error) < max(3.0 * late.deviation, 0.003)
     assert late.deviation < 0.012
@@ -51,7 +51,7 @@ def test_soft_environment_is_not_taken_for_a_wrong_clock(k_table: float) -> None
     bench = Bench(k_table=k_table, noise=NOISE).enabled()
     bench.press(10.0)
     bench.run(2.0)
-    late = bench.controller.watch.late
+    late = bench.controller.supervisor.watch.late
     assert late.error is None or abs(late.error) < 0.015  # None: contact came too gradually to tell
     assert not late.reason
 
@@ -101,7 +101,7 @@ def test_bumps_say_nothing_about_clocks_and_are_no_swing(foretold: bool) -> None
         bench = wiping(Bench(bumps=(1e-3, wavelength), noise=NOISE, parameters=p).enabled(), 4.0)
         assert foretold or np.ptp(bench.forces[-500:]) > 0.5  # they are felt
         assert bench.state.mode == "contact", bench.state.reason
-        assert not bench.controller.watch.late.warning
+        assert not bench.controller.supervisor.watch.late.warning
 
 
 def test_force_that_swings_by_itself_makes_it_hold() -> None:

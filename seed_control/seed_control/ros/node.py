@@ -329,7 +329,7 @@ class ControllerNode(SeedNode):
             values |= diagnostics.percentiles_ms("period", self.loop.periods, 3) | {"overruns": self.loop.overruns}
         skew = self._estimator_clock.skew
         values |= self._estimator_clock.values() | {"clocks": self.clocks.remark}
-        late = self.core.watch.late
+        late = self.core.supervisor.watch.late
         if late.error is not None:
             values |= {"stamp_error_ms": 1e3 * late.error, "stamp_error_deviation_ms": 1e3 * late.deviation}
         doubts = "; ".join(filter(None, (skew.problem or skew.doubt, late.warning, *state.contradictions, state.doubt)))

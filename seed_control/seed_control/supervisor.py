@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may stop the controller: every check of estimates, images and motion, on the one latch of the guard.
+
+The checks themselves are in monitor/ (what speaks against the estimate) and command/ (what speaks against the motion).
+"""
+
+from dataclasses import replace
+
+from seed_control.command.flange_command import FlangeCommand
+from seed_control.command.guard import Guard
+from seed_control.command.relief import Relief
+from seed_control.law.published import PublishedLaw
+from seed_control.monitor.contact.contact_watch import ContactWatch
+from seed_control.monitor.grasp_check import GraspCheck
+from seed_control.monitor.plausible import Frozen, Jumped
+from seed_control.monitor.pressure_check import PressureCheck
+from seed_control.monitor.references import References
+from seed_control.monitor.stamp_step import StampStep
+from seed_control.parameters import ControllerParameters
+from seed_control.state import Counting
+from seed_control.wrench.estimate import Measurement
+from seed_control.wrench.inputs import MOST_BAD, Inputs
+from seed_control.wrench.knowledge import WrenchKnowledge
+from seed_core.config import checked
+from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
+from seed_core.hand import Hand, Tool
+from seed_core.spatial import Array
+from seed_core.vector3 import ZERO, Vector3
+from seed_core.wrench_settings import ReferenceSettings
+
+
+class Supervisor:
+    """Looks at what the law has seen and done. It holds; how the arm then comes to rest is the controller's.
+
+    Attributes:
+        guard: whether the arm may move.
+        references: what the wrench is checked against, and corrected by.
+        pressure: whether the bubbles' pressures are those of the identification.
+        grasp_check: what speaks against the zero of this grasp.
+        watch: what the contact says about clocks and swings.
+        stamps: whether the images' clock was set back.
+        known: how well the wrench is known.
+    """
+
+    def __init__(
+        self,
+        parameters: ControllerParameters,
+        hand: Hand,
+        tool: Tool,
+        law: PublishedLaw,
+        inputs: Inputs,
+        command: FlangeCommand,
+        counting: Counting,
+        references: ReferenceSettings | None = None,
+        pressure: PressureCheck | None = None,
+    ) -> None:
+        """references, pressure: see the controller. The rest: what is looked at."""
+        p, self._law, self._inputs, self._command, self._counting = parameters, law, inputs, command, counting
+        self._X_EC, self._wrench_estimator = hand.X_EC, law.wrench_estimator
+        self.guard = Guard(p, counting, command.stopping)
+        settings = checked(references or ReferenceSettings(), "reference")
+        if not law.gravity:  # the paper's law has the paper's wrench
+            settings = replace(settings, correct=False)
+        self.references = References(settings, hand, tool, self._wrench_estimator)
+        self.pressure = pressure or PressureCheck()
+        self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
+        self.watch = ContactWatch(p, hand.X_EC[:3, 3])
+        self.stamps = StampStep(p.max_stamp_error)
+        self.known = WrenchKnowledge(self._wrench_estimator)
+        self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
+        self._held_at = ZERO  # [m] commanded place of C at which it came to hold
+        self._still, self._jumped = Frozen(), Jumped(p)
+
+    def restart(self) -> None:
+        """Enabled anew: what was seen before is over."""
+        self.watch.restart()
+        self.grasp_check.restart()
+        self._relief.restart()
+        self._still.restart()
+        self._jumped.restart()
+        self.guard.enable(True)
+
+    @property
+    def warning(self) -> str:
+        """What does not hold, but explains what is seen; '' for nothing."""
+        return self.guard.free_travel.warning or self._still.warning or self.watch.warning or self._jumped.warning
+
+    def add_estimate(self, estimate: RelativePoseEstimate, unobserved: str, t: float) -> bool:
+        """Check an estimate and hand it to the inputs; whether it may be used. Too many bad ones in a row hold.
+
+        Args:
+            unobserved: what is controlled that it does not observe, which makes it invalid; '' for nothing.
+            t: [s] of the last step.
+        """
+        inputs = self._inputs
+        still = self._still.check(estimate, inputs.estimate, inputs.history)
+        unknown = unobserved or still or self._wrench_estimator.why_unknown(estimate)
+        jump = "" if unknown else self._jump(estimate)
+        self.stamps.update(estimate.stamp, t)
+        if self._law.regulates_force:  # no force while images are dated by a clock that was set back
+            self.guard.hold(self.stamps.reason)
+        good = inputs.add_estimate(estimate, unknown or jump)
+        if good:
+            self.pressure.update(estimate)
+            self.guard.hold(self.pressure.reason)
+        if inputs.bad_in_a_row >= MOST_BAD:
+            self.guard.hold(inputs.why_bad)
+            self.references.new_grasp()
+            if jump or NEW_GRASP in inputs.why_bad:
+                self.grasp_check.new_grasp("" if jump else NEW_GRASP)
+        return good
+
+    def image(self, m: Measurement, t: float) -> None:
+        """Look at an image that the law has taken in, at time t [s]."""
+        law, guard = self._law, self.guard
+        if law.contact.lost > self._counting.counters.contacts_lost:
+            self._counting.count("contacts_lost")
+        self._check_force(m)
+        if self.known.update(m, law.plan.R_W_task):
+            self.references.update(m, self.known.by_pose, law.contact.anywhere, t)
+            guard.hold(self.references.why_hold)
+        self.watch.update(m, law, self._inputs.history)
+        guard.hold(self.watch.reason)
+        self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
+        if guard.following and law.regulates_force:
+            guard.hold(self.grasp_check.reason)
+
+    def check_motion(self, t: float, dt: float) -> None:
+        """Per step at t [s], before it moves: inputs that went stale, and the motion of the last step, of dt [s]."""
+        guard, command = self.guard, self._command
+        if guard.following:
+            guard.hold(self._inputs.staleness(t))
+            X_WC = self._inputs.history.newest() @ self._X_EC
+            guard.check_motion(command.p_WC, self._law.plan, X_WC, command.lead, dt)
+
+    def retreat(self, p_WC: Vector3) -> Vector3 | None:
+        """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""
+        if self._relief.way and self.guard.enabled:
+            return self._relief.target(self._held_at)
+        self._held_at = p_WC
+        return None
+
+    def _check_force(self, m: Measurement) -> None:
+        """What the newest image says against going on."""
+        law, guard, k = self._law, self.guard, self._wrench_estimator.mean_stiffness
+        if law.regulates_force:
+            wanted = law.plan.wanted @ law.plan.normals
+            self._relief.image(m.on_environment.force, wanted, k * m.variance**0.5)
+            if guard.held:
+                self._relief.give_way(k, m.X_WC[:3, 3], self._held_at)
+        guard.check_overload(m)
+        guard.free_travel.image(*law.shares())
+        if guard.following and law.setpoint is not None:
+            guard.check_unexpected(m, law.plan, self.grasp_check.weight)
+
+    def _jump(self, estimate: RelativePoseEstimate) -> str:
+        """Why an estimate does not go on from the last one, while force is controlled; '' if it does."""
+        law, m = self._law, self._law.measured
+        if m is None or not (estimate.valid and self.guard.following and law.regulates_force):
+            return ""
+        known = self._wrench_estimator
+        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
+        self.grasp_check.doubt(self._jumped.newest)
+        return why
+
+    def _pressing(self) -> Array | None:
+        """Direction (3,) of the wanted force in W, where it is along a single one and weight counts; None elsewhere."""
+        plan = self._law.plan
+        if len(plan.normals) != 1 or not self.guard.following or not plan.wanted[0] or not self._law.gravity:
+            return None
+        n: Array = plan.normals[0]
+        return n if plan.wanted[0] > 0.0 else -n
