@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from seed_core.errors import SeedError
 from seed_core.spatial import Array, interpolate_pose, inverse_pose, so3_log
 from seed_estimation.calibration.file import Calibration
 from seed_sim.scenario import Scenario
@@ -17,6 +18,7 @@ from seed_sysid.run.excitation import design
 
 _ROBOT = 0.008  # [s] between poses of the arm
 _DURATION = 7.0  # [s] of motion
+_SHARES = 1.0, 0.6  # [1] of the motion: where the tool slips in the first, it is grasped anew and moved less
 
 
 def compare_clocks(
@@ -34,10 +36,22 @@ def compare_clocks(
     Raises:
         SeedError: the estimator does not see the grasp, or the clocks cannot be told.
     """
+    for share in _SHARES[:-1]:
+        try:
+            return _compared(share, believed, world, seed, method, calibration)
+        except SeedError:
+            continue
+    return _compared(_SHARES[-1], believed, world, seed, method, calibration)
+
+
+def _compared(
+    share: float, believed: Scenario, world: World, seed: int, method: str, calibration: Calibration | None
+) -> ClockOffset:
+    """The same in a share of the motion."""
     cameras, period = WorldCameras(believed, world, seed), 1.0 / believed.measurement.rate
     estimator = make_estimator(believed, cameras, calibration, method, period)
     take_grasp(estimator, cameras, np.eye(4), 0.0, period)
-    times, X_TC = motion(Procedure())
+    times, X_TC = motion(Procedure(), share)
     X_KC = inverse_pose(believed.hand.X_EC) @ true_hand(believed.hand, world).X_EC
     watch = ClockWatch()
     for t, X in zip(times, X_TC, strict=True):
@@ -59,13 +73,13 @@ def compare_clocks(
     return watch.offset()
 
 
-def motion(procedure: Procedure) -> tuple[list[float], list[Array]]:
-    """Times [s] and X_TC (4, 4) of the way between the first poses of a procedure, rests left out.
+def motion(procedure: Procedure, share: float = 1.0) -> tuple[list[float], list[Array]]:
+    """Times [s] and X_TC (4, 4) of the way between the first poses of a procedure, each by a share; rests left out.
 
     At both ends it rests for as long as offsets are looked for.
     """
     p = procedure
-    targets = [t.X_TC for t in design(p.excitation, p.limits, p.fit.model)]
+    targets = [interpolate_pose(np.eye(4), t.X_TC, share) for t in design(p.excitation, p.limits, p.fit.model)]
     poses = [targets[0]] * int(FARTHEST / _ROBOT)
     for a, b in pairwise(targets):
         way = float(np.linalg.norm(b[:3, 3] - a[:3, 3])) / p.motion.speed
