@@ -163,7 +163,7 @@ class _Pages(threading.Thread):
             "page_MB": used.rss if used is not None else np.nan,
             "pictures_per_s": pictures / passed,
             "browser_cores": drawing / passed,
-            "browser_ms_per_picture": 1e3 * drawing / pictures if pictures else np.nan,
+            "browser_ms_per_picture": 1e3 * drawing / max(pictures, 1),
             "load": os.getloadavg()[0],
         }
 
