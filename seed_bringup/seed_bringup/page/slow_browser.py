@@ -41,9 +41,13 @@ SCRIPT = """<script>
       const frame = request((t) => { waiting.delete(id); last = Math.max(last, t); callback(t); });
       waiting.set(id, () => cancel(frame));
     };
-    const now = performance.now();
-    const timer = setTimeout(draw, now < OPENING ? 0 : Math.max(0, last + PERIOD - now));
-    waiting.set(id, () => clearTimeout(timer));
+    const now = performance.now(), wait = now < OPENING ? 0 : last + PERIOD - now;
+    if (wait > 0) {
+      const timer = setTimeout(draw, wait);
+      waiting.set(id, () => clearTimeout(timer));
+    } else {
+      draw();  // at once: a busy browser may be late with a timer
+    }
     return id;
   };
   window.cancelAnimationFrame = (id) => {
