@@ -150,5 +150,5 @@ def test_a_table_that_is_followed_is_no_free_air() -> None:
     since = bench.t
     while bench.t < since + 3.0:
         bench.table = 6e-3 * np.sin(2.0 * np.pi * 0.5 * (bench.t - since))
-        assert not bench.controller.grasp_check.reason
+        assert not bench.controller.supervisor.grasp_check.reason
         assert bench.step().mode != "holding", bench.state.reason
