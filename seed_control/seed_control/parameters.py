@@ -79,7 +79,7 @@ class ControllerParameters(MotionLimits):
         0.4, low=0.0, high=2.0, doc="of the tool on what it presses, against which the grasp must not tip"
     )
     # inputs
-    estimate_timeout: float = field(0.15, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
+    estimate_timeout: float = field(0.14, unit="s", low=0.02, high=2.0, doc="longest gap between estimates")
     max_estimate_age: float = field(0.3, unit="s", low=0.02, high=2.0, doc="oldest image that is still used")
     kinematics_timeout: float = field(0.1, unit="s", low=0.01, high=1.0, doc="longest gap between flange poses")
     max_unloaded_force: float = field(

@@ -41,6 +41,7 @@ def describe(
         desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
         measured_X_CT=m.X_CT if m is not None else None,
         X_W_tip=law.X_W_tip,
+        lean=law.lean if hybrid is not None else None,
         R_W_task=plan.R_W_task,
         limits_hit=limits,
         reason=held or counting.remark or supervisor.warning,

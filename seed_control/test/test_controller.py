@@ -463,7 +463,7 @@ def lose(bench: Bench, *axes: int) -> None:
 @pytest.mark.parametrize("image_rate", [45.0, 12.0])
 @pytest.mark.parametrize("task_frame", ["world", "tool"])
 def test_a_force_direction_that_is_lost_while_pressing_makes_it_hold(image_rate: float, task_frame: str) -> None:
-    parameters = ControllerParameters(estimate_timeout=0.5 if image_rate > 40.0 else 0.15)
+    parameters = ControllerParameters(estimate_timeout=0.5 if image_rate > 40.0 else 0.14)
     bench = Bench(image_rate=image_rate, parameters=parameters).enabled()
     sign = -1.0 if task_frame == "world" else 1.0
     wrench = Wrench(np.zeros(3), np.array((0.0, 0.0, sign * 10.0)))

@@ -51,4 +51,4 @@ def test_a_limit_out_of_its_bounds_is_refused_and_what_is_no_limit_stays() -> No
     with pytest.raises(ConfigError, match="max_force"):
         lower(bench, max_force=-1.0)
     lower(bench, estimate_timeout=1.0)
-    assert bench.controller.parameters.estimate_timeout == 0.15
+    assert bench.controller.parameters.estimate_timeout == 0.14

@@ -236,7 +236,7 @@ def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell])
     client.create_subscription(DiagnosticStatus, "controller/ready", told.append, LATCHED)
     arm = client.create_publisher(String, "arm_hold_reason", LATCHED)
     cell.silent = {"current_pose", "relative_pose"}
-    assert cell.bench.until(lambda: told and "no flange pose" in told[-1].message)
+    assert cell.bench.until(lambda: told and "no flange pose (/current_pose)" in told[-1].message)
     cell.silent = set()
 
     def no_reference(message: RelativePose) -> None:

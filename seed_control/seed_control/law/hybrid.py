@@ -17,7 +17,7 @@ from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
-from seed_core.spatial import Array, rotation_from_rpy
+from seed_core.spatial import Array, rotation_from_rpy, so3_log
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
@@ -68,6 +68,7 @@ class HybridLaw(PublishedLaw):
         s = self.setpoint
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
+        self.lean = np.array((x, y, z)) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]) if R_WT_des is not None else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
         if self._finds(s) and self.touches(0):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -89,6 +88,9 @@ class NodeSettings:
                 "operator_beats = true asks that every operator is heard, and operator_timeout = 0 s that none "
                 "needs be: set operator_timeout to 0.4 s, or operator_beats to false"
             )
+
+
+RESUME = "resend_robot_program"  # service of what moves the arm
 
 
 class ControllerNode(SeedNode):
@@ -232,15 +234,17 @@ class ControllerNode(SeedNode):
 
     def _on_arm_hold(self, message: String) -> None:
         """What moves the arm follows nothing any more; or, with an empty reason, what comes from now on."""
-        self._arm_holds = f"the arm holds: {message.data}{self._remedy}" if message.data else ""
+        self._arm_holds = f"the arm holds: {message.data}{self._remedy(message.data)}" if message.data else ""
         if message.data:
             self.core.hold(self.now(), self._arm_holds)
 
-    @cached_property
-    def _remedy(self) -> str:
+    def _remedy(self, why: str) -> str:
         """Where the arm is resumed, if that is told by the name of the topic."""
         arm, _, topic = self.resolve_topic_name("arm_hold_reason").rpartition("/")
-        return f"; mend that, then call {arm[1:]}/resend_robot_program" if topic == "hold_reason" else ""
+        if topic != "hold_reason":
+            return ""
+        first = "" if RESUME in why else "mend that, then "  # it waits for nothing else
+        return f"; {first}call {arm[1:]}/{RESUME}"
 
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""

@@ -26,6 +26,7 @@ class Readiness:
         """
         self._core, self._arm_holds, self._skewed = core, arm_holds, skewed
         self._name = node.get_fully_qualified_name()
+        self._pose = node.resolve_topic_name("current_pose")  # as it is called here
         self._publisher = node.publisher(DiagnosticStatus, "~/ready", LATCHED)
         self._looked = -inf  # [s]
         self._told: tuple[str, ...] | None = None
@@ -45,6 +46,7 @@ class Readiness:
         """What is missing, by the part that is to deliver it; '' for what is there."""
         state, parts = self._core.state, {"arm": self._arm_holds(), **self._core.missing(now)}
         parts["estimate"] = self._skewed() or parts["estimate"]
+        parts["pose"] = parts["pose"].replace("(current_pose)", f"({self._pose})")
         if not state.enabled:
             parts["controller"] = "not enabled: call controller/enable on"
         else:

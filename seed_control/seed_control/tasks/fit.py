@@ -34,8 +34,8 @@ def check_tool(task: Task, tool: Tool) -> None:
     if task.tool and task.tool != tool.name:
         raise TaskError(
             f"task '{task.name}' is made for the tool '{task.tool}', and the hand holds '{tool.name}', with whose "
-            "weight and tip forces are computed: take that tool and describe it in the hand file (tool:), or give the "
-            "task this one's name"
+            "weight and tip forces are computed: take that tool and describe it under tool: in the hand file "
+            "(simulated: in a scenario file), or give the task this one's name"
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint, TaskFrame
 from seed_control.state import ControllerState
 from seed_control.tasks.font import strokes_of_text
+from seed_control.tasks.pace import Pace
 from seed_control.tasks.path import Path
 from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
@@ -84,7 +85,7 @@ class StepRun:
         angle = float(np.sqrt(self._turn @ self._turn))
         self.duration = max(path.duration, angle / _TURN_SPEED)
         self._t = self._waited = self._held = self.share = 0.0
-        self.pace = 1.0
+        self.pace, self._pace = 1.0, Pace(step.phase.acceleration / step.phase.speed)
         self.finish, self.why = False, ""
         self.R_seen: Array | None = None
         self.p_seen: Array | None = None
@@ -124,9 +125,15 @@ class StepRun:
         self.R_seen = self.R_seen @ so3_exp(_SEEN * so3_log(self.R_seen.T @ R))
         self.p_seen = self.p_seen + _SEEN * (p - self.p_seen)
 
-    def _go(self, dt: float, state: ControllerState) -> None:  # noqa: ARG002 (a run along the surface uses it)
+    def _go(self, dt: float, state: ControllerState) -> None:
         """Move the reference on by dt [s]."""
-        self.position, self.velocity = self.path.at(self._t) if dt > 0.0 else (self.position, np.zeros(3))
+        if dt == 0.0:
+            self.velocity = np.zeros(3)
+            return
+        if self.step.phase.control is not None and self.step.phase.search is None:  # a search may lean as it likes
+            self.pace = self._pace.update(dt, state)
+        self.position, velocity = self.path.at(self._t)
+        self.velocity = self.pace * velocity
 
     def setpoint(self) -> HybridSetpoint:
         """The set-point of this moment."""

@@ -11,6 +11,7 @@ from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_
 from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
+_UPRIGHT, _LEANING = np.deg2rad((1.5, 3.5))  # of a lean, up to and from where on the place winds up, and does not
 SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
 
 
@@ -90,7 +91,8 @@ class DeflectionFilter:
         """Take in one image, whose answer takes loop_time [s].
 
         What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
-        winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting.
+        winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting, and
+        waits while the tool leans.
 
         yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel.
         R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None: nothing
@@ -101,7 +103,9 @@ class DeflectionFilter:
         least = p.feedforward_ratio * loop_time
         fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
         slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
-        self.q = self.q + fast * (rpy_from_rotation(m.X_TC[:3, :3]) - self.q)
+        left = rpy_from_rotation(m.X_TC[:3, :3]) - self.q
+        slow *= _upright(left * held)
+        self.q = self.q + fast * left
         seen = m.X_WC[:3, 3] - m.tip
         if self._turn.update(R_WT_des, held, m.stamp, loop_time):
             self.tip_to_C, seen = self._turn.step @ self.tip_to_C, self._turn.since @ seen
@@ -162,6 +166,12 @@ class WantedTurn:
         if size < _NO_TURN:
             return before
         return np.asarray(before @ so3_exp(turn * min(self._speed * dt / size, 1.0)))
+
+
+def _upright(lean: Array) -> float:
+    """Share (1 to 0) of a lean (3,) [rad] that is still to be answered, in which the tool counts as upright."""
+    size = float(np.sqrt(lean @ lean))
+    return float(min(max((_LEANING - size) / (_LEANING - _UPRIGHT), 0.0), 1.0))
 
 
 def _mixed(a: Wrench, b: Wrench, share: float) -> Wrench:

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a tool that leans changes: the path waits for it, and its place does not wind up."""
+
+import numpy as np
+import pytest
+
+from seed_control.parameters import ControllerParameters
+from seed_control.state import ControllerState
+from seed_control.tasks.pace import Pace
+from seed_control.wrench.estimate import WrenchEstimator
+from seed_control.wrench.filters import DeflectionFilter
+from seed_core.bushing import Bushing
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS, Tool
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
+
+DT, FRAME = 0.004, 0.02  # [s]
+RISE = 4.0  # [1/s]: 0.2 m/s^2 to 0.05 m/s
+
+
+def paced(lean_deg, seconds=1.0, in_contact=True):
+    """The pace's values as the tool leans by lean_deg(t) (3,) [degrees], with images that are 60 ms late."""
+    pace, values = Pace(RISE), []
+    for i in range(round(seconds / DT)):
+        t = i * DT
+        taken = np.floor(t / FRAME + 1e-9) * FRAME
+        lean = lean_deg(taken)
+        state = ControllerState(
+            t,
+            "contact",
+            True,
+            lean=None if lean is None else np.deg2rad(lean),
+            in_contact=in_contact,
+            image_age=t - taken + 0.06,
+        )
+        values.append(pace.update(DT, state))
+    return np.array(values)
+
+
+def about_y(angle):
+    return np.array((0.0, angle, 0.0))
+
+
+def test_a_path_goes_at_full_pace_under_an_upright_tool_and_slower_the_more_it_leans() -> None:
+    paces = [paced(lambda _, a=a: about_y(a))[-1] for a in (0.0, 2.0, 3.5, 5.0, 20.0)]
+    assert paces == pytest.approx([1.0, 1.0, 0.5, 0.1, 0.1], abs=1e-6)
+
+
+def test_a_lean_that_grows_slows_the_path_before_it_is_large() -> None:
+    growing = paced(lambda t: about_y(15.0 * t), 0.4)  # degrees: 2 after 0.13 s
+    assert growing[round(0.13 / DT)] < 0.97
+    assert growing[round(0.26 / DT)] == pytest.approx(0.1)
+
+
+def test_the_path_takes_up_speed_no_faster_than_its_acceleration() -> None:
+    freed = paced(lambda t: about_y(8.0 if t < 0.5 else 0.0), 1.5)
+    assert freed[-1] == 1.0
+    assert np.diff(freed).max() <= RISE * DT + 1e-12
+
+
+@pytest.mark.parametrize(("lean", "in_contact"), [(None, True), (about_y(10.0), False)])
+def test_nothing_waits_in_free_air_or_where_the_law_does_not_bring_a_tool_upright(lean, in_contact: bool) -> None:
+    assert paced(lambda _: lean, in_contact=in_contact).min() == 1.0
+
+
+def test_noise_of_images_costs_no_time() -> None:
+    rng = np.random.default_rng(7)
+    noise = {round(t / FRAME): 0.5 * rng.standard_normal(3) for t in np.arange(0.0, 10.0, FRAME)}
+    values = paced(lambda t: noise[round(t / FRAME)] * (0.0, 1.0, 1.0) + about_y(0.5), 9.0)
+    assert values.mean() > 0.995
+
+
+def shifted(lean_deg: float, seconds: float = 0.3) -> float:
+    """[m] along x that is fed forward of a deflection of 10 mm; leaning by more than is answered."""
+    tool = Tool()
+    estimator = WrenchEstimator(tool, Bushing(DEFAULT_STIFFNESS, "midpoint"), True, 3e-4)
+    deflection, X_WC = DeflectionFilter(ControllerParameters()), make_pose(rotation_from_rpy((np.pi, 0.0, 0.0)))
+    first = None
+    for i in range(round(seconds / FRAME)):
+        turn = deflection.q + np.deg2rad(about_y(lean_deg))
+        X_WT = make_pose(X_WC[:3, :3] @ rotation_from_rpy(turn).T)
+        tip = X_WT[:3, :3] @ tool.X_Ttip[:3, 3]
+        X_WT[:3, 3] = np.array((0.01 if i else 0.0, 0.0, -0.12)) - tip
+        estimate = RelativePoseEstimate(i * FRAME, inverse_pose(X_WC) @ X_WT)
+        deflection.update(estimator.measure(estimate, X_WC), 0.1, 1.0)
+        first = deflection.tip_to_C if first is None else first
+    assert first is not None
+    return float(deflection.tip_to_C[0] - first[0])
+
+
+def test_the_place_of_a_tool_that_leans_does_not_wind_up() -> None:
+    assert abs(shifted(0.0)) > 5e-3
+    assert shifted(4.0) == 0.0
+    assert 0.2 < shifted(2.5) / shifted(0.0) < 0.8
