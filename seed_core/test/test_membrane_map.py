@@ -219,6 +219,30 @@ def test_a_pressure_that_does_not_follow_the_motion_is_named() -> None:
     assert "look for a leak" in model.spring(stuck(pushed, (AT_GRASP - 1.0, AT_GRASP - 4.0))).reason
 
 
+def test_pressures_that_creep_while_the_tool_hangs_count_from_there() -> None:
+    hanging, pushed = pose_from_rpy((0, 0, 0), (0, 0.0, 0.0008)), pose_from_rpy((0, 0, 0), (0, 0.004, 0.0008))
+    model = MembraneMap(made(gas=True))
+    model.spring(stuck(np.eye(4), (AT_GRASP, AT_GRASP)))
+    for i in range(300):
+        crept = AT_GRASP - 1.5 * (1.0 - np.exp(-i / 90.0))
+        assert model.spring(stuck(hanging, (crept, crept))).reason == ""
+    assert model.spring(stuck(pushed, (crept + 2.0, crept - 2.0))).reason == ""
+    falls = [model.spring(stuck(pushed, (crept + 2.0 - p, crept - 2.0 - p))).reason for p in (0.4, 1.5)]
+    assert falls[0] == ""
+    assert "look for a leak" in falls[1]
+
+
+def test_more_is_left_to_pressures_where_the_motion_is_larger_than_at_the_identification() -> None:
+    far = pose_from_rpy((0, 0, 0), (0, 0.004, 0))
+    told = []
+    for motion in (2.0, 0.05):  # mean square of the identification's motions [scales]
+        model = MembraneMap(replace(made(gas=True), motion=motion))
+        model.grasped(AT_GRASP, AT_GRASP)
+        told.append(model.spring(stuck(far, (AT_GRASP + 2.8, AT_GRASP - 2.8))).reason)
+    assert "do not go with the motion" in told[0]
+    assert told[1] == ""
+
+
 def test_between_grips_the_map_is_straight(tmp_path: Path) -> None:
     wide, narrow = made(width=0.03).grips[0], made(width=0.01).grips[0]
     narrow = replace(narrow, coefficients=texts(2.0 * narrow.matrix), pressure_hpa=1050.0)

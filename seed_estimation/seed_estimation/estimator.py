@@ -21,9 +21,8 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
-from seed_estimation.contact.grasp_zero import GraspZero, dragged, grasp_zero
-from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
-from seed_estimation.contact.patch import QUICK, ContactPatch, PatchFinder
+from seed_estimation.contact.patch import ContactPatch
+from seed_estimation.contact.reference import NO_LOAD, Grasp, Reference
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.checks import EstimatorError, Frame, frame_problem, usable_images
@@ -38,7 +37,6 @@ from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
 SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
-NO_LOAD = GraspZero(np.zeros(2), 0.0)
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 
@@ -90,12 +88,9 @@ class Estimator:
         self.masks: dict[str, Mask] = {}
         self._full_cameras = {f: cameras[f] for f in self.fingers}
         self._X_CX = {"left": self.hand.X_CL, "right": self.hand.X_CR}
-        self._range_offset = {f: _range_offset(f, c, calibration) for f, c in self._full_cameras.items()}
-        self._correction: dict[str, Image] = {}  # (h, w) [m] of depth at the working resolution
-        self._free: dict[str, Image] = {}  # (h, w) mean infrared of the reference
+        self._range_offset = {f: calibration.range_offset(f, c.shape) for f, c in self._full_cameras.items()}
+        self._reference: Reference | None = None
         self.zero = NO_LOAD
-        self._finders: dict[str, PatchFinder] = {}  # of the reference; none without one
-        self._quick: dict[str, PatchFinder] = {}
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
         self._stamp = -np.inf  # [s] of the last images since the grasp
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
@@ -113,7 +108,7 @@ class Estimator:
         if before.decimate != parameters.decimate or before.method != parameters.method:
             self._forget_grasp()
         if before.decimate != parameters.decimate:
-            self._finders = {}
+            self._reference = None
 
     # -- bubbles touch nothing, tool grasped ---------------------------------------------------------------------
 
@@ -130,15 +125,9 @@ class Estimator:
             mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
             if mistake:
                 raise EstimatorError(mistake)
-        membranes = {
-            f: membrane_at_rest(f, camera.decimated(n), self._X_CX[f], [i.depth for i in series[f]], p)
-            for f, camera in self._full_cameras.items()
-        }
-        self._finders = {f: PatchFinder(m) for f, m in membranes.items()}
-        self._quick = {f: PatchFinder(m, QUICK) for f, m in membranes.items()}
-        self._correction = {f: offset[f] + m.correction for f, m in membranes.items()}
-        self._free = {f: np.mean([i.ir for i in images], axis=0, dtype=np.float32) for f, images in series.items()}
-        for f, picture in self._free.items():
+        cameras = {f: camera.decimated(n) for f, camera in self._full_cameras.items()}
+        self._reference = Reference.taken(series, cameras, self._X_CX, offset, p)
+        for f, picture in self._reference.picture.items():
             self.patterns[f] = identity.pattern(picture)
         self._forget_grasp()
 
@@ -151,47 +140,23 @@ class Estimator:
         Raises:
             EstimatorError: no reference, no usable images, a finger without contact, or too much load.
         """
-        if not self._finders:
+        p, reference = self.parameters, self._reference
+        if reference is None:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
-        series = self._usable(frames, self._correction, "grasp")
+        series = self._usable(frames, reference.correction, "grasp")
         self._forget_grasp()
-        p = self.parameters
-        depth = {f: mean_depth([i.depth for i in series[f]], p.near, p.far)[0] for f in self.fingers}
-        ir = {f: np.asarray(np.mean([i.ir for i in series[f]], axis=0), np.float32) for f in self.fingers}
-        for f, finder in self._finders.items():
-            self.masks[f], self.patches[f] = finder.find(depth[f], p)
-            if not self.patches[f].in_contact:
-                raise EstimatorError(
-                    f"{f} bubble touches nothing: no {p.least_area} px are indented by {p.threshold * 1e3:g} mm; "
-                    "close the gripper; if it is closed, the reference was taken with the tool in it: open, capture "
-                    "the reference, close, and initialize the grasp again"
-                )
-        self.zero = self._judged(depth, ir)
+        grasp = Grasp.taken(series, reference, p)
+        self.masks, self.patches, self.zero = grasp.masks, grasp.patches, grasp.zero
         if p.method in PATCH_METHODS:
             if len(self.fingers) < 2:
                 raise EstimatorError(f"the {p.method} method needs both bubbles; use method 'rigid_fit' with one")
-            self._patch_method = PATCH_METHODS[p.method](self.patches, ir, self._X_CX, p)
+            self._patch_method = PATCH_METHODS[p.method](grasp.patches, grasp.ir, self._X_CX, p)
         else:
-            models = [finger_model(s, depth[f], ir[f], self.masks[f], p) for f, s in self._finders.items()]
+            finders = reference.finders.items()
+            models = [finger_model(s, grasp.depth[f], grasp.ir[f], grasp.masks[f], p) for f, s in finders]
             timing = Timing(p.finger_skew_std, p.depth_lag_std)
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip, timing)
         self._stamp = max(i[-1].stamp for i in series.values())
-
-    def _judged(self, depth: Mapping[str, Image], ir: Mapping[str, Image]) -> GraspZero:
-        """What mean depth [m] and infrared [counts] of a grasp say about its load."""
-        p = self.parameters
-        if p.loaded_grasp == "ignore":
-            return NO_LOAD
-        zero = grasp_zero(
-            {
-                f: dragged(s.membrane, self._free[f], depth[f], ir[f], s.core(depth[f], self.masks[f], p))
-                for f, s in self._finders.items()
-            }
-        )
-        size = float(np.sqrt(zero.shift @ zero.shift))
-        if zero.loaded and (p.loaded_grasp == "refuse" or size > p.max_drag):
-            raise EstimatorError(f"{zero.words}; let something carry its weight and grasp again")
-        return zero
 
     def _usable(
         self, frames: Sequence[Frame], correction: Mapping[str, Image], purpose: str
@@ -230,15 +195,15 @@ class Estimator:
         p = self.parameters
 
         # Checks: images/checks.py
-        problem = self._problem(images, stamp)
-        if problem:
+        problem, reference = self._problem(images, stamp), self._reference
+        if problem or reference is None:
             self.patches, self.masks, self._images = {}, {}, {}  # what was seen before is not what is there now
             return self._invalid(stamp, problem)
         gap, self._stamp = stamp - self._stamp, stamp
-        self._images = {f: images[f].reduced(p.decimate, self._correction[f]) for f in self.fingers}
+        self._images = {f: images[f].reduced(p.decimate, reference.correction[f]) for f in self.fingers}
 
         # Contact patches, Sec. VII-A: contact/patch.py
-        for f, finder in (self._quick if self._patch_method is None else self._finders).items():
+        for f, finder in (reference.quick if self._patch_method is None else reference.finders).items():
             self.masks[f], self.patches[f] = finder.find(self._images[f].depth, p)
         touching = [f for f in self.fingers if self.patches[f].in_contact]
 
@@ -281,7 +246,7 @@ class Estimator:
             return (
                 f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: images came out of order"
             )
-        no_reference = "" if self._finders else "no reference: capture_reference has not been called"
+        no_reference = "" if self._reference is not None else "no reference: capture_reference has not been called"
         return frame_problem(images, self._full_cameras, self.parameters) or no_reference
 
     def _invalid(self, stamp: float, reason: str) -> RelativePoseEstimate:
@@ -295,11 +260,3 @@ class Estimator:
         return np.hstack(
             [report.debug_image(f, s, images.get(f), self.masks, self._tracker) for f, s in shapes.items()]
         )
-
-
-def _range_offset(finger: str, camera: PinholeCamera, calibration: calibration_file.Calibration) -> Image:
-    """(H, W) [m], true minus measured, of the full image; 0 where not known."""
-    offset = calibration.range_offsets().get(finger, np.zeros(camera.shape, np.float32))
-    if offset.shape != camera.shape:
-        raise EstimatorError(f"range offset of {finger} has shape {offset.shape}; its camera has {camera.shape}")
-    return np.nan_to_num(offset)

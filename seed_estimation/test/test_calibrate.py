@@ -48,6 +48,22 @@ def test_a_camera_that_sits_askew_is_found(shown: dict) -> None:
     assert abs(y) < 0.5e-3  # it was 2.4 mm
 
 
+def test_the_table_tells_what_each_camera_was_off_by(shown: dict) -> None:
+    """A drawing that is wrong by 1 degree and 2 mm on either side comes out with both numbers."""
+    wrong = make_pose(so3_exp(np.deg2rad((1.0, 0.0, 0.0))), (0.002, 0.0, 0.0))
+    truth = Hand()
+    drawing = Hand(C_L=file.frame_of(wrong @ truth.X_CL), C_R=file.frame_of(inverse_pose(wrong) @ truth.X_CR))
+    head, left, right, known = cal.table(cal.calibrate(**shown, hand=drawing), drawing).splitlines()
+    numbers = {row[:5].strip(): [float(v) for v in row.replace(")", " ").split()[-6:]] for row in (left, right)}
+    assert head.split()[0] == "finger"
+    np.testing.assert_allclose([numbers["left"][0], numbers["right"][0]], (-2.0, 2.0), atol=0.5)  # [mm] along x
+    np.testing.assert_allclose([numbers["left"][3], numbers["right"][3]], (-1.0, 1.0), atol=0.3)  # [deg] about x
+    assert "known to 0.15 mm and 0.07 degrees" in known
+    alone = cal.table(cal.calibrate(**{**shown, "grasped": {}}, hand=truth), truth)
+    assert "camera poses are as drawn" in alone
+    assert "0.00   0.00   0.00     0.00   0.00   0.00" in alone
+
+
 def test_a_calibration_survives_its_file(tmp_path: Path, shown: dict) -> None:
     found = cal.calibrate(**{**shown, "grasped": {}}, hand=Hand())
     file.save(found, tmp_path / "c.yaml")

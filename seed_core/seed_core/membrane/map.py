@@ -41,7 +41,8 @@ BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of 
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
-AT_REST, FOLLOWED = 0.15, 0.02  # motion [scales] that counts as none; share by which pressures at the grasp follow then
+AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
+FOLLOWED = 0.04  # share by which the pressures at the grasp follow in each estimate at rest: a new grasp creeps
 OFF_PRESSURE = 0.03  # a pressure off the identified ones by more than this share is of another grip, membrane or unit
 RIGID_INDICES = [i for i, name in enumerate(NAMES) if name[:-1] in RIGID]
 _DIAGONAL = np.diag_indices(6)
@@ -68,6 +69,8 @@ class MembraneMap:
         self._follow = self.grip.follow_matrix
         self._gas, self._gas_std = self.grip.pressure_matrix, np.array(self.grip.pressure_std)
         self._at_grasp: Array | None = None  # (2,) [hPa]
+        self._expected = np.zeros(2)  # [hPa] rises, left and right, as the motion has them
+        self._resting = np.zeros((2, 6))  # [scales] where both membranes have been of late
         self._spread, self._variance = self.grip.spread_matrix, self.grip.std**2
         self._largest = np.array(file.largest)
         self._stacked = np.vstack([self._coefficients, self._gas])  # (6 or 8, terms)
@@ -96,7 +99,7 @@ class MembraneMap:
         if not isfinite(width):
             raise ConfigError(f"width = {width} m must be finite")
         out = MembraneMap(self.file, _between(self.file.grips, [-g.width_m for g in self.file.grips], -width))
-        out._at_grasp = self._at_grasp
+        out._at_grasp, out._expected, out._resting = self._at_grasp, self._expected, self._resting
         return out
 
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
@@ -118,7 +121,8 @@ class MembraneMap:
         X_TC = inverse_pose(estimate.X_CT)
         self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)
-        reason = self._beyond(z, squared) or self._of_pressure(motions, None if rises is None else z, terms)
+        doubt = max(1.0, self._growth(z) + squared)
+        reason = self._beyond(z, squared) or self._of_pressure(motions, None if rises is None else z, terms, doubt)
         return SpringWrench(Wrench.from_vector(to_T @ w_C), to_T @ covariance @ to_T.T, reason)
 
     @property
@@ -144,15 +148,17 @@ class MembraneMap:
             if self.file.needs_pressure:
                 raise FeatureError("the map was identified with the pressures of both bubbles; one is not measured")
             return None
-        still = max(float(np.abs(of[:6] / SCALE[:6]).max()) for of in both)
+        moved = np.array([of[:6] / SCALE[:6] for of in both])
+        light = LIGHT if len(self._gas) else AT_REST  # how much a load raises them is known, or is not
         if self._at_grasp is None:
-            if still > AT_REST:
+            if np.abs(moved).max() > AT_REST:
                 if self.file.needs_pressure:
                     raise FeatureError("the pressures at the grasp are not known: initialise the grasp again")
                 return None
             self._at_grasp = pressures
-        elif still < AT_REST:
-            self._at_grasp = self._at_grasp + FOLLOWED * (pressures - self._at_grasp)
+        elif np.abs(moved).max() < light and np.abs(moved - self._resting).max() < AT_REST:
+            self._at_grasp = self._at_grasp + FOLLOWED * (pressures - self._expected - self._at_grasp)
+        self._resting = self._resting + FOLLOWED * (moved - self._resting)
         return np.asarray(pressures - self._at_grasp)
 
     def _terms(self, z: Array) -> tuple[Array, Array]:
@@ -191,8 +197,11 @@ class MembraneMap:
             )
         return ""
 
-    def _of_pressure(self, motions: Motions, z: Array | None, terms: Array) -> str:
-        """Why a pressure is not to be believed; z is None where its rise is not known."""
+    def _of_pressure(self, motions: Motions, z: Array | None, terms: Array, doubt: float) -> str:
+        """Why a pressure is not to be believed; z is None where its rise is not known.
+
+        doubt: of the variance of what is expected, over that at the identification's motions.
+        """
         if not all(isfinite(m.pressure) for m in motions):
             return ""
         if self.grip.pressure_hpa > 0.0:
@@ -202,8 +211,10 @@ class MembraneMap:
         if len(self._gas) == 0 or z is None:
             return ""
         expected = self._gas @ terms
+        common, apart = SCALES[PRESSURES] * expected
+        self._expected = np.array((common + apart, common - apart))
         seen, off = z[PRESSURES], np.abs(z[PRESSURES] - expected)
-        if (off <= np.maximum(_PRESSURE_SIGMAS * self._gas_std, _LEAST_RISE)).all():
+        if (off <= np.maximum(_PRESSURE_SIGMAS * doubt**0.5 * self._gas_std, _LEAST_RISE)).all():
             return ""
         stuck = "; it hardly changes: silent or stuck" if np.abs(seen).max() < 0.1 * np.abs(expected).max() else ""
         scale = SCALES[PRESSURES]

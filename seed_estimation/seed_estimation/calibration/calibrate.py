@@ -21,9 +21,9 @@ import numpy as np
 from seed_core.config import ConfigError, field, from_mapping, load_file, plain_yaml
 from seed_core.errors import SeedError
 from seed_core.hand import Hand
-from seed_core.program.command_line import Parser, command
+from seed_core.program.command_line import Parser, command, number
 from seed_core.program.npz import read_npz
-from seed_core.spatial import Array
+from seed_core.spatial import Array, so3_log
 from seed_estimation.calibration.cylinder import extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
 from seed_estimation.contact.membrane import Membrane, mean_depth, membrane_at_rest
@@ -167,6 +167,27 @@ def read_hand(path: Path) -> Hand:
     return from_mapping(parameters, Hand, str(path))
 
 
+def table(calibration: Calibration, drawn: Hand) -> str:
+    """What each camera was off by, for people: range [mm], and pose against the drawing [mm], [deg], in C."""
+    X_CX = {"left": drawn.X_CL, "right": drawn.X_CR}
+    lines = ["finger   range, true - measured [mm]     camera off its drawing: x, y, z [mm]   about x, y, z [deg]"]
+    for finger, one in calibration.fingers.items():
+        low, middle, high = 1e3 * np.percentile(one.offset_map(), (5, 50, 95))
+        shift = 1e3 * (one.pose.pose[:3, 3] - X_CX[finger][:3, 3])
+        turn = np.rad2deg(so3_log(one.pose.pose[:3, :3] @ X_CX[finger][:3, :3].T))
+        moved, turned = (" ".join(f"{v + 0.0:6.2f}" for v in np.round(values, 2)) for values in (shift, turn))
+        lines.append(f"{finger:8s} {middle:5.1f} (90 %: {low:5.1f} to {high:5.1f})      {moved:>38s}   {turned}")
+    if not calibration.mutual_position_std:
+        return "\n".join(
+            [*lines, "camera poses are as drawn: they need three poses of the cylinder before both cameras"]
+        )
+    rotation, position = np.rad2deg(calibration.mutual_rotation_std), 1e3 * calibration.mutual_position_std
+    lines.append(
+        f"the cameras' poses to each other are known to {position:.2f} mm and {rotation:.2f} degrees on each axis"
+    )
+    return "\n".join(lines)
+
+
 @command("seed calibrate")
 def main(argv: list[str]) -> int:
     """Measure a capture and write the calibration."""
@@ -177,17 +198,12 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
     parser.add_argument("--hand", type=Path, help="the launch's hand_file, or YAML of the hand alone")
-    parser.add_argument("--radius", type=float, default=0.012, help="[m] of the grasped cylinder; default: %(default)s")
+    parser.add_argument("--radius", type=number(0.003, "m", 0.05), default=0.012, help="[m] of the grasped cylinder")
     options = parser.parse_args(argv)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
     hand = read_hand(options.hand) if options.hand else Hand()
     calibration = calibrate(*read_capture(options.capture), shape, options.radius, hand)
     save(calibration, options.out)
-    for finger, one in calibration.fingers.items():
-        median = float(np.median(one.offset_map())) * 1e3
-        print(
-            f"{finger}: range offset median {median:.1f} mm; camera at {np.round(one.pose.position, 4)} m, "
-            f"rpy {np.round(one.pose.rpy_deg, 2)} deg"
-        )
+    print(table(calibration, hand))
     print(f"written to {options.out}; set the estimator's parameter `calibration` to it")
     return 0

@@ -11,6 +11,7 @@ import yaml
 from seed_core.config import ConfigError, field, load_file, to_mapping
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation
+from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Image
 
 STEP = 4  # [px] between the nodes of the stored range offset
@@ -68,9 +69,19 @@ class Calibration:
             return None
         return np.repeat((self.mutual_rotation_std, self.mutual_position_std), 3)
 
-    def range_offsets(self) -> dict[str, Image]:
-        """Offset map (H, W) [m], true minus measured, of each finger that has one."""
-        return {name: one.offset_map() for name, one in self.fingers.items() if one.range_offset}
+    def range_offset(self, finger: str, shape: tuple[int, int]) -> Image:
+        """(H, W) [m], true minus measured, of a finger's full image; 0 where not known.
+
+        Raises:
+            EstimatorError: it was calibrated with images of another shape.
+        """
+        one = self.fingers.get(finger)
+        if one is None or not one.range_offset:
+            return np.zeros(shape, np.float32)
+        offset = one.offset_map()
+        if offset.shape != shape:
+            raise EstimatorError(f"range offset of {finger} has shape {offset.shape}; its camera has {shape}")
+        return np.nan_to_num(offset)
 
 
 def load(path: str | Path) -> Calibration:

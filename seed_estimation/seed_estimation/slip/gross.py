@@ -2,12 +2,13 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with. Hence three signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence four signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
+    left behind   material stays where it is from image to image while depth goes on (`following.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
@@ -29,6 +30,7 @@ from seed_estimation.images.sampling import Crop
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
+from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
@@ -59,6 +61,7 @@ class GrossSlip:
         # one bubble by itself mistakes yaw for x and roll for z, but not how far the markers of its patch have moved
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
+        self._following = Following(models, self._lever) if len(models) > 1 else None
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then
@@ -93,7 +96,10 @@ class GrossSlip:
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
-        return fallen or gone_on or (not locked and self._torn(stamp))
+        left = False
+        if self._following is not None and len(held) == len(self._markers):
+            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
+        return fallen or gone_on or left or (not locked and self._torn(stamp))
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
         """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""

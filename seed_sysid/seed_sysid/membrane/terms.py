@@ -48,7 +48,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "smooth": ("motion of the tool", "fingers apart", "deformation", "squares", "squares apart", "cubes"),
     "smooth, with pressure": tuple(KINDS),
 }
-DEFAULT_MODEL, WITH_PRESSURE = "smooth", "smooth, with pressure"
+DEFAULT_MODEL = "smooth"
 
 
 class Group(NamedTuple):
