@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.service import Service
 from tf2_msgs.msg import TFMessage
 
 from seed_core.errors import SeedError
@@ -31,7 +32,8 @@ from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
 from seed_ros.qos import LATCHED, TF
-from seed_ros.standard_services import withstand
+from seed_ros.services.answers import insist
+from seed_ros.services.standard import withstand
 
 QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
 
@@ -88,6 +90,12 @@ class SeedNode(Node):
         self.loop.poll(kind, topic, receive, qos)
 
     # services and actions
+    def create_service(self, *arguments: Any, **named: Any) -> Service:
+        """As rclpy's; an answer is sent again while the middleware does not know yet who asked."""
+        service = super().create_service(*arguments, **named)
+        insist(self, service)
+        return service
+
     def serve(
         self, kind: Any, name: str, method: Callable[..., Any], group: CallbackGroup | None = None, log_as: str = ""
     ) -> None:
