@@ -138,6 +138,15 @@ def test_a_tuned_rival_wipes_in_the_plant(name: str) -> None:
     assert done["torque"] < 0.4  # three deviations of what motors and joint torques are off by, 0.09 N m each
 
 
+def test_without_noise_and_lateness_ours_is_nearer_and_wins_nothing() -> None:
+    """Exact poses at every step of the control: what the lateness costs; as nobody has them, they win no row."""
+    late, at_once = (scored(Run(name, "cylinder", 2100), {}) for name in ("seed, no noise", "seed, at once"))
+    assert at_once["finished"], at_once["message"]
+    assert at_once["rms"] < 0.7 * late["rms"]
+    (line,) = (line for line in lines_of([late, at_once, late | {"method": "seed"}]) if line[:2] == ("cylinder", "rms"))
+    assert line.winners == ()  # of one that counts there is nobody to win against
+
+
 def test_bumps_are_felt_by_a_tool_that_does_not_give_way() -> None:
     assert case_named("bumps").bumps.size == 1e-3
     smooth, bumpy = (scored(Run("PI", c, 2101), chosen_settings(["PI"])["PI"]) for c in ("nominal", "bumps"))

@@ -17,6 +17,7 @@ from seed_sim import evaluate
 from seed_sim.closed_loop.command import _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.sweep import column_summary, summary
+from seed_sim.replay.plots import run_figure
 from seed_sim.scenario import load_scenario
 
 SHORT = """
@@ -171,7 +172,7 @@ def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_
     [
         (["squeegee", "--scenario", "calm"], "scenario 'calm' is unknown"),
         (["sqeegee"], "no task 'sqeegee'"),
-        (["squeegee", "--force", "-3"], "force = -3.0 N must be above 0"),
+        (["squeegee", "--force", "0"], "force = 0.0 N must be above 0"),
         (["squeegee", "--scenario", "missing.yaml"], "cannot be read"),
     ],
 )
@@ -250,3 +251,41 @@ def test_a_task_that_never_touched_is_not_scored(held):
     missed = {**held, "contact": {"made": False}, "message": "no table"}
     assert _text(missed).splitlines()[1:] == ["  no contact, so nothing to score; no table"]
     assert "force z" in _text(held)
+
+
+def test_one_run_is_drawn_into_the_folder_that_is_named(short: str, tmp_path: Path) -> None:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
+        assert main([short, "--force", "8", "--seed", "1003", "--plot", str(tmp_path)]) == 0
+    (file,) = tmp_path.iterdir()
+    assert said.getvalue().endswith(f"plot: {file}\n")
+    assert file.stat().st_size > 10_000
+
+
+def test_a_run_is_drawn_from_above_beside_its_force_over_time() -> None:
+    t = np.linspace(0.0, 6.0, 61)
+    pressing = np.where(t > 1.0, -8.0, 0.0)[:, None] * (0.0, 0.0, 1.0)
+    path = np.column_stack([0.02 * t, 0.0 * t, 0.0 * t])
+    rows = {
+        "t": t,
+        "phase": np.where(t > 1.0, 1, 0),
+        "force": pressing,
+        "wanted_force": pressing,
+        "torque_T": pressing[:, ::-1],
+        "wanted_torque_T": 0.0 * pressing,
+        "tip": path,
+        "reference": path,
+    }
+    figure = run_figure(Recording(["approach", "wipe"], rows={k: list(v) for k, v in rows.items()}), "wipe", "a wipe")
+    from_above, over_time = figure.subfigs
+    force, torque = over_time.axes
+    drawn = {line.get_label(): line for line in force.lines + from_above.axes[0].lines}
+    assert_allclose(drawn["true"].get_ydata(), -pressing[:, 2])
+    assert_allclose(torque.lines[0].get_ydata(), pressing[:, 2])
+    assert torque.get_ylabel() == "torque about the tool's x [N m]"
+    assert [text.get_text() for text in force.texts] == ["approach", "wipe"]
+
+
+def test_a_plot_of_hidden_worlds_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["squeegee", "--draws", "2", "--plot", "x.png"])
+    assert "--plot is of one run" in capsys.readouterr().err

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant keeps the wall's time, loses what it cannot make up for, and stands still for late streams."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from seed_sim.plant.plant import Plant
 from seed_sim.plant.plant_time import BEHIND, PATIENCE, PlantTime
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.scenario import Scenario
+from seed_ur.plant_link import ArmState, PlantLink
 
 PERIOD = 0.004  # [s]
 ROS = 1000.0  # [s] ROS time at the start
@@ -19,6 +22,33 @@ HOME = pose_from_rpy((np.pi, 0.0, 0.0), (0.45, 0.0, 0.5))
 def started(clock: bool) -> tuple[Plant, PlantTime]:
     plant = Plant(Scenario(), 0, np.eye(4), HOME)
     return plant, PlantTime(plant, ToolHolder(plant), None, clock, STEADY, ROS)
+
+
+class StandIn:
+    """The link to a stand-in controller whose clock began somewhere, heard from `first` on [s]."""
+
+    def __init__(self, first: float) -> None:
+        self.first, self.passed = first, 0.0
+        self.clock = None
+
+    def receive(self) -> ArmState | None:
+        if self.passed < self.first:
+            return None
+        return ArmState(7.0 + self.passed, HOME, np.zeros(6), np.zeros(6))
+
+    def report(self, *_: object) -> None:
+        pass
+
+
+def test_behind_a_stand_in_that_is_heard_late_the_state_is_dated_when_it_is() -> None:
+    plant = Plant(Scenario(), 0, np.eye(4), HOME)
+    link = StandIn(first=0.12)
+    time = PlantTime(plant, ToolHolder(plant), cast(PlantLink, link), False, STEADY, ROS)
+    for i in range(1, 101):
+        link.passed = i * PERIOD
+        time.advance(STEADY + link.passed, PERIOD)
+    assert plant.time == pytest.approx(0.4 - 0.12, abs=2 * PERIOD)
+    assert time.stamp == pytest.approx(ROS + 0.4, abs=PERIOD)
 
 
 @pytest.mark.parametrize("clock", [False, True])

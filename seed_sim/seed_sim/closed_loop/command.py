@@ -10,10 +10,11 @@ from seed_control.parameters import LAW_HELP
 from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import SeedError
-from seed_core.program.command_line import Parser, command, results_folder, seed_number, to_json, whole
+from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
 from seed_estimation.parameters import METHOD_HELP
 from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
 from seed_sim.closed_loop.progress import progress_bar
+from seed_sim.closed_loop.recording import scored_phase
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
@@ -31,6 +32,8 @@ def main(argv: list[str]) -> int:
     hidden = args.world == "hidden" or (args.world is None and bool(args.draws or args.late_stamps or args.membranes))
     if args.estimator is None:
         args.estimator = "rigid_fit" if hidden or args.perturb else "truth"
+    if args.plot is not None and (hidden or args.perturb):
+        parser.error("--plot is of one run or of a sweep in known worlds: use it without --world hidden and --perturb")
     if args.perturb:
         return _perturb(args)
     if hidden:
@@ -44,9 +47,8 @@ def main(argv: list[str]) -> int:
             parser.error(f"--{name.replace('_', '-')} belongs to hidden worlds: give --world hidden")
     if args.scenarios:
         return _sweep(args)
-    for name in ("column", "plot"):
-        if getattr(args, name) is not None:
-            parser.error(f"--{name} belongs to a sweep: give --scenarios N as well")
+    if args.column is not None:
+        parser.error("--column belongs to a sweep: give --scenarios N as well")
     return _one(args)
 
 
@@ -72,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         help="where relative poses come from: truth is exact, noisy is that with noise and delay, the others work on "
         f"rendered images: {METHOD_HELP}; default: truth, and rigid_fit in hidden worlds",
     )
-    p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    p.add_argument("--force", type=number(0.0, "N"), help="[N] size of every force in the task; its own if left out")
     p.add_argument(
         "--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep, first draw"
     )
@@ -92,7 +94,11 @@ def _parser() -> argparse.ArgumentParser:
         help="sweep: only this column, any shipped scenario (may be repeated)",
     )
     p.add_argument("--jobs", type=whole(1), default=1, metavar="J", help="sweep and draws: processes")
-    p.add_argument("--plot", type=Path, help="sweep: where to write the plot (PNG)")
+    p.add_argument(
+        "--plot",
+        type=Path,
+        help="where to write a picture (PNG): of one run its path and force, of a sweep every run's error",
+    )
     p.add_argument(
         "--world",
         choices=("known", "hidden"),
@@ -129,9 +135,17 @@ def _parser() -> argparse.ArgumentParser:
 
 def _one(args: argparse.Namespace) -> int:
     how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario", "membrane")}
+    path = None if args.plot is None else _plot_file(args.plot, f"{Path(args.task).stem}-{args.law}-{args.seed}.png")
     with progress_bar() as progress:
-        result = evaluate(args.task, progress=progress, **how).result
+        run = evaluate(args.task, progress=progress, **how)
+    result = run.result
     print(to_json(result) if args.json else _text(result))
+    if path is not None:
+        from seed_sim.replay.plots import run_figure
+
+        title = f"{result['task']}, scenario {result['scenario']}, seed {args.seed}, law {args.law}"
+        run_figure(run.recording, scored_phase(load_task(args.task, args.force)), title).savefig(path, dpi=110)
+        print(f"plot: {path}", file=sys.stderr)
     return 0 if result["finished"] else 1
 
 
@@ -158,7 +172,7 @@ def _text(r: dict[str, Any]) -> str:
             f"{hole['away_mm']:.1f} mm and {hole['tilt_deg']:.1f} degrees off"
         )
     lines.append(f"  contact    at {made['time']:.2f} s; {r['message'] or 'no end'}")
-    lines.append(f"  simulated {r['real_time_factor']:.1f} times faster than real time")
+    lines.append(f"  simulated {r['real_time_factor']:.1f} times as fast as real time")
     return "\n".join(lines)
 
 
@@ -189,9 +203,7 @@ def _sweep(args: argparse.Namespace) -> int:
     for column in columns:
         check_task(task, load_scenario(column), args.law)
     seeds = list(range(args.seed, args.seed + args.scenarios))
-    path = _plot_file(args)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)  # before the minutes that a sweep takes
+    path = _plot_file(args.plot, f"sweep-{Path(args.task).stem}-{args.law}-{args.seed}.png", json=args.json)
     how = {"law": args.law, "estimator": args.estimator, "force": args.force, "jobs": args.jobs}
     result = sweep(args.task, columns, seeds, **how)
     print(to_json(result) if args.json else _table(result))
@@ -201,13 +213,16 @@ def _sweep(args: argparse.Namespace) -> int:
     return 1 if any("error" in r for c in result["columns"].values() for r in c["runs"]) else 0
 
 
-def _plot_file(args: argparse.Namespace) -> Path | None:
-    """Where the plot goes; nowhere with --json alone. A folder takes it under its usual name."""
-    name = f"sweep-{Path(args.task).stem}-{args.law}-{args.seed}.png"
-    if args.plot is None:
-        return None if args.json else results_folder() / name
-    path: Path = args.plot
-    return path / name if path.is_dir() else path
+def _plot_file(asked: Path | None, name: str, *, json: bool = False) -> Path | None:
+    """Where a plot goes, its folder made before the minutes that a sweep takes: a folder takes it under its usual name.
+
+    Without --plot a sweep's goes to the results, and with --json alone nowhere.
+    """
+    if asked is None and json:
+        return None
+    path = results_folder() / name if asked is None else asked / name if asked.is_dir() else asked
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def _table(result: dict[str, Any]) -> str:

@@ -63,8 +63,10 @@ def _parser() -> argparse.ArgumentParser:
         "simulated cells, each method tuned on a grid on other seeds. Prints who wins what; writes tables.\n"
         "Interrupted, it goes on where it was when it is started again.",
     )
-    names = ", ".join(repr(m.name) for m in methods.METHODS)
-    p.add_argument("--method", action="append", choices=[m.name for m in methods.METHODS], metavar="NAME", help=names)
+    names = ", ".join(map(repr, methods.ALL))
+    more = " and ".join(repr(m.name) for m in methods.FURTHER)
+    names = f"{names}; {more} are run only when they are named"
+    p.add_argument("--method", action="append", choices=list(methods.ALL), metavar="NAME", help=names)
     names = ", ".join(repr(c.name) for c in cases.CASES)
     p.add_argument("--case", action="append", choices=[c.name for c in cases.CASES], metavar="NAME", help=names)
     p.add_argument("--seeds", type=whole(1), metavar="N", help=f"how many; default: {SEEDS}")

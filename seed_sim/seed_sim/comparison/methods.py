@@ -48,6 +48,7 @@ class Method:
         build: its steering, from plant, scenario, task, seed and settings.
         grid: what its tuning tries; empty: nothing to tune.
         tuned_as: name of the method whose settings it has.
+        bound: nobody can have it; it shows what would be reached, and wins nothing.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Method:
     build: Build
     grid: Grid
     tuned_as: str = ""
+    bound: bool = False
 
     def points(self) -> list[dict[str, float]]:
         """All settings of the grid."""
@@ -77,6 +79,17 @@ def _ours(law: str) -> Build:
             controller=scenario.controller | dict(settings),
         )
         return SeedSteering(plant, scenario, law, "noisy", seed)
+
+    return build
+
+
+def _ours_knowing(estimator: str) -> Build:
+    """The law `seed`, the stiffness known exactly and poses without noise; 'noisy': they are late, 'truth': at once."""
+
+    def build(plant: Plant, scenario: Scenario, task: Task, seed: int, settings: Settings) -> Steering:
+        del task, settings
+        measured = replace(scenario.measurement, position_noise=0.0, rotation_noise=0.0)
+        return SeedSteering(plant, replace(scenario, measurement=measured), "seed", estimator, seed)
 
     return build
 
@@ -143,6 +156,7 @@ METHODS = (
         _position(ForcePI, ForcePISettings, IDEAL),
         {},
         "PI",
+        bound=True,
     ),
     Method(
         "force mode",
@@ -194,10 +208,32 @@ METHODS = (
         "impedance",
     ),
 )
-OURS, BOUND = "seed", "ideal sensor"
+# Only run when they are named: what noise and lateness of the poses cost
+FURTHER = (
+    Method(
+        "seed, no noise",
+        "no noise",
+        "ours with poses that are late but exact, the stiffness known",
+        False,
+        _ours_knowing("noisy"),
+        {},
+        bound=True,
+    ),
+    Method(
+        "seed, at once",
+        "at once",
+        "ours with the exact pose at every step of the control, the stiffness known",
+        False,
+        _ours_knowing("truth"),
+        {},
+        bound=True,
+    ),
+)
+ALL = {m.name: m for m in (*METHODS, *FURTHER)}
+OURS = "seed"
 QUICK = ("seed", "force mode", "admittance")
 
 
 def method_named(name: str) -> Method:
     """The method of that name; KeyError for none."""
-    return {m.name: m for m in METHODS}[name]
+    return ALL[name]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from seed_sim.comparison.cases import CASES
-from seed_sim.comparison.methods import BOUND, OURS, Method, Settings, method_named
+from seed_sim.comparison.methods import OURS, Method, Settings, method_named
 from seed_sim.comparison.score import SCORES
 from seed_sim.comparison.table import ALL, SUMMED, Line, lines_of
 
@@ -88,7 +88,7 @@ def _cell(line: Line, method: str) -> str:
 
 
 def _class(method: str) -> str:
-    return "ours" if method == OURS else "bound" if method == BOUND else ""
+    return "ours" if method == OURS else "bound" if method_named(method).bound else ""
 
 
 def _described(methods: Sequence[Method], settings: dict[str, Settings]) -> str:
@@ -149,7 +149,7 @@ def _traces(case: str, rows: Sequence[dict[str, Any]], methods: Sequence[Method]
 
 
 def _colour(method: Method, i: int) -> str:
-    return {OURS: "#008877", BOUND: "0.5"}.get(method.name, f"C{i % 10}")
+    return "#008877" if method.name == OURS else "0.5" if method.bound else f"C{i % 10}"
 
 
 def _mark(i: int) -> str:

@@ -26,7 +26,10 @@ LARGER_IS_BETTER = ("bandwidth",)
 
 
 def scores_of(recording: Recording, force: float) -> dict[str, float | None]:
-    """By the names of SCORES; None where there is nothing to score. A run that was cut short is scored as it is."""
+    """By the names of SCORES, in their units; None where there is nothing to score. force: [N] wanted.
+
+    A run that did not finish has the whole wanted force as its error.
+    """
     t, phase = recording["t"], recording["phase"]
     pressed, wanted = -recording["force"][:, 2], -recording["wanted_force"][:, 2]
     touching = np.flatnonzero((pressed > CONTACT_FORCE) & (wanted > 0.0))

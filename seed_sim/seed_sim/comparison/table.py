@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from seed_sim.comparison.methods import BOUND, method_named
+from seed_sim.comparison.methods import method_named
 from seed_sim.comparison.score import LARGER_IS_BETTER, SCORES
 
 LEVEL = 0.05  # share within which another method counts as level with the best
@@ -27,7 +27,7 @@ class Line(NamedTuple):
 
     @property
     def won_by(self) -> str:
-        """For a table; the bound wins nothing."""
+        """For a table; what nobody can have wins nothing."""
         return " = ".join(method_named(w).short for w in self.winners) or "-"
 
 
@@ -51,7 +51,7 @@ def _line(case: str, score: str, rows: Sequence[dict[str, Any]]) -> Line:
 
 
 def _winners(score: str, medians: dict[str, float | None]) -> tuple[str, ...]:
-    real = {m: v for m, v in medians.items() if v is not None and m != BOUND}
+    real = {m: v for m, v in medians.items() if v is not None and not method_named(m).bound}
     if len(real) < 2:
         return ()
     sign = -1.0 if score in LARGER_IS_BETTER else 1.0

@@ -64,7 +64,7 @@ class PlantTime:
             return
         state = self._robot.receive()
         if state is not None:
-            self._follow_robot(state)
+            self._follow_robot(state, steady)
         load = self._plant.ft_wrench
         until = None  # how far the stand-in may run by its own clock, which then is the plant's [s]; None: as it likes
         if self._clock:
@@ -87,10 +87,11 @@ class PlantTime:
         self._lose(behind - advance)
         self._holder.advance(self._plant.time + advance)
 
-    def _follow_robot(self, state: ArmState) -> None:
+    def _follow_robot(self, state: ArmState, steady: float) -> None:
         """The flange goes where the stand-in's arm is, in its time; the arm feels what the tool does to it."""
         if self._robot_offset is None:
             self._robot_offset = state.time - self._plant.time
+            self._lose(steady - self._steady_offset - self._plant.time)  # what passed before the first word of it
         behind = state.time - self._robot_offset - self._plant.time
         if behind > ROBOT_BEHIND and not self._clock:
             self._robot_offset += behind - ROBOT_BEHIND

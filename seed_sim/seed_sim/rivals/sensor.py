@@ -112,4 +112,5 @@ class Reader:
 
 
 def _six(torque: float, force: float) -> Array:
+    """(6,) the same for all three axes of each."""
     return np.array((torque,) * 3 + (force,) * 3)

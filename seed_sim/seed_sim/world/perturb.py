@@ -12,9 +12,6 @@ from seed_core.errors import SeedError
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
 from seed_sim.world.trial import run_trial
 
-COSTLY = 0.5  # [N] from which a perturbation is to be reported
-SOON = 10.0  # [s] of pressing within which
-
 
 @dataclass(frozen=True)
 class Perturbation:

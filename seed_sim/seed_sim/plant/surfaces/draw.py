@@ -16,7 +16,9 @@ def draw_shapes(section: SurfaceSection, edge: float, rng: np.random.Generator) 
     """The bodies that make the table, and by how much they are turned about z [rad].
 
     Args:
+        section: kind of shape, and the ranges that it is drawn from.
         edge: [m] where a plane ends, along x.
+        rng: of the seed.
     """
     radius, at, turn = rng.uniform(*section.radius), rng.uniform(*section.at), radians(rng.uniform(*section.turn))
     match section.kind:

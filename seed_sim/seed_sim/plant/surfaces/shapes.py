@@ -42,7 +42,12 @@ class Plane:
 
 @dataclass(frozen=True)
 class Round:
-    """A cylinder along y or a sphere, from outside or from inside; its highest (lowest) line is z = 0 at x = at."""
+    """A cylinder along y or a sphere, from outside or from inside; its highest (lowest) line is z = 0 at x = at.
+
+    Attributes:
+        radius: [m]. at: [m].
+        ball: a sphere. hollow: seen from inside.
+    """
 
     radius: float
     at: float
@@ -64,7 +69,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Corner:
-    """A block whose upper side z = height ends at x = at: beyond it (side 1) or before it (side -1) the wall falls."""
+    """A block whose upper side z = top [m] ends at x = at [m]: beyond it (side 1) or before it (side -1) is nothing."""
 
     at: float
     top: float
@@ -83,7 +88,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class Ridge:
-    """A roof: both sides fall by angle [rad] from the ridge at x = at, z = top."""
+    """A roof: both sides fall by angle [rad] from the ridge at x = at [m], z = top [m]."""
 
     at: float
     top: float
@@ -117,7 +122,7 @@ class Waves:
     offset: float
 
     def rise(self, x: float, y: float) -> tuple[float, float, float]:
-        """Height and its derivatives along x and y."""
+        """Height [m] at a place [m], and its derivatives along x and y [1]."""
         angle = self.waves[:, 0] * x + self.waves[:, 1] * y + self.phases
         fall = -self.amplitudes * np.sin(angle)
         h = float(self.amplitudes @ np.cos(angle))
@@ -133,13 +138,13 @@ class Waves:
 
 @dataclass(frozen=True)
 class Saddle:
-    """z = ((x - at)^2 - y^2) / (2 radius)."""
+    """z = ((x - at)^2 - y^2) / (2 radius), all in [m]."""
 
     radius: float
     at: float
 
     def rise(self, x: float, y: float) -> tuple[float, float, float]:
-        """Height and its derivatives along x and y."""
+        """Height [m] at a place [m], and its derivatives along x and y [1]."""
         a = x - self.at
         return 0.5 * (a * a - y * y) / self.radius, a / self.radius, -y / self.radius
 
@@ -151,7 +156,7 @@ class Saddle:
 
 
 def _nearest_of_graph(graph: Waves | Saddle, p: Vector3) -> tuple[float, Vector3]:
-    """Gauss and Newton's steps of the foot (u, v) along the tangents, from below p."""
+    """Distance [m] and normal (3,), as `Shape.nearest`: Gauss and Newton's steps of the foot from below p (3,) [m]."""
     u, v = p[0], p[1]
     for _ in range(_FOOT_STEPS):
         h, a, b = graph.rise(u, v)
