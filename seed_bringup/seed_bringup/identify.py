@@ -101,6 +101,7 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
         (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
         (live and recorded, "--live and --from exclude each other"),
         (live and weight, "--procedure weight does not run --live: record the poses and weights"),
+        (weight and args.out, "--procedure weight writes no files, it prints what it finds: leave --out out"),
         (args.in_the_loop and (live or recorded or weight), "--in-the-loop needs a simulated run: only it has a truth"),
     ):
         if wrong:

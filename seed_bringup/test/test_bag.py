@@ -176,3 +176,23 @@ def test_a_bag_of_a_release_without_hashes_needs_no_definitions_to_be_played(
 def test_a_recorder_that_had_hardly_begun_does_not_hide_why_the_run_ended(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), recording(tmp_path / "bag.mcap", ["/chatter"]):
         raise KeyboardInterrupt
+
+
+def test_a_recorder_completes_its_bag_when_who_started_it_is_killed(tmp_path: Path) -> None:
+    bag = tmp_path / "bag.mcap"
+    words = f"""
+import os, time
+from seed_bringup.bags.recording import recording
+with recording({str(bag)!r}, ["/rosout"]) as said:
+    while "recording /rosout" not in said():
+        time.sleep(0.05)
+    os.kill(os.getpid(), 9)
+"""
+    with subprocess.Popen([sys.executable, "-P", "-c", words]) as killed:
+        assert killed.wait(timeout=30.0) == -9
+    deadline = time.monotonic() + 20.0
+    while not bag.is_file():  # it comes to its place when it is complete
+        assert time.monotonic() < deadline, "the bag is still open"
+        time.sleep(0.05)
+    with AnyReader([bag]) as reader:
+        assert [c.topic for c in reader.connections] == ["/rosout"]

@@ -53,6 +53,13 @@ def playing(*words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def test_a_task_without_a_cell_is_told_what_starts_one() -> None:
+    for words in (("play", "squeegee"), ("cancel",)):
+        done = seed(*words, "--domain", "229")  # nobody's
+        assert done.returncode == 1
+        assert done.stderr == f"seed {words[0]}: no cell is running in ROS domain 229: ./seed launch cell starts one\n"
+
+
 @pytest.mark.slow  # two tasks by simulated time
 def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled(cell: Launch) -> None:
     seed("call", "sim/release")  # of a run before: the cell keeps its tool

@@ -118,11 +118,35 @@ def test_a_tutorial_shows_what_happens(page: Path, tmp_path: Path, monkeypatch: 
     assert ran >= 1
 
 
+PYTHON = [f for f in (ROOT / "docs").glob("*.md") if re.search(r"^```python\n", f.read_text(), re.MULTILINE)]
+
+
+@pytest.mark.parametrize("page", [p for p in PYTHON if p.stem != "learning"], ids=lambda f: f.stem)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each block by itself; that of the page on learning runs in test_examples.py, in a process of its own."""
+    pytest.importorskip("pydrake", reason="the simulator is not installed")
+    monkeypatch.chdir(tmp_path)
+    for code in re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL):
+        exec(compile(code, str(page), "exec"), {"__name__": "__main__"})
+
+
 def test_numbers_that_differ_are_told_from_those_that_do_not() -> None:
     assert alike("force  -2.002 N", "force    -2.001 N")
     assert not alike("force -2.0 N", "force -3.0 N")
     assert alike("a ... end", "a long way to the end")
     assert not alike("a ... end", "another end is here")
+
+
+def test_lists_and_tables_stand_apart_from_the_text_before_them() -> None:
+    """Without an empty line the site shows them as running text."""
+    begins = re.compile(r"- |\d+\. |\|")
+    for page in [ROOT / "README.md", *sorted(ROOT.glob("C*.md")), *sorted((ROOT / "docs").glob("**/*.md"))]:
+        prose = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+        for block in re.split(r"\n\s*\n", prose):
+            first, *others = [line for line in block.strip("\n").splitlines() if not line.startswith("#")] or [""]
+            if not begins.match(first):
+                late = [line for line in others if begins.match(line)]
+                assert not late, f"{page.name}: an empty line is missing before {late[0][:60]!r}"
 
 
 # What the documents do not write, and what they write instead.

@@ -47,6 +47,7 @@ def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
         ("the arm does not follow: it is 31.0 mm from its command", "pendant"),
         ("current_pose is 0.30 s old", "driver"),
         ("track lost: the tool touches no bubble", "Grasp"),
+        ("no grasp: initialize_grasp has not been called since the last reference", "Take the tool"),
         ("no contact within max_free_travel = 30 mm along (0, 0, -1) of the base", "frame"),
         ("something that nobody has thought of", "Clear the cause"),
     ],
@@ -62,7 +63,9 @@ def test_a_hold_is_told_with_its_reason_and_what_to_do(reason: str, remedy: str)
 def test_the_next_button_leads_from_reference_to_grasp_to_enable() -> None:
     off = control("disabled", enabled=False)
     nothing = Grasp(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
-    empty = Grasp(np.eye(4), False, "nothing is grasped", 0.0, False)
+    empty = Grasp(
+        np.eye(4), False, "no grasp: initialize_grasp has not been called since the last reference", 0.0, False
+    )
     steps = [words.next_button(CellState(now=1.0, control=off, grasp=g)) for g in (nothing, empty, HELD)]
     assert steps == ["Reference", "Grasp", "Enable"]
     assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == ""

@@ -308,6 +308,16 @@ def test_the_buttons_need_no_more_than_the_page_s_enclave_may_do(hands: CellHand
     assert {n.partition("/_action/")[0] for n in names["client"] - called} <= may["call"]
 
 
+def test_the_hands_keep_a_name_of_their_own_where_a_launch_file_names_the_page() -> None:
+    context = Context()
+    rclpy.init(args=["--ros-args", "-r", "__node:=page"], context=context)
+    hands = CellHands(context, ("squeegee",))
+    name = hands.node.get_name()
+    hands.close()
+    rclpy.try_shutdown(context=context)
+    assert name == "page_hands"
+
+
 def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:
     clients = (hands._enable, *hands._triggers.values())
     until(lambda: not any(c.service_is_ready() for c in clients), patience=60.0)  # those of the tests before

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording in a process of its own, so that it does not disturb who starts it."""
 
+import ctypes
 import signal
 import subprocess
 import sys
@@ -41,7 +42,12 @@ def recording(path: str | Path, topics: Sequence[str] = (), sim_time: bool = Fal
             return log.read().decode(errors="replace")
 
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,
         )
         try:
             yield said
@@ -53,3 +59,8 @@ def recording(path: str | Path, topics: Sequence[str] = (), sim_time: bool = Fal
                 process.kill()
         if process.wait() != 0 or not Path(path).exists():
             raise BagError(f"recording {path} failed with exit code {process.returncode}:\n{said()}")
+
+
+def _end_with_parent() -> None:
+    """Have the system interrupt this process, which completes the bag, when its parent ends, killed or not."""
+    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
     from seed_bringup.ros.session import Session
 
 DISCOVERY = 5.0  # [s] until every service of a running graph is known, as a rule
-PATIENCE = 15.0  # [s] until one that is asked for is known, where packets are lost
+PATIENCE = 15.0  # [s] until one that is asked for is known, where packets are lost or its node still starts
+TOGETHER = 3.0  # [s] within which the services of one node become known
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 
 
@@ -50,7 +53,16 @@ def _services(session: Session) -> dict[str, str]:
 
 
 def _call(session: Session, name: str, value: str | None) -> str:
-    session.find(lambda: name in _services(session), PATIENCE)
+    node, seen = name.rpartition("/")[0], math.inf
+
+    def over() -> bool:
+        nonlocal seen
+        known = _services(session)
+        if any(n.rpartition("/")[0] == node for n in known):
+            seen = min(seen, time.monotonic())
+        return name in known or time.monotonic() - seen > TOGETHER
+
+    session.find(over, PATIENCE)
     kind = _services(session).get(name)
     if kind is None:
         raise FailedError(missing(f"there is no service {name}", name, _services(session), "./seed call"))

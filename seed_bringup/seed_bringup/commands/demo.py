@@ -37,7 +37,9 @@ BASELINES = ("open_loop", "welded")
 def _parser() -> argparse.ArgumentParser:
     p = Parser(prog="seed demo", description=__doc__)
     p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
-    p.add_argument("--force", type=float, help="[N] size of every force in the task; the task's own if left out")
+    p.add_argument(
+        "--force", type=number(0.0, "N"), help="[N] size of every force in the task; the task's own if left out"
+    )
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table, all noise and the hidden world")
     p.add_argument(
         "--world",

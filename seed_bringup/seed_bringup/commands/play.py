@@ -10,7 +10,7 @@ from seed_bringup.commands.cells import cell_arguments, join
 from seed_bringup.demo.terminal import Bar
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import FailedError
-from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
 
 
 @command("seed play")
@@ -22,7 +22,7 @@ def main(argv: list[str]) -> int:
         "lifted, as it is when this program ends in another way. A second Ctrl-C does not wait for that.",
     )
     p.add_argument("task", help=f"a task file, or a shipped task: {', '.join(shipped_tasks())}")
-    p.add_argument("--force", type=float, help="[N] size of every force in the task; its own if left out")
+    p.add_argument("--force", type=number(0.0, "N"), help="[N] size of every force in the task; its own if left out")
     cell_arguments(p)
     options = p.parse_args(argv)
     load_task(options.task, options.force)  # says here and now what is wrong with it

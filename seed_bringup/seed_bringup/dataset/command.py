@@ -27,7 +27,7 @@ def main(argv: list[str]) -> int:
         description="Make a LeRobot dataset of bags, or of a task in closed loop without ROS. LeRobot and torch are\n"
         "installed into an environment of their own the first time (up to 9 GB), never into the suite's.",
     )
-    p.add_argument("out", type=Path, help="folder to make; one that exists is refused")
+    p.add_argument("out", nargs="?", type=Path, help="folder to make; one that exists is refused")
     p.add_argument("bags", nargs="*", type=Path, help="bags: each stretch with a set-point is an episode")
     p.add_argument("--evaluate", metavar="TASK", help="instead of bags: a task, by name or file, as ./seed evaluate")
     p.add_argument("--episodes", type=whole(1), default=10, help="of --evaluate; one per seed")
@@ -39,8 +39,10 @@ def main(argv: list[str]) -> int:
     p.add_argument("--repo-id", default="seed/dataset", help="name of the dataset on the hub; nothing is sent there")
     p.add_argument("--arrays", action="store_true", help="plain NumPy files instead; needs no LeRobot")
     options = p.parse_args(argv)
+    if options.out is None:
+        p.error("name the folder to make")
     if bool(options.bags) == bool(options.evaluate):
-        raise SeedError("name bags, or a task with --evaluate")
+        raise SeedError("name bags, or a task with --evaluate, and not both")
     if options.bags and not options.text:
         raise SeedError("say with --text in words what the bags show: a policy is told the task by that")
     if options.out.exists():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from seed_bringup.demo.baselines import Baseline
-from seed_bringup.demo.figures import TOUCH, force_and_torque, path_on_table, relative_pose, true_and_believed
+from seed_bringup.demo.figures import force_and_torque, path_on_table, relative_pose, true_and_believed
 from seed_bringup.demo.hidden import Findings
 from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import Plan
@@ -21,6 +21,7 @@ from seed_bringup.pictures.scene import Scene, setup_picture
 from seed_core.program.command_line import to_json
 from seed_core.spatial import inverse_pose, rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.replay.plots import TOUCH
 
 BOUNDS, HIDDEN_BOUNDS = (0.5, 0.08), (1.0, 0.15)  # [N], [N m] rms, of a known and of a hidden world
 GAP = 0.3  # [s] in the recording above which the score is not to be trusted

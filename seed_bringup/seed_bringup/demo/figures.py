@@ -15,10 +15,10 @@ from seed_bringup.demo.score import BAND, Belief, Curve, Phase
 from seed_bringup.demo.series import Series
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording
+from seed_sim.replay.plots import draw_path
 
 BLUE, ORANGE, GREEN, GREY, INK = "#1f6feb", "#e8710a", "#188a5b", "#9aa4b2", "#1f2937"
 AXES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
-TOUCH = 0.3  # [N] from which the tip is drawn as touching
 STYLE = Path(__file__).parents[1] / "templates" / "figures.mplstyle"
 
 
@@ -59,27 +59,11 @@ def force_and_torque(
 
 def path_on_table(recording: Recording, phase: str) -> str:
     """Where the tip was to go and went, seen along the work frame's z [mm]; colour tells the pressing force [N]."""
-    tip, wanted, force = 1e3 * recording["tip"], 1e3 * recording["reference"], -recording["force"][:, 2]
-    touching = np.linalg.norm(recording["force"], axis=1) > TOUCH
-    scored = recording.scored(phase)
-    pressed = np.array(force[scored & touching]) if (scored & touching).any() else np.array((0.0, 1.0))
-    middle, span = float(np.median(pressed)), max(float(np.ptp(np.percentile(pressed, (1, 99)))), 0.4)
+    tip = 1e3 * recording["tip"]
     with style.context(STYLE):
         width, height = (max(float(np.ptp(tip[:, i])), 20.0) for i in (0, 1))
         figure = Figure(figsize=(9.6, float(np.clip(8.0 * height / width, 2.2, 6.0))), layout="constrained")
-        axis = figure.subplots()
-        axis.plot(*wanted[:, :2].T, color=INK, lw=1.0, ls=(0, (4, 3)), label="wanted", zorder=2)
-        axis.plot(*np.where(touching[:, None], np.nan, tip)[:, :2].T, color=GREY, lw=1.0, label="in the air", zorder=3)
-        dots = axis.scatter(
-            *tip[touching][:, :2].T, c=force[touching], s=9.0, cmap="viridis", zorder=4,
-            vmin=middle - 0.5 * span, vmax=middle + 0.5 * span,
-        )  # fmt: skip
-        figure.colorbar(dots, ax=axis, label="pressing force [N]", shrink=0.9)
-        axis.set_aspect("equal", "datalim")
-        axis.margins(0.08)
-        axis.set_xlabel("x of the work frame [mm]")
-        axis.set_ylabel("y [mm]")
-        axis.legend(loc="upper left", fontsize=9)
+        draw_path(figure.subplots(), recording, phase)
         return svg(figure)
 
 

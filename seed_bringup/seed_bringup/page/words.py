@@ -44,7 +44,7 @@ REMEDIES = (
     ("frozen", "The cameras or the estimator stand still. See that the tactile pictures move, then Enable."),
     ("track lost", "The pictures do not show the tool any more. Take it again (Release, then Grasp), then Enable."),
     ("clock", "Compare the clocks of cameras and robot: ./seed identify --live. Then Enable."),
-    ("no reference", "Open the gripper and press Reference; then Grasp."),
+    ("no grasp", "Take the tool (Grasp), then Enable."),
     ("reference", "Open the gripper and press Reference; then Grasp."),
     ("no relative_pose", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
     ("estimate", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
@@ -100,7 +100,7 @@ def next_button(state: CellState) -> str:
     if not state.alive or control is None or (control.enabled and control.mode != "holding"):
         return ""
     lacks = " ".join((*state.missing.values(), grasp.reason if grasp is not None else ""))
-    if "reference" in lacks:
+    if "no reference" in lacks:
         return "Reference"
     return "Enable" if grasp is not None and grasp.valid else "Grasp"
 

@@ -55,7 +55,7 @@ def _hand(axis: Axes, drop: float) -> None:
 
 BOXES = {  # centre [units], words, colour
     "cameras": ((1.0, 3.0), "cameras\nin both bubbles", "#fdf1d6"),
-    "estimator": ((4.1, 3.0), "estimator\npose of the tool\nbeyond the tool", "#e3edff"),
+    "estimator": ((4.1, 3.0), "estimator\npose of the tool\nin the grasp", "#e3edff"),
     "controller": ((7.3, 3.0), "controller\nwrench, and where\nthe hand must go", "#e3edff"),
     "driver": ((10.5, 3.0), "driver\n500 Hz, limits,\nkeeps clear", "#e3edff"),
     "arm": ((10.5, 0.6), "arm", "#eceff3"),

@@ -50,7 +50,7 @@ def cell_panel(size: tuple[int, int] = (620, 620)) -> tuple[Figure, Axes]:
     words = [
         Word("W  base", np.array((0.0, 0.0, 0.0)), (-90.0, 95.0), size=13),
         Word("E  tool0, the flange", X_WE[:3, 3], (135.0, -60.0), size=13),
-        Word("a task's work frame, z out of the table", np.array((0.72, -0.12, 0.0)), (-70.0, 46.0), size=12),
+        Word("a task's work frame, z out of the table", np.array((0.65, -0.2, 0.0)), (-20.0, 46.0), size=12),
     ]
     figure, axes = drawn(bodies(scene), camera, words)
     for X, length in ((np.eye(4), 0.22), (X_WE, 0.12), (scene.X_WS @ make_pose(None, (0.2, -0.2, 0.0)), 0.1)):
@@ -71,7 +71,9 @@ def hand_panel(size: tuple[int, int] = (780, 620)) -> tuple[Figure, Axes]:
     at = {name: X[:3, 3] for name, X in frames.items()}
     words = [
         Word("E  tool0", at["E"], (-120.0, -25.0), size=13),
-        Word("C  compliance, on the gripper,\nequal to T  tool at the grasp", at["C"], (215.0, -92.0), size=12),
+        Word(
+            "C  compliance,\non the gripper;\nT  tool is equal\nto it at the grasp", at["C"], (-292.0, -105.0), size=12
+        ),
         Word("R  bubble_right_optical,\nlooks along its z", at["R"], (75.0, 112.0), size=12),
         Word("L  bubble_left_optical", at["L"], (-70.0, 105.0), size=12),
         Word("tip", at["tip"], (115.0, 12.0), size=13),
@@ -106,7 +108,7 @@ def cut_open(axis: Axes) -> None:
         ("camera", (back + 2, -17), INK, 0),
         ("inside:\nair and light,\nthe camera's side", (64, -24), INK, 0),
         ("outside:\nthe tool's side", (-52, 30), INK, 0),
-        ("membrane,\npressed by the tool", (30, 57), "#9a6a00", 0),
+        ("membrane,\npressed by the tool", (54, 57), "#9a6a00", 0),
         ("depth along a ray", (60, 7.5), "#d63031", 3),
         ("at rest", (-3, 29), "#9a6a00", 0),
     ]
@@ -137,7 +139,7 @@ def frames_drawing() -> bytes:
         axes.set_axis_off()
         axes.text(16, 28, head, fontsize=15, color=INK, weight="bold")
         left += w
-    below = figure.add_axes((0.14, 0.0, 0.72, 0.405))
+    below = figure.add_axes((0.14, 0.0, 0.72, 0.39))
     cut_open(below)
     below.set_title("A bubble cut open, in the plane of y and z of C", fontsize=15, color=INK, weight="bold")
     return png(figure)

@@ -31,15 +31,15 @@ def answers_slip() -> bytes:
     grip.plot(t, answered["load"] / (2.0 * pull.membrane.friction), color=RED, label="what friction just needs")
     grip.plot(t, answered["grip"], color=BLUE, label="grip that answers")
     grip.axhline(held.first_grip, color=GREY, ls="--", label="grip that stays")
-    grip.set_ylabel("of each finger [N]")
+    grip.set_ylabel("push of each finger [N]")
     margin.plot(t, answered["margin"], color=INK, lw=1.0, label="true")
     margin.plot(t, answered["told"], color=BLUE, drawstyle="steps-post", label="told, late")
-    margin.set(ylabel="slip margin [1]", ylim=(-0.05, 1.05))
+    margin.set(ylabel="slip margin", ylim=(-0.05, 1.05))
     slide.plot(t_stays, slid_stays, color=GREY, ls="--", label="grip that stays: torn out")
     slide.plot(t, 1e3 * answered["slid"], color=BLUE, label="grip that answers")
     slide.set(ylabel="slid [mm]", xlabel="time [s]", xlim=(0.1, t[-1] - DT))
-    for axis in (grip, margin, slide):
-        axis.legend(loc="upper left", frameon=False)
+    for axis, free in ((grip, "upper left"), (margin, "lower left"), (slide, "upper left")):
+        axis.legend(loc=free, frameon=False)
         axis.spines[["top", "right"]].set_visible(False)
     grip.set_title(
         f"A pull of {pull.strength:.2f} times what the first grip bears, within {pull.rise:.2f} s", color=INK

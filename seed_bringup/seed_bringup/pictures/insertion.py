@@ -15,6 +15,7 @@ from seed_sim import evaluate
 from seed_sim.closed_loop.evaluate import Evaluation
 
 TASK, SEED = "insert_peg", 1
+BEFORE = 0.3  # [s] of the way to the plate that are shown
 SLACK = 1e-3  # [m] off the hole's axis within which both chamfers lead the peg in
 
 
@@ -53,16 +54,18 @@ def _over_the_plate(axes: Axes, run: Evaluation) -> None:
 def _over_time(top: Axes, bottom: Axes, run: Evaluation) -> None:
     recording, tip = run.recording, _in_hole(run)
     first, last = recording.phases.index("touch"), recording.phases.index("insert")
-    on = (recording["phase"] >= first) & (recording["phase"] <= last)
+    contact = recording.contact_time
+    assert contact is not None
+    on = (recording["phase"] >= first) & (recording["phase"] <= last) & (recording["t"] > contact - BEFORE)
     t, force = recording["t"][on], recording["force"][on]
     top.plot(t, -tip[on, 2], color=BLUE)
     top.set(ylabel="depth [mm]", ylim=(-5.0, None))
     bottom.plot(t, -force[:, 2], color=BLUE, label="along the press")
     bottom.plot(t, np.hypot(force[:, 0], force[:, 1]), color=ORANGE, label="sideways")
-    bottom.set(xlabel="time [s]", ylabel="force [N]")
-    bottom.legend(loc="upper left", fontsize=8)
+    bottom.set(xlabel="time [s]", ylabel="force [N]", ylim=(None, 1.3 * float(np.abs(force).max())))
+    bottom.legend(loc="upper right", ncols=2, fontsize=8)
     for i in sorted(set(recording["phase"][on].tolist())):
-        start = float(recording["t"][recording["phase"] == i][0])
+        start = max(float(recording["t"][recording["phase"] == i][0]), float(t[0]))
         for axes in (top, bottom):
             axes.axvline(start, color=GREY, lw=0.8)
         top.annotate(recording.phases[i], (start, 1.0), (3, 2), ("data", "axes fraction"), "offset points", fontsize=8)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a running cell: prepare it, play a task, look at the fingers."""
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -31,6 +32,7 @@ from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 AGAIN = 2.0  # [s] after which an unanswered request to cancel is sent again
+MEET = 0.3  # [s] for an action server to know its new client: until then it leaves its answers out
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 ALONE = 4.0  # [s] without another node, after which there is no cell
 SEEN = 5.0  # [s] for driver or simulation to be seen, and for the driver's answer
@@ -175,6 +177,7 @@ class Session:
         self, client: ActionClient, task: str, overrides: str, tell: Callable[[Any], None], patience: float
     ) -> Played:
         self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
+        self.spin(MEET)
 
         def on_feedback(message: Any) -> None:
             phase = message.feedback.phase
@@ -223,7 +226,7 @@ class Session:
     def arm(self, patience: float = 20.0) -> str:
         """Which arm moves here, in words. Raises SessionError: no controller is here."""
         action = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
-        self.until(action.service_is_ready, patience, "no action controller/follow_setpoints")
+        self._find_controller(action, patience)
         self.node.destroy_client(action)
         client = self.node.create_client(GetParameters, "driver/get_parameters")
         self.until(lambda: client.service_is_ready() or "sim" in self.node.get_node_names(), SEEN, "")
@@ -237,10 +240,23 @@ class Session:
             self.node.destroy_client(client)
         return "a simulated arm" if "sim" in self.node.get_node_names() else "an arm of another maker's driver"
 
+    def _find_controller(self, client: Any, patience: float) -> None:
+        """Wait for the service of the controller's action. Raises SessionError: there is none, and why."""
+        self.find(client.service_is_ready, patience)
+        if client.service_is_ready():
+            return
+        if self.node.get_node_names() == [self.node.get_name()]:
+            domain = os.environ.get("ROS_DOMAIN_ID", 0)
+            raise SessionError(f"no cell is running in ROS domain {domain}: ./seed launch cell starts one")
+        raise SessionError(
+            f"no action controller/follow_setpoints within {patience:g} s, though other nodes are here: does the "
+            "cell's controller run? If the cell has a namespace, say --namespace"
+        )
+
     def cancel_all(self, patience: float = 10.0) -> int:
         """End whatever task is played, whoever began it; how many there were."""
         client = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
-        self.until(client.service_is_ready, patience, "no action controller/follow_setpoints: is the cell running?")
+        self._find_controller(client, patience)
         asked: list[Any] = []
 
         def answered() -> bool:

@@ -67,7 +67,8 @@ class CellHands:
         self._goal: Any = None
         self._ended: Future | None = None  # the end of the task that is played
         self._there = time.monotonic()  # when the controller was there last
-        self.node = client_node(name, context=context, namespace=namespace or None)
+        own = ["--ros-args", "-r", f"__node:={name}"]  # a launch file names every node of its process
+        self.node = client_node(name, context=context, namespace=namespace or None, cli_args=own)
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
         self._enable = self.node.create_client(SetBool, ENABLE)
         self._cancel = self.node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
