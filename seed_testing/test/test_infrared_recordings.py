@@ -13,11 +13,11 @@ import pytest
 from seed_core.config import load_file
 from seed_core.hand import Hand
 from seed_estimation import EstimatorParameters, TactileImages
-from seed_estimation.contact import membrane
 from seed_estimation.contact.membrane import membrane_at_rest
 from seed_estimation.contact.patch import PatchFinder
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
+from seed_testing.recordings.command import main
 from seed_testing.recordings.infrared import Motion
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,15 +27,17 @@ needs_press = pytest.mark.skipif(not PRESS.exists(), reason=f"no recorded press 
 needs_infrared = pytest.mark.skipif(not INFRARED.exists(), reason=f"no infrared images at {INFRARED}; set SEED_DATA")
 
 
-@pytest.fixture(autouse=True)
-def plane(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plane stands for the membrane on which a real image moves: it would be refused as a reference."""
-    monkeypatch.setattr(membrane, "FLAT", 0.0)
-
-
 @pytest.fixture(scope="module")
 def recorded() -> press.Press:
     return press.load(PRESS)
+
+
+def test_a_folder_without_recordings_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SEED_DATA", str(tmp_path))
+    assert main([]) == 2
+    assert f"in {tmp_path}: the recordings are no part of the project" in capsys.readouterr().err
 
 
 @needs_press

@@ -84,7 +84,13 @@ def test_pen_across_the_hand_presses_along_y_of_the_hand():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [([], "figure"), (["fig5"], "fig4"), (["fig6", "--seed", "x"], "whole number")]
+    ("arguments", "words"),
+    [
+        ([], "figure"),
+        (["fig5"], "fig4"),
+        (["fig6", "--seed", "x"], "whole number"),
+        (["fig6", "--force", "-1"], "at least 0 N"),
+    ],
 )
 def test_wrong_arguments_are_named_in_one_line(arguments, words, capsys):
     with pytest.raises(SystemExit):
@@ -95,5 +101,5 @@ def test_wrong_arguments_are_named_in_one_line(arguments, words, capsys):
 
 
 def test_impossible_force_is_named(tmp_path, capsys):
-    assert main(["fig6", "--force", "-1", "--out", str(tmp_path)]) == 2
-    assert "force = -1.0 N must be above 0" in capsys.readouterr().err
+    assert main(["fig6", "--force", "0", "--out", str(tmp_path)]) == 2
+    assert "force = 0.0 N must be above 0" in capsys.readouterr().err

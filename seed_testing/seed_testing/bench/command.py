@@ -25,6 +25,7 @@ LONG = {  # commands with arguments of their own
     "cameras": "seed_testing.bench.ros.camera_rate",
     "kills": "seed_testing.live.kills",
     "soak": "seed_testing.live.soak",
+    "load": "seed_testing.live.load",
     "page": "seed_testing.live.page_cost",
     "fuzz": "seed_testing.bench.fuzz",
     "law": "seed_testing.bench.campaigns.law",

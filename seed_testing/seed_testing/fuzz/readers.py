@@ -109,7 +109,8 @@ def _schedule(file: StiffnessFile) -> Any:
 
 def _offsets(file: Path) -> Any:
     read = camera_calibration.load(file)
-    read.range_offsets()
+    for one in read.fingers.values():
+        one.offset_map()
     return read
 
 

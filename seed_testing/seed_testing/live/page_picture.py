@@ -52,7 +52,7 @@ def _press_and_picture(address: str, program: str, file: Path, then: float) -> N
         page = chromium.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)
-        for button, done in (("Reference", "Reference: "), ("Grasp", "grasped the"), ("Enable", "Ready")):
+        for button, done in (("Reference", "Next: Grasp"), ("Grasp", "Next: Enable"), ("Enable", "Ready")):
             page.get_by_role("button", name=button, exact=True).click()
             page.get_by_text(done).first.wait_for()
         page.get_by_label("Task").click()

@@ -10,6 +10,7 @@ import json
 import os
 from pathlib import Path
 
+from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command
 from seed_testing.recordings import infrared as real_ir
 from seed_testing.recordings import press
@@ -22,6 +23,9 @@ def main(argv: list[str]) -> int:
     """Prints one JSON object per recording."""
     options = _parser().parse_args(argv)
     good = True
+    for asked, name, other in ((options.press, PRESS, "infrared"), (options.infrared, INFRARED, "press")):
+        if asked is None and options.only != other and not (folder() / name).is_file():
+            raise SeedError(f"no {name} in {folder()}: the recordings are no part of the project; SEED_DATA says where")
     if options.only != "infrared":
         from seed_testing.recordings.press_node import through_node
 

@@ -20,7 +20,8 @@ from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, Tacti
 from seed_estimation.images.tactile_images import Image
 from seed_testing.recordings.npz import read_arrays
 
-REST, PRESSED = 0.090, 0.085  # [m] depth of the membrane and of the patch
+REST, PRESSED = 0.091, 0.085  # [m] depth of the membrane's apex, and of the patch
+FALL = 0.003  # [m] by which the membrane at rest is nearer at the image's corners: a bubble is a dome
 PERIOD = 1.0 / 45.0  # [s]
 MAX_BYTES = 200_000_000
 
@@ -45,6 +46,8 @@ class WarpedImage:
         self._v, self._u = np.mgrid[: ir.shape[0], : ir.shape[1]].astype(float)
         self.centre = np.array((0.45 * ir.shape[1], 0.5 * ir.shape[0]))
         self._radius, self._brightness, self._spot = radius, brightness, spot
+        du, dv = self._u / ir.shape[1] - 0.5, self._v / ir.shape[0] - 0.5
+        self._rest = REST - FALL * 2.0 * (du * du + dv * dv)  # (H, W) [m] of the membrane that touches nothing
         self._rng = np.random.default_rng(seed)
 
     def render(self, motion: Motion, stamp: float, contact: bool = True) -> TactileImages:
@@ -63,7 +66,7 @@ class WarpedImage:
                     -((self._u - self.centre[0] - 12) ** 2 + (self._v - self.centre[1] + 9) ** 2) / 18.0
                 )
         ir += self._rng.normal(0.0, 0.01, ir.shape) * ir
-        depth = np.where(inside & contact, PRESSED, REST) + self._rng.normal(0.0, 5e-4, ir.shape)
+        depth = np.where(inside & contact, PRESSED, self._rest) + self._rng.normal(0.0, 5e-4, ir.shape)
         return TactileImages(depth.astype(np.float32), ir.astype(np.float32), stamp)
 
 
