@@ -22,7 +22,7 @@ from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.inputs import MOST_BAD, Inputs
 from seed_control.wrench.knowledge import WrenchKnowledge
 from seed_core.config import checked
-from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
+from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3
@@ -106,6 +106,8 @@ class Supervisor:
         if inputs.bad_in_a_row >= MOST_BAD:
             self.guard.hold(inputs.why_bad)
             self.references.new_grasp()
+            if any(word in inputs.why_bad for word in EMPTY):
+                self.grasp_check.let_go()
             if jump or NEW_GRASP in inputs.why_bad:
                 self.grasp_check.new_grasp("" if jump else NEW_GRASP)
         return good

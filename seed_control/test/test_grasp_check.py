@@ -8,7 +8,7 @@ import pytest
 from quasi_static import Bench
 
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import EMPTY, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose
 
@@ -152,3 +152,23 @@ def test_a_table_that_is_followed_is_no_free_air() -> None:
         bench.table = 6e-3 * np.sin(2.0 * np.pi * 0.5 * (bench.t - since))
         assert not bench.controller.supervisor.grasp_check.reason
         assert bench.step().mode != "holding", bench.state.reason
+
+
+@pytest.mark.parametrize("empty", EMPTY)
+def test_a_tool_that_was_let_go_and_taken_anew_presses(empty: str) -> None:
+    """It hung before; whoever hands it over carries its weight while it is taken, so the same arm feels another load."""
+    bench = Bench(noise=1e-9).enabled()
+    bench.run(1.0)
+    bench.controller.disable(bench.t, "asked")
+    bench.told = lambda estimate: replace(estimate, valid=False, reason=f"{empty}; as the estimator tells it")
+    bench.run(0.5)
+    bench.told = lambda estimate: replace(estimate, X_CT=np.eye(4))
+    bench.initialize_grasp()
+    bench.X_TT_new = np.eye(4)
+    bench.run(0.6)
+    bench.controller.enable(bench.t)
+    bench.press(5.0)
+    bench.run(0.1)
+    bench.told = lambda estimate: estimate
+    assert bench.run(3.0).mode == "contact", bench.state.reason
+    assert abs(bench.force - 5.0) < 0.2

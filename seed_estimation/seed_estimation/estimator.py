@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import checked
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
@@ -218,7 +218,7 @@ class Estimator:
         # Fit of one rigid motion to all images, micro-slip and gross slip: tracker.py
         tracker = self._tracker
         if tracker is None:
-            return self._invalid(stamp, "no grasp: initialize_grasp has not been called since the last reference")
+            return self._invalid(stamp, NO_GRASP)
         if gap > p.max_gap:
             tracker.lose()
         fit = None if tracker.gross_slip else tracker.follow(self._images, stamp, touching, p)

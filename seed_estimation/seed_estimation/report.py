@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.estimate import NO_TOUCH, MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Array, make_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
@@ -120,7 +120,7 @@ def _observed(covariance: Array, p: EstimatorParameters) -> tuple[bool, bool, bo
 def lost_reason(fit: Fit, touching: Collection[str], lock: float) -> str:
     """Why a track is lost: how badly the best fit explains the images."""
     if not touching:
-        return "track lost: the tool touches no bubble; searching"
+        return f"track lost: {NO_TOUCH}; searching"
     shares = ", ".join(f"{f} {max(share, 0.0):.0%}" for f, share in fit.explained.items())
     if min(fit.explained.values()) >= lock:
         return f"track lost: depth contradicts the infrared images, of which {shares} are explained; searching"

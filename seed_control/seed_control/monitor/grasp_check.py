@@ -35,7 +35,7 @@ _LIFT = 0.01  # [m] that are enough to see free air, with what has to be let go 
 
 
 class GraspCheck:
-    """`update` with each image, `new_grasp` where T is counted anew.
+    """`update` with each image, `new_grasp` where T is counted anew, `let_go` where the gripper is empty.
 
     Attributes:
         reason: why force must not be controlled with this grasp; '' while nothing speaks against it.
@@ -74,6 +74,11 @@ class GraspCheck:
                 f"{self._doubt}, and the tool has not hung free since: lift it off by {1e3 * _LIFT:.0f} mm, so that "
                 "free air shows whether forces are right, or initialize the grasp free of load"
             )
+
+    def let_go(self) -> None:
+        """The gripper held nothing: whatever the tool bore then, the next grasp owes it nothing."""
+        self._recent.clear()
+        self._before = ()
 
     def new_grasp(self, why: str) -> None:
         """T is counted anew (why: NEW_GRASP), or poses have jumped ('')."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import checked
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, RelativePoseEstimate
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.checks import EstimatorError
@@ -88,7 +88,7 @@ class SensorEstimator(Generic[Image]):
         seen = {f: sensor.observe(frame[f], start) for f, sensor in self._sensors.items()}
         self.patches = {f: o.patch for f, o in seen.items()}
         if not self._grasped:
-            return self._invalid(stamp, "no grasp: initialize_grasp has not been called since the last reference")
+            return self._invalid(stamp, NO_GRASP)
         if self._slid:
             return self._invalid(stamp, SLIPPED)
         touching = [f for f in self.fingers if self.patches[f].in_contact]

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32, Float64, Float64MultiArray
 from visualization_msgs.msg import Marker
 
-from seed_core.estimate import Regrasp, RelativePoseEstimate
+from seed_core.estimate import NO_TOOL, Regrasp, RelativePoseEstimate
 from seed_core.spatial import Array, so3_log
 from seed_ros import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, FrameNames, SeedNode, TransformBroadcaster
 from seed_ros.conversions import (
@@ -131,7 +131,7 @@ class Outputs:
         plant, frames = self._plant, self._frames
         exact = np.eye(6) * 1e-12
         estimate = RelativePoseEstimate(
-            t, plant.X_CT, exact, valid=grasped, reason="" if grasped else "no tool in the grasp", method="ground_truth"
+            t, plant.X_CT, exact, valid=grasped, reason="" if grasped else NO_TOOL, method="ground_truth"
         )
         message = estimate_to_message(estimate, frames.compliance, frames.tool)
         self._true_pose.publish(message)
