@@ -156,7 +156,7 @@ def test_a_table_that_is_followed_is_no_free_air() -> None:
 
 @pytest.mark.parametrize("empty", EMPTY)
 def test_a_tool_that_was_let_go_and_taken_anew_presses(empty: str) -> None:
-    """It hung before; whoever hands it over carries its weight while it is taken, so the same arm feels another load."""
+    """It hung before; who hands it over carries its weight while it is taken, so the same arm feels another load."""
     bench = Bench(noise=1e-9).enabled()
     bench.run(1.0)
     bench.controller.disable(bench.t, "asked")
