@@ -83,7 +83,7 @@ class OthersExecutor(SingleThreadedExecutor):
 
 
 @contextlib.contextmanager
-def _realtime(priority: int) -> Iterator[None]:
+def realtime(priority: int) -> Iterator[None]:
     """This process's threads ahead of all ordinary ones, where the system allows it.
 
     The middleware's threads are among them: a loop that is on time gets no messages from a thread that does not run.
@@ -184,7 +184,7 @@ class FixedRateLoop:
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Until the context ends, or `ended()`."""
         self._await_clock(ended)
-        with _realtime(self._priority):
+        with realtime(self._priority):
             due, last = self._now(), time.monotonic()
             while self.node.context.ok() and not ended():
                 if self._await(min(due, self._extra)):

@@ -28,12 +28,14 @@ from unique_identifier_msgs.msg import UUID
 
 from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
+from seed_ros.loop import realtime
 from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 AGAIN = 2.0  # [s] after which an unanswered request to cancel is sent again
 MEET = 0.3  # [s] for an action server to know its new client: until then it leaves its answers out
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
+PRIORITY = 10  # of SCHED_FIFO for them, where the system allows it: below every loop of the cell
 ALONE = 4.0  # [s] without another node, after which there is no cell
 SEEN = 5.0  # [s] for driver or simulation to be seen, and for the driver's answer
 STUCK = 3.0  # [s] without a turn of the loop, after which there is none
@@ -205,7 +207,8 @@ class Session:
     def _beating(self, goal: Any) -> Iterator[None]:
         """Tell the controller that somebody sees to the task: without that it ends.
 
-        By a thread of its own, for on a busy machine messages keep the loop for long; while the loop turns at all.
+        By a thread of its own, for on a busy machine messages keep the loop for long; while the loop turns at all. The
+        whole process goes ahead of ordinary ones meanwhile: a thread that waits for the interpreter would not be enough.
         """
         here, over = self.node.create_publisher(UUID, "controller/operator", COMMAND), threading.Event()
 
@@ -218,7 +221,8 @@ class Session:
         thread = threading.Thread(target=beat, daemon=True)
         thread.start()
         try:
-            yield
+            with realtime(PRIORITY):
+                yield
         finally:
             over.set()
             thread.join()
