@@ -208,7 +208,7 @@ class Session:
         """Tell the controller that somebody sees to the task: without that it ends.
 
         By a thread of its own, for on a busy machine messages keep the loop for long; while the loop turns at all. The
-        whole process goes ahead of ordinary ones meanwhile: a thread that waits for the interpreter would not be enough.
+        whole process goes ahead of ordinary ones meanwhile, for the thread waits for an interpreter that does not run.
         """
         here, over = self.node.create_publisher(UUID, "controller/operator", COMMAND), threading.Event()
 
