@@ -136,3 +136,42 @@ def test_slower_limits_take_proportionally_longer() -> None:
         times.append(DT * next(i for i, p in enumerate(run.p) if p[0] > HERE[0] + 0.039))
     assert times[0] / times[1] == pytest.approx(2.0, rel=0.1)
     assert math.isfinite(times[0])
+
+
+@pytest.mark.parametrize(
+    "change", [{"max_jerk": 20.0}, {"max_jerk": 1e4}, {"max_acceleration": 10.0}, {"max_acceleration": 0.1}]
+)
+def test_limits_that_change_in_motion_let_the_command_neither_jump_nor_stop_elsewhere(change) -> None:
+    """They count from the next rest on: until then the bounds, and the way in which it stops, are the old ones."""
+    ways = []
+    for limits in (LIMITS, replace(LIMITS, **change)):
+        run = Run()
+        for i in range(250):
+            run.target((HERE[0] + 0.2 * DT * i, HERE[1], HERE[2]))
+            run.steps(1)
+        run.limiter.set_limits(limits)
+        run.steps(400, hold=True)
+        run.check()
+        ways.append(run.p[-1])
+    assert ways[0] == ways[1]
+    assert run.limiter.limits == replace(LIMITS, **change)
+
+
+def test_a_lower_speed_counts_in_motion() -> None:
+    run = Run()
+    run.target((HERE[0] + 0.5, HERE[1], HERE[2]))
+    run.steps(500)
+    run.limiter.set_limits(replace(LIMITS, max_speed=0.05, max_jerk=500.0))
+    run.steps(500)
+    run.check()
+    assert np.linalg.norm(np.subtract(run.p[-1], run.p[-2])) / DT == pytest.approx(0.05)
+
+
+def test_changed_limits_count_once_a_target_is_reached() -> None:
+    run = Run()
+    run.target((HERE[0] + 0.02, HERE[1], HERE[2]))
+    run.steps(100)
+    run.limiter.set_limits(replace(LIMITS, max_acceleration=0.5))
+    assert run.limiter.limits.max_acceleration == LIMITS.max_acceleration
+    run.steps(600)
+    assert run.limiter.limits.max_acceleration == 0.5

@@ -161,3 +161,16 @@ def test_a_hold_brakes_by_the_time_of_the_wall(memory, share) -> None:
     smoothing = c.max_speed * c.max_acceleration / c.max_jerk
     assert way[-1] - way[0] <= braking + smoothing + 2.0 * DT * c.max_speed
     assert way[-1] == pytest.approx(way[-2 - int(1.0 / DT)], abs=1e-6)
+
+
+@pytest.mark.parametrize("phase", range(4))
+def test_after_a_restart_elsewhere_the_first_step_is_looked_at(memory, phase: int) -> None:
+    """Far from a singularity steps pass without a look; at one, where the arm was put meanwhile, none may."""
+    run = Run(memory)
+    run.motion.accept_targets()
+    run.steps(100 + phase, run.along_y(0.02))
+    X_WE = run.arm.forward(SINGULAR)
+    p, q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
+    run.motion.restart(Sample()._replace(q=SINGULAR, p=p, orientation=q))
+    run.steps(1, p, turned(q, (0.0, 0.0, 0.1)))
+    assert run.motion.joints.q != list(SINGULAR)

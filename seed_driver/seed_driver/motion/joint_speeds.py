@@ -12,9 +12,7 @@ class JointSpeeds:
     def __init__(self, arm: URKinematics, top: float) -> None:
         """top: [rad/s] of every joint, below the arm's own limits."""
         self._arm = arm
-        self._q: list[float] = [0.0] * 6  # [rad] at the pose that was looked at last
-        self._since = 0.0  # [s] of motion since then
-        self._steps_ahead = 0  # that need no look, because every joint is far below its limit
+        self.restart((0.0,) * 6)
         self.set_limit(top)
 
     def set_limit(self, top: float) -> None:
@@ -28,7 +26,9 @@ class JointSpeeds:
 
     def restart(self, q: tuple[float, ...]) -> None:
         """The arm stands at joint angles q (6,) [rad]."""
-        self._q = list(q)
+        self._q = list(q)  # [rad] at the pose that was looked at last
+        self._since = 0.0  # [s] of motion since then
+        self._steps_ahead = 0  # that need no look, because every joint is far below its limit
 
     def limit(self, limiter: CommandLimiter) -> str:
         """Slow the limiter's step down where needed; the reason to hold where there is no way, else ''."""

@@ -12,6 +12,7 @@ that the task wants, smoothly and with its lag known; this one guards the robot 
 """
 
 from collections import deque
+from dataclasses import replace
 from math import ceil, sqrt
 
 from seed_core.arm.limits import MotionLimits
@@ -21,6 +22,8 @@ from seed_driver.motion.reference import Reference
 
 APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate
 BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest is margin
+AT_REST = 1e-9  # [m, rad] that the smoothing holds back at most where it makes no difference
+BRAKING = "max_acceleration", "max_angular_acceleration", "max_jerk"  # what a stop's way follows from
 
 
 class CommandLimiter:
@@ -29,11 +32,12 @@ class CommandLimiter:
     Attributes:
         p, q: the command, position [m] and quaternion.
         reference: what it follows; None while it comes to rest.
+        limits: those in use.
     """
 
     def __init__(self, p: Vector3, q: Quaternion, dt: float, limits: MotionLimits) -> None:
         """dt: [s] of a step."""
-        self.dt, self.limits = dt, limits
+        self.dt, self.limits, self._wanted = dt, limits, limits
         self.reference: Reference | None = None
         self.restart(p, q)
 
@@ -41,7 +45,19 @@ class CommandLimiter:
         """Stand still at a pose."""
         self.inner_p, self.inner_q, self.p, self.q = p, q, p, q
         self.velocity, self.angular_velocity = ZERO, ZERO  # of the inner pose [m/s], [rad/s]
+        self.limits = self._wanted
         self._steps: deque[tuple[Vector3, Vector3]] = deque()  # [m], [rad] of the inner pose, newest first
+
+    def set_limits(self, limits: MotionLimits) -> None:
+        """Take changed limits: speeds and workspace at once, accelerations and jerk as soon as the command rests.
+
+        With another acceleration or smoothing in motion the command would jump, or stop elsewhere than was foretold.
+        """
+        self._wanted = limits
+        if self._resting:
+            self.limits = limits
+        else:
+            self.limits = replace(limits, **{name: getattr(self.limits, name) for name in BRAKING})
 
     def follow(self, p: Vector3, q: Quaternion, now: float, longest: float) -> None:
         """Go to a new target from time `now` [s] on; targets are taken to come at most `longest` [s] apart."""
@@ -62,6 +78,11 @@ class CommandLimiter:
     def still(self) -> bool:
         """Whether neither the command nor its past moves."""
         return not self.moving and not any(any(p) or any(r) for p, r in self._steps)
+
+    @property
+    def _resting(self) -> bool:
+        """Whether the command and its past move so little that another smoothing does not show."""
+        return sum(abs(x) for step in self._steps for part in step for x in part) < AT_REST
 
     def propose(self, hurry: float = 1.0) -> None:
         """Choose the velocity of this step: towards the reference, or to rest.
@@ -107,6 +128,8 @@ class CommandLimiter:
         self._smooth(length)
         if self.still:
             self._steps.clear()
+        if self.limits is not self._wanted and self._resting:
+            self.limits = self._wanted
 
     def _smooth(self, length: int) -> None:
         """Mean of the last `length` inner poses: the newest, less what each of the last steps adds to it.

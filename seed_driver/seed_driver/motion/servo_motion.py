@@ -39,7 +39,7 @@ class Motion:
     def configure(self, config: DriverConfig) -> None:
         """Take changed limits."""
         self.latch.patience = config.command_timeout
-        self.limiter.limits = limits_of(config)
+        self.limiter.set_limits(limits_of(config))
         self.joints.set_limit(COMMANDED * config.max_joint_speed)
         self.stop_check.configure(config, COMMANDED * config.max_joint_speed)
         self.overload.settings = config
