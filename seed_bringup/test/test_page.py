@@ -46,7 +46,7 @@ def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
         ("deflection 14.1 mm is beyond 12.0 mm: the tool may slip", "Grasp"),
         ("the arm does not follow: it is 31.0 mm from its command", "pendant"),
         ("current_pose is 0.30 s old", "driver"),
-        ("track lost: the tool touches no bubble", "Grasp"),
+        ("track lost: the tool touches no finger", "Grasp"),
         ("no grasp: initialize_grasp has not been called since the last reference", "Take the tool"),
         ("no contact within max_free_travel = 30 mm along (0, 0, -1) of the base", "frame"),
         ("something that nobody has thought of", "Clear the cause"),

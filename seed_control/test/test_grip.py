@@ -233,3 +233,18 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
         GripSettings(least_force=20.0)
     with pytest.raises(ConfigError, match="min_width"):
         GripSettings(min_width=0.2)
+
+
+def test_a_clock_that_is_set_back_keeps_grip_and_answers_due() -> None:
+    control = GripControl(replace(SETTINGS, relax_after=0.5, relax_rate=0.5))
+    for start, load in ((100.0, 3.6), (0.0, 9.0), (2.0, 3.6)):
+        for i in range(90):
+            t = start + i * FRAME
+            control.heard(t, 0.02, control.wanted if i or start < 100.0 else 3.0)
+            control.image(margin_of(load, t), t)
+        if start == 0.0:
+            assert control.command(t).force == pytest.approx(9.0 * 0.625 / 0.75, rel=0.02)
+    assert control.command(t).force < 0.9 * 9.0 * 0.625 / 0.75
+    assert "does not answer" in control.command(t + 1.0).hold
+    control.image(margin_of(3.6, -50.0), -50.0)
+    assert "does not answer" in control.command(-49.0).hold

@@ -13,7 +13,7 @@ LASTING = 0.3  # [s]; a controller holds after 0.15 s without a valid pose
 NEW_GRASP = "a new grasp is taken"  # in the reason of poses around such a moment
 NO_GRASP = "no grasp: initialize_grasp has not been called since the last reference"
 NO_TOOL = "no tool in the grasp"
-NO_TOUCH = "the tool touches no bubble"
+NO_TOUCH = "the tool touches no finger"
 EMPTY = (NO_GRASP, NO_TOOL, NO_TOUCH)  # in the reason of poses while the gripper holds nothing
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 

@@ -25,7 +25,7 @@ from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.contact.reference import NO_LOAD, Grasp, Reference
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
-from seed_estimation.images.checks import EstimatorError, Frame, frame_problem, usable_images
+from seed_estimation.images.checks import SET_BACK, EstimatorError, Frame, frame_problem, usable_images
 from seed_estimation.images.tactile_images import Image, Mask, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import PublishedMethod
@@ -36,7 +36,6 @@ from seed_estimation.rigid_fit.timing import Timing
 from seed_estimation.tracker import Tracker
 
 FINGERS = ("left", "right")
-SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 

@@ -161,6 +161,14 @@ def test_bad_frames_are_answered_with_a_reason() -> None:
     assert "touches no finger" in estimator.update(nothing, 0.3).reason
 
 
+def test_a_clock_that_is_set_back_does_not_blind_it() -> None:
+    estimator, places = grasped()
+    rng = np.random.default_rng(3)
+    assert estimator.update(frame(places, np.eye(4), 900.0, rng), 900.0).valid
+    assert estimator.update(frame(places, np.eye(4), 300.0, rng), 300.0).valid
+    assert "out of order" in estimator.update(frame(places, np.eye(4), 299.9, rng), 299.9).reason
+
+
 def test_rows_are_the_change_with_a_small_motion() -> None:
     rng = np.random.default_rng(2)
     p, a = rng.standard_normal((5, 3)), rng.standard_normal((5, 3))

@@ -20,6 +20,7 @@ _GAP = 0.2  # of 100 ms between images: longer ones tell no rate
 _NEAR, _NEAR_SHARE = 0.4, 0.2  # [N], [1] within which a command counts as answered
 _AT_AN_END = 2e-4  # [m] from min_width or max_width
 _REST = 0.02  # share by which a need may fall short without being less
+_SET_BACK = 0.5  # [s] by which time goes back only where a clock was set
 _GIVEN_BACK = 0.08  # [s] in which a grip for a load that did not come decays by e
 _AFTER_SLIP = 1.3  # times the grip that let the tool slide
 
@@ -56,9 +57,20 @@ class GripControl:
         self._needed = self._relaxed = self._told = -inf  # [s] when so much was needed, it relaxed, images came last
         self._overload = ""
         self._sliding = False
+        self._now = -inf  # [s]
+
+    def _at(self, t: float) -> None:
+        """It is t [s]; where the clock was set back, all that has happened counts as of now."""
+        if t < self._now - _SET_BACK:
+            self._heard, self._answered, self._needed, self._relaxed, self._told = (
+                min(then, t) for then in (self._heard, self._answered, self._needed, self._relaxed, self._told)
+            )
+            self._now = t
+        self._now = max(t, self._now)
 
     def heard(self, t: float, width: float, force: float) -> None:
         """What the gripper reports at t [s]: width [m] and push of each finger [N]."""
+        self._at(t)
         if not (isfinite(width) and isfinite(force)):
             return
         self._width, self._force, self._heard = width, force, t
@@ -69,6 +81,7 @@ class GripControl:
 
     def rest(self, t: float) -> None:
         """Nothing is sent at t [s]: the grip is the one that was heard, and no answer is due."""
+        self._at(t)
         if isfinite(self._force):
             self.wanted = self._kept = self._bounded(self._force)
             self._needed = self._answered = t
@@ -79,8 +92,11 @@ class GripControl:
 
     def image(self, margin: Margin, t: float) -> None:
         """The margin of a new image, at time t [s]. Nothing is wanted before the gripper was heard."""
+        self._at(t)
         if not isfinite(self.wanted):
             return
+        if margin.stamp < self._stamp - _SET_BACK:
+            self._stamp = -inf
         s, dt = self.settings, margin.stamp - self._stamp
         wanted, kept = self.wanted, self._kept
         if 0.0 < dt < _GAP:
@@ -139,8 +155,8 @@ class GripControl:
 
     def command(self, t: float) -> GripCommand:
         """What to send at t [s], and whether the arm must hold."""
-        s = self.settings
-        width = nan
+        self._at(t)
+        s, width = self.settings, nan
         if isfinite(self.wanted) and isfinite(self._width):
             width = self._width - (self.wanted - self._force) / s.force_per_width
             width = min(max(width, s.min_width), s.max_width)

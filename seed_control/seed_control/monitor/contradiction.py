@@ -59,6 +59,8 @@ class WindowTest:
             share: of the load that is not worth telling, [N, N m] as a part of `share`; 0: the tolerances alone.
         """
         samples = self._samples
+        if samples and t < samples[-1][0]:  # the clock was set back
+            self.reset()
         samples.append((t, difference, random))
         while samples[0][0] < t - WINDOW:
             samples.popleft()
@@ -82,7 +84,7 @@ class WindowTest:
 
     def to_be_told(self, t: float) -> bool:
         """Whether there are new words to say at time t [s]: once significant, and from time to time."""
-        if not self.significant or t - self._spoken < _SPOKEN:
+        if not self.significant or 0.0 <= t - self._spoken < _SPOKEN:
             return False
         self._spoken = t
         return True

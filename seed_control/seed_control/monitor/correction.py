@@ -18,6 +18,7 @@ from seed_core.wrench_settings import ReferenceSettings
 
 _PRIOR = np.array((0.1, 0.1, 0.1, 0.6, 0.6, 0.6, 0.1, 0.1, 0.1)) ** 2  # [N m, N, 1]
 _WALK = np.array((2e-3, 2e-3, 2e-3, 0.02, 0.02, 0.02, 5e-3, 5e-3, 5e-3)) ** 2  # per second
+_SET_BACK = 1.0  # [s] by which a sample is older than another only where the clock was set back
 _SLOWLY = 0.6  # [s] in which a correction comes in
 _CORRELATION = 3.0  # how many times longer than a sample's distance errors stay alike
 _LEAST_SCALE = 0.5  # that a load is divided by
@@ -48,7 +49,8 @@ class Correction:
     def learn(self, stamp: float, told: Array, reference: Array, random: Array, systematic: Array) -> None:
         """One comparison of wrenches (6,) on the tool about T in T, with the covariances (6, 6) of the difference."""
         dt = min(max(stamp - self._stamp, 0.0), 1.0) if self._stamp > -inf else 0.0
-        self._stamp, self._systematic = max(stamp, self._stamp), systematic
+        newest = -inf if stamp < self._stamp - _SET_BACK else self._stamp  # samples of two kinds take turns
+        self._stamp, self._systematic = max(stamp, newest), systematic
         P = self._P + dt * np.diag(_WALK)
         P = np.where(np.eye(9, dtype=bool), np.minimum(P, np.diag(_PRIOR)), P)
         # The load by the reference, not as told: noise of what is told would pass for a scale that is too large.

@@ -97,6 +97,10 @@ class WeightCheck:
         if self._tool.mass == 0.0:
             return
         told = spring.vector()
+        if self._before is not None and m.stamp < self._before[0]:  # the clock was set back
+            self._waiting.clear()
+            self._test.reset()
+            self._before = None
         before, self._before = self._before, (m.stamp, told)
         if not self.free(m, in_contact):
             self._waiting.clear()

@@ -29,7 +29,7 @@ class WrenchKnowledge:
 
     def update(self, m: Measurement, R_W_task: Array) -> bool:
         """Take in one image; whether the covariance is new."""
-        if m.stamp - self._stamp < PERIOD:
+        if 0.0 <= m.stamp - self._stamp < PERIOD:  # stamps may be set back
             return False
         self._stamp = m.stamp
         C, self.by_pose = self._wrench_estimator.covariance(m)

@@ -17,6 +17,7 @@ _UNITS = (
     ("tenths of a millimetre", 1e4),
 )  # of depth; how many a metre has
 Frame = Mapping[str, TactileImages]  # images of one time by finger
+SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
 
 
 class EstimatorError(SeedError):

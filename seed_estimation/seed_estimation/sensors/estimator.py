@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import checked
-from seed_core.estimate import NO_GRASP, RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, NO_TOUCH, RelativePoseEstimate
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
-from seed_estimation.images.checks import EstimatorError
+from seed_estimation.images.checks import SET_BACK, EstimatorError
 from seed_estimation.sensors.contract import Image, Observation, Sensor
 from seed_estimation.sensors.fit import Fit, fit
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
@@ -93,7 +93,7 @@ class SensorEstimator(Generic[Image]):
             return self._invalid(stamp, SLIPPED)
         touching = [f for f in self.fingers if self.patches[f].in_contact]
         if not touching:
-            return self._invalid(stamp, "the tool touches no finger; searching")
+            return self._invalid(stamp, f"{NO_TOUCH}; searching")
         observations = [seen[f] for f in touching]
         found = fit(observations, start, p.iterations)
         # a sensor may have measured no numbers
@@ -110,7 +110,9 @@ class SensorEstimator(Generic[Image]):
     def _problem(self, frame: Mapping[str, Image], stamp: float) -> str:
         if not np.isfinite(stamp):
             return f"stamp {stamp} is not a time"
-        if stamp <= self._stamp:
+        if stamp < self._stamp - SET_BACK:
+            self._stamp, self._rate = -np.inf, np.zeros(6)
+        elif stamp <= self._stamp:
             return f"stamp {stamp:.6f} s is not later than the one before, {self._stamp:.6f} s: came out of order"
         missing = [f for f in self.fingers if f not in frame]
         if missing:

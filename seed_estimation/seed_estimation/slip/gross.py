@@ -107,6 +107,7 @@ class GrossSlip:
             self._fell = min(self._fell, stamp)
         since = stamp - self._fell
         if since < 0.0:
+            self._fell = math.inf  # the clock was set back, if it had fallen at all
             return False
         found = [m for m in judged if m.seen and m.seen[-1].stamp == stamp]
         now = [m.seen for m in found]

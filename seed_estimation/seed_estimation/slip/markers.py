@@ -81,10 +81,10 @@ class Markers:
         self._spread = 0.0  # [1] how far it strays from that
 
     def forget(self, stamp: float) -> None:
-        """Drops what lies too long before a time [s]."""
-        while self.seen and stamp - self.seen[0].stamp > SPAN:
+        """Drops what lies too long before a time [s], or after it: the clock was set back."""
+        while self.seen and not 0.0 <= stamp - self.seen[0].stamp <= SPAN:
             self.seen.popleft()
-        while self.sizes and stamp - self.sizes[0][0] > RELEASE:
+        while self.sizes and not 0.0 <= stamp - self.sizes[0][0] <= RELEASE:
             self.sizes.popleft()
 
     def follow(

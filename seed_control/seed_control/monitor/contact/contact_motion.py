@@ -77,6 +77,8 @@ class ContactMotion:
     def add(self, m: Measurement) -> None:
         """Take in an image in contact."""
         p_WT = m.X_WT[:3, 3]
+        if self._rows and m.stamp < self._rows[-1][0]:  # the clock was set back
+            self._rows.clear()
         self._rows.append((m.stamp, m.X_WC[:3, 3] - p_WT, m.tip - p_WT, m.variance))
         while self._rows[0][0] < m.stamp - WINDOW:
             self._rows.popleft()
@@ -100,7 +102,10 @@ class ContactMotion:
         if float(np.ptp(d)) < _LEAST_MOTION:
             return None
         times = np.array([row[0] for row in self._rows])
-        stamps, places = self._path(times[0], history)
+        path = self._path(times[0], history)
+        if path is None:
+            return None
+        stamps, places = path
         inside = (times - REACH >= stamps[0]) & (times + REACH <= stamps[-1]) if shift is None else times > 0.0
         if np.count_nonzero(inside) < _FEW:
             return None
@@ -112,9 +117,11 @@ class ContactMotion:
         way = float(np.abs(np.diff(np.stack((s1[0], s2[0])))).sum())
         return _Aligned(d[inside], np.stack((c + lever, s1, s2)), variance, shifts, way)
 
-    def _path(self, since: float, history: PoseHistory) -> tuple[Array, Array]:
-        """Stamps (N,) [s] and places of C (N, 3) [m], of every second flange pose."""
+    def _path(self, since: float, history: PoseHistory) -> tuple[Array, Array] | None:
+        """Stamps (N,) [s] and places of C (N, 3) [m], of every second flange pose; None: no pose is as new as that."""
         entries = history.since(since - 2.0 * REACH)[::2]
+        if not entries:
+            return None
         X = np.array([X[:3] for _, X in entries])
         return np.array([t for t, _ in entries]), X[:, :, :3] @ self._p_EC + X[:, :, 3]
 

@@ -5,7 +5,7 @@ What comes from outside (a table that moves, a tool that is pushed) shows here t
 """
 
 from collections import deque
-from math import sqrt
+from math import inf, sqrt
 
 _SPAN = 1.0  # [s] over which the error counts
 _SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: an error that is told
@@ -32,7 +32,7 @@ class ForceWatch:
         self._since: float | None = None  # [s] when contact began
         self._built = False
         self._allowed: list[float] = []  # [N] by direction
-        self._stamp = 0.0
+        self._stamp = inf  # [s] of the image before
 
     def again(self) -> None:
         """Another force is wanted."""
@@ -42,7 +42,7 @@ class ForceWatch:
     def clear(self) -> None:
         """Contact is over, or the controller was enabled anew."""
         self.again()
-        self.reason, self._over, self._allowed = "", 0, []
+        self.reason, self._over, self._allowed, self._stamp = "", 0, [], inf
 
     def update(self, stamp: float, along: list[float], wanted: list[float], deviation: float, settled: bool) -> None:
         """Take in an image in contact.
@@ -51,6 +51,9 @@ class ForceWatch:
             along, wanted: estimated and wanted force along each direction [N]. deviation: of the estimate [N].
             settled: the force has been built up.
         """
+        if stamp < self._stamp:  # the first, or the clock was set back
+            self.clear()
+            self._stamp = stamp
         if self._since is None:
             self._since = stamp
         errors = [f - w for f, w in zip(along, wanted, strict=True)]
