@@ -148,9 +148,12 @@ class Controller:
 
     def missing(self, t: float) -> dict[str, str]:
         """What `enable` would be refused for, by the input that lacks; '' for what is there."""
-        lacks = t - self._inputs.history.newest_stamp > self.parameters.kinematics_timeout
+        most = self.parameters.kinematics_timeout
+        lacks = t - self._inputs.history.newest_stamp > most
         return {
-            "pose": f"no flange pose (current_pose) within the last 0.1 s{self._inputs.why_no_pose}" if lacks else "",
+            "pose": f"no flange pose (current_pose) within the last {most:g} s{self._inputs.why_no_pose}"
+            if lacks
+            else "",
             "estimate": "" if lacks else self._inputs.staleness(t),
             "pressure": self.supervisor.pressure.reason,
         }

@@ -103,6 +103,8 @@ class Supervisor:
         if good:
             self.pressure.update(estimate)
             self.guard.hold(self.pressure.reason)
+        else:
+            self._wrench_estimator.refused(estimate)
         if inputs.bad_in_a_row >= MOST_BAD:
             self.guard.hold(inputs.why_bad)
             self.references.new_grasp()

@@ -193,6 +193,13 @@ def test_a_rising_force_is_taught_in_steps_within_the_band() -> None:
     assert pieces[-1].end <= 312
 
 
+@pytest.mark.parametrize("tap", [(0.0, 2.0, 9.0, 9.0), (0.0, 5.0, 0.0), (0.0, 3.0, 6.0, 9.0, 6.0, 3.0, 0.0)])
+def test_a_tap_that_is_too_short_for_a_level_is_one_piece(tap: tuple[float, ...]) -> None:
+    (piece,) = levels(np.array(tap), 0.4, 25)
+    assert 0 <= piece.start <= piece.there < piece.end <= len(tap)
+    assert 0.0 < piece.size <= max(tap)
+
+
 def test_a_speed_takes_the_time_that_was_shown() -> None:
     v = speed_of(0.1, 2.5, 0.2, 1e-3, 0.25)
     assert 0.1 / v + v / 0.2 == pytest.approx(2.5)

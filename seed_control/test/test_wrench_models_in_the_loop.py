@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The law on another wrench model than the bushing: force follows the model, though its local stiffness is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,6 +12,7 @@ from seed_control.wrench.estimate import MOST_DISCREPANCY, bounded
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.hysteretic.spring import HystereticSpring, HystereticStiffness
 from seed_core.spatial import Wrench, inverse_pose, make_pose
 from seed_core.wrench_model import BushingModel, SpringWrench
 from seed_core.wrench_settings import ReferenceSettings
@@ -92,3 +95,29 @@ def test_the_state_tells_standard_deviations_in_the_task_frame() -> None:
     assert_allclose(state.deviation.force[2], spring * np.hypot(0.05, 0.05), rtol=0.2)
     assert state.covariance is not None
     assert np.linalg.eigvalsh(state.covariance).min() > 0.0
+
+
+def test_a_pose_that_is_refused_leaves_nothing_in_the_memory_of_a_model() -> None:
+    K = DEFAULT_STIFFNESS.vector()
+    full = np.array((0.2, 0.2, 0.2, 0.02, 0.02, 0.02))
+    friction = 0.01 * K * full
+    model = HystereticSpring(
+        HystereticStiffness(
+            K, np.zeros(6), 0.3 * full[None], friction[None], np.zeros((6, 3, 3)), np.zeros(6), full, np.zeros(3)
+        )
+    )
+    bench = Bench(model=model).enabled()
+    bench.press(3.0)
+    bench.run(2.0)
+    once = iter([True])
+
+    def told(estimate: RelativePoseEstimate) -> RelativePoseEstimate:
+        far = make_pose(None, (0.02, 0.02, 0.02)) if next(once, False) else np.eye(4)
+        return replace(estimate, X_CT=estimate.X_CT @ far)
+
+    before = model._z.copy()
+    bench.told = told
+    bench.run(0.1)
+    assert next(once, "") == "", "it was told"
+    assert bench.state.mode != "holding", bench.state.reason
+    assert_allclose(model._z, before, atol=0.05)

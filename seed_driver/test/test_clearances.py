@@ -15,6 +15,7 @@ from seed_core.config import ConfigError
 from seed_core.vector3 import ZERO, as_vector3
 from seed_driver.config import DriverConfig
 from seed_driver.motion.clearances import Clearances
+from seed_driver.motion.joint_speeds import JointSpeeds
 from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.motion.overload import Overload
 from seed_driver.motion.servo_motion import Motion
@@ -343,3 +344,16 @@ def test_a_torque_and_what_is_no_number_count_as_too_much() -> None:
 def test_ranges_must_have_room() -> None:
     with pytest.raises(ConfigError, match=r"joint_low\[2\] = 1 rad must be below joint_high\[2\] = 1 rad"):
         DriverConfig(robot_ip="x", joint_low=(-1.0, -1.0, 1.0, 0.0, 0.0, 0.0), joint_high=(1.0,) * 6)
+
+
+def test_the_first_step_after_a_restart_is_looked_at_however_slow_the_last_was() -> None:
+    arm = URKinematics.for_model("ur5e")
+    X, joints = arm.forward(READY), JointSpeeds(arm, 0.5)
+    limiter = CommandLimiter(as_vector3(X[:3, 3]), as_quaternion(X[:3, :3]), DT, DriverConfig(robot_ip="x"))
+    joints.restart(READY)
+    limiter.velocity = (1e-4, 0.0, 0.0)
+    joints.limit(limiter)
+    joints.restart(READY)
+    limiter.velocity = (5.0, 0.0, 0.0)
+    joints.limit(limiter)
+    assert limiter.velocity[0] < 1.0

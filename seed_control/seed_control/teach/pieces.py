@@ -95,7 +95,8 @@ def levels(force: Array, band: float, least: int) -> list[Level]:
         there = np.flatnonzero(force >= size)
         found = [[int(there[0]), int(there[-1]) + 1, size]]
     last = found[-1]
-    last[1] = max(last[1], float(np.flatnonzero(np.abs(force - last[2]) <= band)[-1]) + 1)  # noise does not end it
+    near = np.flatnonzero(np.abs(force - last[2]) <= band)  # none where a short tap only passes through its size
+    last[1] = max(last[1], float(near[-1]) + 1 if len(near) else 0.0)  # noise does not end it
     starts = [0, *(int(f[1]) for f in found[:-1])]
     return [Level(a, int(f[0]), int(f[1]), f[2]) for a, f in zip(starts, found, strict=True)]
 

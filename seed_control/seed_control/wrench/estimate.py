@@ -158,6 +158,12 @@ class WrenchEstimator:
         why = told.reason or "its wrench is not finite"
         return f"the wrench model '{self.model.name}' cannot tell the wrench (estimate by '{estimate.method}'): {why}"
 
+    def refused(self, estimate: RelativePoseEstimate) -> None:
+        """An estimate is not used: it leaves nothing in the memory of a model that has one."""
+        take_back = getattr(self.model, "take_back", None)
+        if take_back is not None and self._told[0] is estimate:
+            take_back()
+
     def new_grasp(self) -> None:
         """A model with a memory (of hysteresis, say) begins anew."""
         forget = getattr(self.model, "reset", None)

@@ -94,6 +94,11 @@ class HystereticSpring:
         """The tool is grasped anew."""
         self._z = np.zeros_like(self.identified.yields)
         self._xi = np.zeros(6)
+        self._before = self._z, self._xi
+
+    def take_back(self) -> None:
+        """The newest estimate was none: as if `spring` had not been told of it."""
+        self._z, self._xi = self._before
 
     @property
     def stiffness(self) -> Stiffness:
@@ -106,6 +111,7 @@ class HystereticSpring:
         X_TC = inverse_pose(observed_part(estimate))
         B, xi = coordinates(X_TC[:3, :3], about(s.centre, X_TC[:3, :3], X_TC[:3, 3]))
         B[:3] += skew(s.centre) @ B[3:]
+        self._before = self._z, self._xi
         self._z = np.clip(self._z + (xi - self._xi) / s.yields, -1.0, 1.0)
         self._xi = xi
         wrench = Wrench.from_vector(B @ self.load(xi, self._z))
