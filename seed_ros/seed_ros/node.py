@@ -58,6 +58,7 @@ class SeedNode(Node):
     def __init__(self, name: str, **arguments: Any) -> None:
         """Arguments are those of rclpy's Node."""
         self.ranges: dict[str, Any] = {}  # fields of the parameters, by name
+        self._actions: list[ActionServer] = []
         super().__init__(name, **arguments)
         withstand(self)
         self.counters = Counters(self)
@@ -125,7 +126,7 @@ class SeedNode(Node):
 
     def serve_action(self, kind: Any, name: str, execute: Callable[[Any], Awaitable[Any]]) -> ActionServer:
         """Offer an action. Every goal is accepted, as a refusal needs words, which only a result has."""
-        return ActionServer(
+        server = ActionServer(
             self,
             kind,
             name,
@@ -133,6 +134,14 @@ class SeedNode(Node):
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
+        self._actions.append(server)
+        return server
+
+    def destroy_node(self) -> None:
+        """As rclpy's, which leaves actions offered until the collector comes by."""
+        while self._actions:
+            self._actions.pop().destroy()
+        super().destroy_node()
 
     def tell(self, success: bool, words: str) -> None:
         """Log how something ended. rclpy wants one severity per line of code."""

@@ -19,6 +19,7 @@ from seed_sysid.data.membrane_sample import mean_membrane
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.excitation import designs
 from seed_sysid.stiffness_map import wrench_transform
+from seed_testing.validation.maps import finite_elements
 
 SPACING = 0.007  # [m] of nodes, 183 a bubble: coarse, and many membranes in little time
 STEP = 0.002  # [m] of the tool between solves
@@ -43,6 +44,7 @@ class Truth:
     """Frames of a motion: what an estimator would tell, and the load on the tool about T, in T (n, 6)."""
 
     estimates: list[RelativePoseEstimate]
+    elements: Array  # (n, 2, 2, 6) change since the grasp of what finite_elements.Watcher tells
     wrench: Array
     sliding: float  # mean share of the touching nodes
     size: float  # times 2 mm and 4 degrees rms
@@ -52,6 +54,7 @@ class Run(NamedTuple):
     """A membrane's identification, and motions by the share of the touching nodes that was to slide."""
 
     data: Dataset
+    elements: Array  # (n, 2, 2, 6) of its samples, as of Truth
     motions: dict[float, Truth]
 
 
@@ -102,17 +105,20 @@ def run_membrane(seed: int, shares: tuple[float, ...], noise: float, frames: int
     rng = np.random.default_rng([seed, 0x3A9])
     membrane = replace(random_membrane(seed, SPACING), step=STEP)
     grasp = MembraneGrasp(membrane, ToolShape(radius=float(rng.uniform(*RADII))))
-    procedure, samples = Procedure(), list[Sample]()
+    dots = finite_elements.Watcher(grasp, noise, np.random.default_rng([seed, 0xFE]))
+    procedure, samples, elements = Procedure(), list[Sample](), list[Array]()
     offset = make_pose(so3_exp(np.deg2rad(FRAME_DEG) * direction(rng)), FRAME * direction(rng))
     to_sensor = wrench_transform(offset)
     for grip, (targets, more) in enumerate(zip(designs(procedure), SQUEEZES, strict=True)):
-        watcher = Watcher(grasp.close(membrane.squeeze + more), noise, rng)
+        watcher = Watcher(closed := grasp.close(membrane.squeeze + more), noise, rng)
+        first = dots.seen(closed, IMAGES)
         for i, target in enumerate(targets):
             state = grasp.solve(inverse_pose(target.X_TC), DWELL * i)
             if not state.converged:
                 continue
             load = to_sensor @ state.wrench.vector() + SENSOR_STD * rng.normal(size=6)
             seen = watcher.motions(state, membrane.ambient, IMAGES)
+            elements.append(dots.seen(state, IMAGES) - first)
             samples.append(
                 Sample(
                     name=target.name,
@@ -130,7 +136,8 @@ def run_membrane(seed: int, shares: tuple[float, ...], noise: float, frames: int
             )
     data = Dataset(Header(hand="membrane", tool="handle", created=""), samples)
     motion = combined_motion(rng, frames)
-    return Run(data, {s: move(grasp, membrane.squeeze, motion, s, noise, rng) for s in shares})
+    motions = {s: move(grasp, membrane.squeeze, motion, s, noise, rng, dots) for s in shares}
+    return Run(data, np.array(elements), motions)
 
 
 def move(
@@ -140,6 +147,7 @@ def move(
     share: float,
     noise: float,
     rng: np.random.Generator,
+    dots: finite_elements.Watcher,
 ) -> Truth:
     """A motion (n, 6) from a new grasp, made so large that a share of the touching nodes slides on average."""
     low, high, size = LEAST, MOST, share
@@ -153,16 +161,18 @@ def move(
         guess = size * (share / max(slides, 0.05)) ** 1.5
         size = guess if low < guess < high else 0.5 * (low + high)
     ambient = grasp.parameters.ambient
-    watcher = Watcher(grasp.close(squeeze), noise, rng)
-    estimates, loads, sliding = [], [], []
+    watcher = Watcher(closed := grasp.close(squeeze), noise, rng)
+    first = dots.seen(closed, IMAGES)
+    estimates, elements, loads, sliding = [], [], [], []
     for i, X_CT in enumerate(poses(motion, size)):
         state = grasp.solve(X_CT, i / RATE)
         if not state.converged:
             continue
         estimates.append(RelativePoseEstimate(i / RATE, X_CT, membrane=watcher.motions(state, ambient)))
+        elements.append(dots.seen(state) - first)
         loads.append(state.wrench.vector())
         sliding.append(state.sliding_share)
-    return Truth(estimates, np.array(loads), float(np.mean(sliding)), size)
+    return Truth(estimates, np.array(elements), np.array(loads), float(np.mean(sliding)), size)
 
 
 def combined_motion(rng: np.random.Generator, frames: int) -> Array:

@@ -18,10 +18,12 @@ from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, rms
 from seed_sysid.membrane.result import map_file
 from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS
-from seed_sysid.stiffness_map import CHANNELS
-from seed_testing.validation.maps.membrane_run import Truth, run_membrane
+from seed_sysid.stiffness_map import CHANNELS, wrench_transform
+from seed_testing.validation.maps.finite_elements import SUMS, FiniteElements
+from seed_testing.validation.maps.membrane_run import Run, run_membrane
 
 OF_POSE = "pose of the tool"
+OF_ELEMENTS = tuple(f"finite elements, {name}" for name in SUMS)
 SHARES = (0.40, 0.65)  # of the touching nodes that slide
 FRAMES = 100
 
@@ -37,30 +39,34 @@ def score_membrane(
             return {"seed": seed, "failed": analysis.membrane_refused}
     except SeedError as error:
         return {"seed": seed, "failed": str(error)}
-    return {"seed": seed} | _scored(analysis, run.motions)
+    return {"seed": seed} | _scored(analysis, run)
 
 
-def _scored(analysis: Analysis, motions: dict[float, Truth]) -> dict[str, Any]:
+def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     assert analysis.membrane is not None
     fit = analysis.membrane.fit
+    elements = FiniteElements.fitted(run.elements[fit.data.kept], fit.wrench)
     files = {m: map_file(_fitted(fit, m), "membrane", "handle", "") for m in MODELS}
     out: dict[str, Any] = {"left_out": {OF_POSE: analysis.left_out_share.tolist(), DEFAULT_MODEL: fit.share.tolist()}}
     out["motions"] = []
-    for asked, truth in motions.items():
+    for asked, truth in run.motions.items():
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
         of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
+        to_T = np.array([wrench_transform(inverse_pose(e.X_CT)) for e in truth.estimates])
+        for name, told in zip(OF_ELEMENTS, elements.wrench(truth.elements), strict=True):
+            shares[name] = _share(np.einsum("nij,nj->ni", to_T, told), truth.wrench)
         for name, file in files.items():
             model = MembraneMap(file)
             at_grasp = file.grips[len(file.grips) // 2].pressure_hpa
             model.grasped(at_grasp, at_grasp)
-            told = [model.spring(e) for e in truth.estimates]
-            wrench = np.array([t.wrench.vector() for t in told])
+            springs = [model.spring(e) for e in truth.estimates]
+            wrench = np.array([t.wrench.vector() for t in springs])
             shares[name] = _share(wrench, truth.wrench)
             if name == DEFAULT_MODEL:
                 e = wrench - truth.wrench
-                nees = float(np.mean([v @ np.linalg.solve(t.covariance, v) for v, t in zip(e, told, strict=True)]))
-                doubted = float(np.mean([bool(t.reason) for t in told]))
+                nees = float(np.mean([v @ np.linalg.solve(t.covariance, v) for v, t in zip(e, springs, strict=True)]))
+                doubted = float(np.mean([bool(t.reason) for t in springs]))
         out["motions"].append(
             {
                 "asked": asked,
@@ -93,7 +99,7 @@ def score_membranes(
     summary = []
     for i, asked in enumerate(SHARES if good else ()):
         mine = [r["motions"][i] for r in good]
-        models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in (OF_POSE, *MODELS)}
+        models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in (OF_POSE, *OF_ELEMENTS, *MODELS)}
         nees = np.array([r["nees"] for r in mine])
         summary.append(
             {
