@@ -13,8 +13,10 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
+from seed_msgs.action import FollowSetpoints
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -162,3 +164,16 @@ def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path:
     (line,) = (line for line in done.stderr.splitlines() if not line.startswith("[ERROR]"))  # rcl has its own
     assert line.startswith("error: ")
     assert str(file) in line
+
+
+def test_an_action_is_gone_with_its_node_though_somebody_still_holds_it(bench: Bench) -> None:
+    """A controller that has ended would go on to be offered, until the collector comes by."""
+    node = bench.add(Answering)
+    server = node.serve_action(FollowSetpoints, "~/follow", lambda _: Future())
+    client = ActionClient(bench.client, FollowSetpoints, "answering/follow")
+    assert bench.until(client.server_is_ready)
+    bench._loops.clear()
+    node.destroy_node()
+    assert bench.until(lambda: not client.server_is_ready(), 5.0)
+    client.destroy()
+    del server
