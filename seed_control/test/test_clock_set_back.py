@@ -118,7 +118,7 @@ def test_a_correction_goes_on_to_learn_after_the_clock_was_set_back() -> None:
         correction = Correction(ReferenceSettings())
         for i in range(300):
             told = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 3.0))
-            reference = told + (0.0, 0.0, 0.0, 0.0, 0.0, 0.5 if i < 100 else -0.5)
+            reference = told + np.eye(6)[5] * (0.5 if i < 100 else -0.5)
             correction.learn(0.1 * i - (shift if i >= 100 else 0.0), told, reference, small, small)
         return correction.mismatch(told)[0]
 
