@@ -7,11 +7,16 @@ from quasi_static import Bench
 
 from seed_control import Controller, ControllerParameters
 from seed_control.controller import ControlRefusedError
+from seed_control.grip import GripControl, GripSettings, Margin
+from seed_control.monitor.arm_check import ArmCheck
+from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
-from seed_core.estimate import RelativePoseEstimate
+from seed_control.monitor.pressure_check import PressureCheck
+from seed_control.wrench.filters import WantedTurn
+from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
-from seed_core.spatial import make_pose, pose_from_rpy
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy
 from seed_core.wrench_settings import ReferenceSettings
 
 X_WE = pose_from_rpy((np.pi, 0.0, 0.0), (0.4, 0.0, 0.3))
@@ -123,3 +128,105 @@ def test_a_correction_goes_on_to_learn_after_the_clock_was_set_back() -> None:
         return correction.mismatch(told)[0]
 
     np.testing.assert_allclose(learnt(500.0), learnt(0.0), atol=0.02)
+
+
+def test_an_excess_of_force_is_told_from_the_first_images_of_an_earlier_time() -> None:
+    watch = ForceWatch(5.0)
+    for i in range(60):
+        watch.update(1000.0 + 0.02 * i, [10.0], [10.0], 0.01, settled=True)
+    watch.clear()
+    for i in range(5):
+        watch.update(900.0 + 0.02 * i, [700.0 if i else 10.0], [10.0], 0.01, settled=True)
+    assert "690.0 N above" in watch.reason
+
+
+def test_an_arm_that_falls_silent_is_told_after_its_clock_was_set_back() -> None:
+    check = ArmCheck(ReferenceSettings(), Hand().X_EC, Tool())
+    check.add(1000.0, Wrench.zero())
+    estimator = made().wrench_estimator
+    for t in (900.0, 900.0 + 2.0 * ReferenceSettings().arm_timeout):
+        m = estimator.measure(RelativePoseEstimate(t, HANGING, 1e-8 * np.eye(6)), X_WE)
+        check.update(m, m.spring, m.spring, 1e-4 * np.eye(6), [], t)
+    assert "arm_wrench is silent" in check.reason
+
+
+def test_a_pressure_that_falls_silent_is_told_after_the_clock_was_set_back() -> None:
+    check = PressureCheck((1100.0,), needed=True)
+
+    def told(stamp: float, pressure: float) -> RelativePoseEstimate:
+        motion = MembraneMotion("left", np.zeros(6), np.zeros((6, 6)), pressure=pressure)
+        return RelativePoseEstimate(stamp, HANGING, membrane=(motion,))
+
+    for stamp, pressure in ((1000.0, 1100.0), (900.0, np.nan), (902.0, np.nan)):
+        check.update(told(stamp, pressure))
+    assert "silent" in check.reason
+
+
+def test_what_a_correction_has_learnt_ages_by_the_clock_that_was_set_back() -> None:
+    deviations = []
+    for start in (0.0, -1000.0):
+        correction = Correction(ReferenceSettings())
+        for i in range(400):
+            t = 0.5 * i + (start if i >= 200 else 0.0)
+            random = 1e-4 * np.eye(6) if i < 200 else 1e4 * np.eye(6)  # then nothing is learnt any more
+            correction.learn(t, np.ones(6), np.ones(6), random, 1e-6 * np.eye(6))
+        deviations.append(np.sqrt(correction.mismatch(np.ones(6))[1].diagonal()))
+    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.02)
+
+
+def test_a_stiffness_is_taken_over_though_the_clock_is_set_back_meanwhile() -> None:
+    estimator = made().wrench_estimator
+    estimator.set_stiffness(DEFAULT_STIFFNESS.scaled(2.0), 1000.0, 0.2)
+    estimator.advance(1000.1)
+    half = estimator.mean_stiffness
+    estimator.advance(900.0)
+    assert estimator.mean_stiffness == pytest.approx(half)
+    estimator.advance(900.2)
+    assert estimator.bushing.stiffness == DEFAULT_STIFFNESS.scaled(2.0)
+
+
+def test_a_turn_is_counted_once() -> None:
+    """Not again with an image that is answered no later, and anew after the clock was set back."""
+    turn = WantedTurn(1.0)
+    for stamp, angle in ((0.0, 0.0), (0.05, 0.01)):
+        turn.update(pose_from_rpy((angle, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3], (True,) * 3, stamp, 0.05)
+    assert not np.allclose(turn.step, np.eye(3))
+    turn.update(pose_from_rpy((0.02, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3], (True,) * 3, 0.06, 0.03)
+    np.testing.assert_array_equal(turn.step, np.eye(3))
+    for stamp, angle in ((-1000.0, 0.02), (-999.95, 0.03)):
+        turn.update(pose_from_rpy((angle, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3], (True,) * 3, stamp, 0.05)
+    assert not np.allclose(turn.step, np.eye(3))
+
+
+def loaded(load: float, stamp: float) -> Margin:
+    return Margin(stamp, 0.5, 0.05, load, 0.0, 0.8, 0.5 / 0.8, 0.0)
+
+
+def gripping(start: float) -> GripControl:
+    """A load that falls from 8 N to 1 N as the clock is set to `start` [s], and stays for 30 s."""
+    grip, settings = GripControl(GripSettings(friction=0.8)), GripSettings(friction=0.8)
+    for i in range(60):
+        grip.heard(1000.0 + i / 45.0, 0.03, grip.wanted if i else settings.least_force)
+        grip.image(loaded(min(0.5 * i, 8.0), 1000.0 + i / 45.0), 1000.0 + i / 45.0)
+    for i in range(30 * 45):
+        t = start + i / 45.0
+        grip.heard(t, 0.03, grip.wanted)
+        grip.image(loaded(1.0, t), t)
+    return grip
+
+
+def test_a_grip_answers_its_load_after_the_clock_was_set_back() -> None:
+    assert gripping(900.0).wanted == pytest.approx(gripping(1002.0).wanted, rel=0.05)
+
+
+def test_a_gripper_that_falls_silent_is_told_after_the_clock_was_set_back() -> None:
+    grip = gripping(1002.0)
+    assert not grip.command(900.0).hold
+    assert "the gripper does not answer" in grip.command(902.0).hold
+
+
+def test_enable_names_the_age_that_is_allowed() -> None:
+    controller = Controller(ControllerParameters(kinematics_timeout=0.03), Hand(), Tool(), DEFAULT_STIFFNESS)
+    t = run(controller, 1000.0)
+    with pytest.raises(ControlRefusedError, match=r"within the last 0\.03 s"):
+        controller.enable(t + 0.05)

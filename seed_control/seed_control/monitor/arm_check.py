@@ -108,6 +108,9 @@ class ArmCheck:
         self.reading = None
         if not self.there:
             return
+        if self._newest > t + SET_BACK:  # readings of a time to come; one is due from now on
+            self._readings.clear()
+            self._newest = t
         if t - self._newest > self._settings.arm_timeout:
             self.reason = (
                 f"arm_wrench is silent: none for {t - self._newest:.2f} s, at most {self._settings.arm_timeout:g} s"
@@ -126,6 +129,7 @@ class ArmCheck:
             self._zero = np.mean(self._zeros, axis=0)
         at, told = self._at(m.stamp), spring.vector()
         last, self._last = self._last, (m.stamp, told)
+        last = None if last is not None and m.stamp <= last[0] else last
         if self._zero is None or at is None:
             self.reason = ""
             return

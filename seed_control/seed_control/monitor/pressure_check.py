@@ -57,6 +57,7 @@ class _Finger:
     def silent(self, motion: MembraneMotion, t: float, needed: bool) -> str:
         if isfinite(motion.pressure):
             self._told, self._heard = t, True
+        self._told = min(self._told, t)  # a clock may be set back
         since = t - self._told
         if since <= SILENT or not (self._heard or needed):
             return ""

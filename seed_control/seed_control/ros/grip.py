@@ -47,7 +47,7 @@ class GripAnswer:
         """A gripper is heard by both: one that tells no width any more is silent."""
         self._force_heard = now = self._node.now()
         self._force = message.data
-        if now - self._width_heard <= self._settings.answer_time:
+        if 0.0 <= now - self._width_heard <= self._settings.answer_time:
             self._control.heard(now, self._width, self._force)
 
     def estimate(self, estimate: RelativePoseEstimate) -> None:

@@ -133,6 +133,8 @@ class WrenchEstimator:
         blend = self._blend
         if blend is None:
             return
+        if t < blend.start:  # the clock was set back: on from what is in use
+            blend = self._blend = StiffnessBlend(self.bushing.stiffness, blend.new, t, blend.duration)
         self.bushing = Bushing(blend.at(t), self.bushing.model)
         if self._of_bushing is not None:
             self._of_bushing.bushing = self.bushing

@@ -12,6 +12,7 @@ from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_e
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
 _UPRIGHT, _LEANING = np.deg2rad((1.5, 3.5))  # of a lean, up to and from where on the place winds up, and does not
+_SET_BACK = 1.0  # [s] an answer earlier than the last by this: the clock was set back
 SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
 
 
@@ -144,6 +145,11 @@ class WantedTurn:
             answers.append((now, R))
             return False
         at, before = answers[-1]
+        self.step = np.eye(3)
+        if now < at - _SET_BACK:
+            answers.clear()
+            answers.append((now, R))
+            return False
         if now <= at:
             return False
         R = R if R is before else self._towards(R, before, held, now - at)
