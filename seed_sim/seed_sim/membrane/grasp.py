@@ -2,6 +2,7 @@
 """Two bubbles on one tool, along the path of the tool in the hand."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,11 @@ from seed_sim.tactile.parameters import ToolShape
 SIDES = {"left": 1.0, "right": -1.0}  # of each finger along y_C
 _ARM = 0.04  # [m] at which a rotation moves the membrane
 _CUTS = 5  # halvings of a step that does not settle
+_TRIES = (
+    1.0,
+    0.7,
+    0.45,
+)  # times the longest step: one way to where an equilibrium ends may settle where another does not
 _FARTHEST = 1.0  # [m] of the tool from the grasp
 
 
@@ -162,33 +168,45 @@ class MembraneGrasp:
         shift = X_TC[:3, 3] - X0[:3, 3]
         length = float(np.linalg.norm(shift)) + _ARM * float(np.linalg.norm(turn)) + abs(squeeze - s0)
         steps = max(1, math.ceil(length / self.parameters.step))
+
+        def place(share: float) -> tuple[Array, float]:
+            X = np.eye(4)
+            X[:3, :3] = so3_exp(share * turn) @ X0[:3, :3] if share < 1.0 else X_TC[:3, :3]
+            X[:3, 3] = X0[:3, 3] + share * shift
+            return X, s0 + share * (squeeze - s0)
+
         for bubble in self.bubbles.values():
             bubble.iterations = 0
-            bubble.age(t)
-        converged = True
-        for bubble in self.bubbles.values():
-            done, part = 0.0, 1.0 / steps
-            least = part * 0.5**_CUTS
-            while done < 1.0 - 1e-9:
-                share = min(1.0, done + part)
-                X = np.eye(4)
-                X[:3, :3] = so3_exp(share * turn) @ X0[:3, :3] if share < 1.0 else X_TC[:3, :3]
-                X[:3, 3] = X0[:3, 3] + share * shift
-                last = 0.5 * part < least
-                if bubble.move(self._pose_of(bubble.side, X, s0 + share * (squeeze - s0)), jump=last):
-                    bubble.linearise()
-                    done, part = share, min(2.0 * part, 1.0 / steps)
-                    continue
-                part *= 0.5
-                if part < least:
-                    converged = False
-                    break
+        for shorter in _TRIES:
+            for bubble in self.bubbles.values():
+                bubble.age(t)
+            converged = all(self._moves(bubble, place, shorter / steps) for bubble in self.bubbles.values())
+            if converged:
+                break
+            self._recall(before)
         iterations = sum(b.iterations for b in self.bubbles.values())
         if converged:
             self._X_CT, self.squeeze, self._t = X_CT.copy(), squeeze, t
-        else:
-            self._recall(before)
         return self._state(iterations, converged)
+
+    def _moves(self, bubble: Bubble, place: Callable[[float], tuple[Array, float]], longest: float) -> bool:
+        """Take a bubble along a way in steps of at most so large a share of it; whether it settles at the end.
+
+        place: X_TC (4, 4) and squeeze [m] at a share of the way.
+        """
+        done, part = 0.0, longest
+        least = part * 0.5**_CUTS
+        while done < 1.0 - 1e-9:
+            share = min(1.0, done + part)
+            X, squeeze = place(share)
+            if bubble.move(self._pose_of(bubble.side, X, squeeze), jump=0.5 * part < least):
+                bubble.linearise()
+                done, part = share, min(2.0 * part, longest)
+                continue
+            part *= 0.5
+            if part < least:
+                return False
+        return True
 
     # -- state ---------------------------------------------------------------------------------------------------------
     def _bubble_state(self, name: str, squeeze: float) -> BubbleState:
