@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The servo process (`python -m seed_driver.servo`, started by the supervisor): owns ur_rtde and streams to the robot.
 
-A process of its own because ur_rtde may hold the GIL, hang or crash (docs/driver.md). It ends itself when the link
-is dead, before ur_rtde tries to reconnect; the node sees the end, reports it and starts a new one.
+A process of its own because ur_rtde may hold the GIL, hang or crash (docs/driver_inside.md). It ends itself when the
+link is dead, before ur_rtde tries to reconnect; the node sees the end, reports it and starts a new one.
 """
 
 import json
