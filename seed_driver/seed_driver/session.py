@@ -165,7 +165,7 @@ class Session:
 
         Where nobody was there, or the link broke, nothing was refused.
         """
-        if isinstance(why, AbsentError) or (self.robot is not None and not self.robot.connected):
+        if isinstance(why, AbsentError) or (self.robot is not None and not self.robot.stays_connected()):
             self.motion.hold(str(why))
             return
         self.want_start = False

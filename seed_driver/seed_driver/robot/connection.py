@@ -29,6 +29,7 @@ STATES = (
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
 TAKING = 1.0  # [s] from sending TCP and payload to states that show them
 SHORTLY = 0.01  # [s] that servo commands may wait for them
+PARTING = 0.05  # [s] between the ends of the two connections to a controller that is gone
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 UPLOAD, UPPER_REGISTERS, NO_WAIT = 1, 8, 16  # ur_rtde's flags
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
@@ -79,6 +80,14 @@ class Robot:
     def connected(self) -> bool:
         """Whether both connections stand (necessary, not sufficient)."""
         return self.states.open and (self.control is None or bool(self.control.isConnected()))
+
+    def stays_connected(self) -> bool:
+        """Whether both connections still stand a moment from now: one may hear first that the other side is gone."""
+        end = time.monotonic() + PARTING
+        while self.connected and time.monotonic() < end:
+            time.sleep(0.002)
+            self.states.poll()
+        return self.connected
 
     @property
     def tcp(self) -> Sequence[float]:
