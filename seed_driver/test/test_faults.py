@@ -11,11 +11,13 @@ import pytest
 
 from seed_driver.process.shared_memory import Stage
 from seed_driver.robot.dashboard import dashboard
+from seed_driver.robot.program import AT_REST
 from seed_testing.fault_bench.bench import JUMP, FaultBench, leftover_processes
 from seed_testing.fault_bench.faults import FAULTS, Fault, run_fault
 from seed_testing.fault_bench.play import play_after_stop
 
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed (pip install ur-rtde==1.6.5)")
+FURTHEST = 0.9  # [m] of the flange from any joint of a UR5e
 PATIENCE = 0.4  # [s] added to the bound of a report: a test machine may pause; ./seed bench driver has the figures
 pytestmark = pytest.mark.realtime
 
@@ -71,6 +73,7 @@ def test_unlock_and_play_after_the_driver_died_in_a_stop(program: str) -> None:
 
 @pytest.mark.parametrize("on_stop", ["paused", "playing"])
 def test_the_register_is_empty_after_a_stop_and_unlock_and_play_move_nothing(on_stop: str) -> None:
+    """But for what the program on the robot lets a resting arm go, if the stop met it at a turning point."""
     with FaultBench("--unlock-after", "0.2", "--on-stop", on_stop) as bench:
         bench.ready()
         bench.robot.ask("option", name="watchdog_sleeps", value=True)
@@ -82,7 +85,7 @@ def test_the_register_is_empty_after_a_stop_and_unlock_and_play_move_nothing(on_
         assert state["command"] == 0
         dashboard(bench.robot.host, "close safety popup", "unlock protective stop", "play")
         bench.run(0.5)
-        assert math.dist(bench.position(), state["tcp_pose"][:3]) < 1e-4
+        assert math.dist(bench.position(), state["tcp_pose"][:3]) < AT_REST * FURTHEST
         assert not bench.state.armed
         bench.still()
         bench.recover()

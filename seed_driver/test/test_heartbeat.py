@@ -9,6 +9,7 @@ import pytest
 
 from seed_driver.process.heartbeat import IDLE, LONGEST_START, SILENT, Heartbeat
 from seed_driver.process.shared_memory import Stage, State
+from seed_driver.process.supervisor import exit_reason
 
 FINE, GONE, HOPELESS = (False, False), (True, False), (True, True)
 
@@ -49,3 +50,11 @@ def test_a_process_that_has_ended_is_not_idle() -> None:
     heart = Heartbeat()
     heart.restart(process.pid, 100.0)
     assert heart.doubts(130.0, State(stage=Stage.STARTING)) == FINE
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(3, "ended with code 3"), (-11, "died of SIGSEGV"), (-34, "died of SIGRTMIN"), (-40, "died of signal 40")],
+)
+def test_an_end_has_words_for_every_code(code: int, words: str) -> None:
+    assert exit_reason(code) == f"servo process {words}"

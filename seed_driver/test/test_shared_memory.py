@@ -24,6 +24,16 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     memory.close()
 
 
+def test_a_long_reason_comes_out_whole() -> None:
+    memory = SharedMemory.create()
+    reason = 400 * "x" + "; call resend_robot_program"
+    memory.write_state(State(reason=reason))
+    state = memory.read_state()
+    assert state is not None
+    assert state.reason == reason
+    memory.close()
+
+
 def test_a_value_of_which_one_part_is_old_is_not_read() -> None:
     memory = SharedMemory.create()
     memory.write_target(TargetSlot(7, 7.0, (7.0, 7.0, 7.0), (0.0, 0.0, 0.0, 1.0)))

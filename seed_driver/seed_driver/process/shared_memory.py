@@ -20,7 +20,7 @@ from seed_core.arm.quaternion import IDENTITY, Quaternion
 from seed_core.vector3 import ZERO, Vector3
 
 _TARGET = struct.Struct("<Qd 3d 4d")  # the fields of TargetSlot in their order
-_STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s256s")  # the fields of State in their order
+_STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s512s")  # the fields of State in their order
 _NUMBER = struct.Struct("<Q")  # the first field of TargetSlot
 _CHECK = struct.Struct("<I")
 _HALF = 4096

@@ -209,5 +209,6 @@ class Supervisor:
 def exit_reason(code: int) -> str:
     """The end of a process, in words, from its return code."""
     if code < 0:
-        return f"servo process died of {signal.Signals(-code).name}"
+        names = {int(s): s.name for s in signal.Signals}  # most of the real-time signals have none
+        return f"servo process died of {names.get(-code, f'signal {-code}')}"
     return f"servo process ended with code {code}"
