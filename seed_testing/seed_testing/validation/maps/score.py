@@ -11,19 +11,22 @@ from joblib import delayed
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
+from seed_core.membrane.features import by_finger, features
 from seed_core.membrane.map import MembraneMap
 from seed_core.spatial import Array, inverse_pose
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, rms
 from seed_sysid.membrane.result import map_file
-from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS
+from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS, values
 from seed_sysid.stiffness_map import CHANNELS, wrench_transform
 from seed_testing.validation.maps.finite_elements import SUMS, FiniteElements
 from seed_testing.validation.maps.membrane_run import Run, run_membrane
 
 OF_POSE = "pose of the tool"
 OF_ELEMENTS = tuple(f"finite elements, {name}" for name in SUMS)
+OF_BOTH = f"{OF_ELEMENTS[-1]}, and {DEFAULT_MODEL} of what they leave"
+ROWS = (OF_POSE, *OF_ELEMENTS, OF_BOTH, *MODELS)
 SHARES = (0.40, 0.65)  # of the touching nodes that slide
 FRAMES = 100
 
@@ -46,6 +49,9 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     assert analysis.membrane is not None
     fit = analysis.membrane.fit
     elements = FiniteElements.fitted(run.elements[fit.data.kept], fit.wrench)
+    left = fit.data.wrench - elements.wrench(run.elements[fit.data.kept])[-1]
+    of_left = fit_membrane(fit.data._replace(wrench=left), DEFAULT_MODEL, fit.nuisance)
+    middle = len(fit.data.widths) // 2  # the grip of the motions
     files = {m: map_file(_fitted(fit, m), "membrane", "handle", "") for m in MODELS}
     out: dict[str, Any] = {"left_out": {OF_POSE: analysis.left_out_share.tolist(), DEFAULT_MODEL: fit.share.tolist()}}
     out["motions"] = []
@@ -54,7 +60,10 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
         of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
         to_T = np.array([wrench_transform(inverse_pose(e.X_CT)) for e in truth.estimates])
-        for name, told in zip(OF_ELEMENTS, elements.wrench(truth.elements), strict=True):
+        of_elements = elements.wrench(truth.elements)
+        Z = np.array([features(by_finger(e.membrane), fit.data.middles[middle]) for e in truth.estimates])
+        of_both = of_elements[-1] + values(Z, of_left.terms) @ of_left.coefficients(0.0)[0].T
+        for name, told in zip((*OF_ELEMENTS, OF_BOTH), (*of_elements, of_both), strict=True):
             shares[name] = _share(np.einsum("nij,nj->ni", to_T, told), truth.wrench)
         for name, file in files.items():
             model = MembraneMap(file)
@@ -99,7 +108,8 @@ def score_membranes(
     summary = []
     for i, asked in enumerate(SHARES if good else ()):
         mine = [r["motions"][i] for r in good]
-        models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in (OF_POSE, *OF_ELEMENTS, *MODELS)}
+        told = [m for m in ROWS if all(m in r["shares"] for r in mine)]  # scores kept from before may lack some
+        models = {m: _spread(np.array([r["shares"][m] for r in mine])) for m in told}
         nees = np.array([r["nees"] for r in mine])
         summary.append(
             {
