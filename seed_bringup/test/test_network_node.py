@@ -23,7 +23,7 @@ from sensor_msgs.msg import Image
 ROOT = Path(__file__).resolve().parents[2]
 RANGE, PROFILE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 LAUNCHED = ROOT / "seed_bringup/launch/perception_launch.xml"
-SIZE = 640 * 480 * 4  # [bytes]
+SIZE = 160 * 120 * 4  # [bytes]
 CAMERA = f"""\
 import rclpy
 from rclpy.qos import qos_profile_sensor_data
@@ -31,7 +31,7 @@ from sensor_msgs.msg import Image
 rclpy.init()
 node = rclpy.create_node("camera")
 images = node.create_publisher(Image, "image", qos_profile_sensor_data)
-picture = Image(height=480, width=640, encoding="32FC1", step=640 * 4, data=bytes({SIZE}))
+picture = Image(height=120, width=160, encoding="32FC1", step=160 * 4, data=bytes({SIZE}))
 node.create_timer(0.1, lambda: images.publish(picture))
 rclpy.spin(node)
 """

@@ -29,6 +29,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a
 PATIENT = Limits(pose_rate=50.0, pose_age=0.2, stop_within=0.9)  # a test machine may be loaded
 
 
+@pytest.mark.neighbourly
 def test_our_driver_keeps_every_clause() -> None:
     with StandIn() as robot:
         command = [sys.executable, "-m", "seed_driver.ros.node", "--ros-args", "-p", f"robot_ip:={robot.host}"]
