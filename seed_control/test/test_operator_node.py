@@ -88,6 +88,26 @@ def test_a_holding_arm_that_was_moved_is_not_sent_back_when_it_follows_again(mak
     np.testing.assert_allclose(cell.X_WE, there, atol=1e-6)
 
 
+def test_an_arm_that_was_gone_and_is_back_elsewhere_is_sent_nowhere(make: Callable[..., Cell]) -> None:
+    """Started anew, it follows targets at once; nearer than what counts as a jump, it would go to the former place."""
+    cell = make()
+    cell.enabled()
+    cell.setpoint.publish(cell.hold_here())
+    assert cell.bench.until(lambda: cell.state.mode == "position")
+    cell.follows = False
+    cell.silent.add("current_pose")
+    assert cell.bench.until(lambda: cell.state.mode == "holding")
+    assert cell.bench.until(lambda: cell.node.counters["moved_by_others"] == 1, 5.0)
+    there = cell.X_WE.copy()
+    there[2, 3] += 0.015
+    cell.X_WE, cell.follows, cell.targets = there, True, 0
+    cell.silent.clear()
+    cell.bench.spin(0.4)
+    assert cell.targets == 0
+    assert enable(cell).success
+    assert cell.bench.until(lambda: cell.targets > 3, 5.0)
+
+
 def test_enabling_while_enabled_takes_the_arm_from_where_it_is(make: Callable[..., Cell]) -> None:
     cell = make()
     cell.enabled()

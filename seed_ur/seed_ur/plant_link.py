@@ -47,16 +47,25 @@ class PlantLink:
     ) -> None:
         self.close()
 
-    def place(self, X_WE: Array, near: Sequence[float], clock: float | None = None, patience: float = 20.0) -> None:
+    def place(
+        self,
+        X_WE: Array,
+        near: Sequence[float],
+        clock: float | None = None,
+        patience: float = 20.0,
+        *,
+        stay: bool = False,
+    ) -> None:
         """Put the stand-in's flange at X_WE (4, 4), on the branch of the joint angles `near` (6,).
 
         clock: what the controller's clock shows from now on [s]; the plant then sets its pace by `exchange`.
+        stay: leave it where it is, if a program runs.
         Waits for the stand-in to be there; raises SeedError when it does not come or refuses.
         """
         pose, until = list(pose_from_matrix(X_WE)), time.monotonic() + patience
         while True:
             try:
-                reply = request(self._address[0], "place", pose=pose, near=list(near), clock=clock)
+                reply = request(self._address[0], "place", pose=pose, near=list(near), clock=clock, stay=stay)
                 break
             except OSError as error:
                 if time.monotonic() > until:

@@ -90,6 +90,7 @@ class NodeSettings:
             )
 
 
+GONE = 0.5  # [s] beyond kinematics_timeout: an arm without a pose for so long may be anywhere when it is back
 RESUME = "resend_robot_program"  # service of what moves the arm
 
 
@@ -121,7 +122,7 @@ class ControllerNode(SeedNode):
             self.get_logger().warning(f"force and torque are refused (SP18): {self.clocks.problem}")
         self.steps = 0
         self._was_enabled = False
-        self._here = np.eye(4)  # the newest flange pose
+        self._here, self._here_at = np.eye(4), 0.0  # the newest flange pose and its stamp [s]
         self._output: ControlOutput | None = None
 
         self._target = self.publisher(PoseStamped, "target_frame", COMMAND)
@@ -178,7 +179,7 @@ class ControllerNode(SeedNode):
             X_WE = pose_to_matrix(message.pose, "current_pose")
             stamp = self._dated(message, self.parameters.kinematics_timeout, "current_pose")
         if self.core.add_kinematics(stamp, X_WE):
-            self._here = X_WE
+            self._here, self._here_at = X_WE, stamp
 
     def _on_estimate(self, message: RelativePose) -> None:
         with self._telling("estimates"):
@@ -281,19 +282,19 @@ class ControllerNode(SeedNode):
             self._publish_state(now, output)
 
     def _may_send(self, output: ControlOutput) -> bool:
-        """From the first enable on; no more once an arm that follows nothing was moved by something else.
+        """From the first enable on; no more once an arm was moved by something else, or was gone, while it was not led.
 
-        Or else it would be sent back to where it was as soon as it is asked to follow again, before any enable.
+        Or else it would be sent back to where it was as soon as it follows again, before any enable.
         """
         assert output.X_WE is not None
         away = float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY
         enabled, holding = output.state.enabled, output.state.mode == "holding"
         if enabled and not holding:
             self._was_enabled = True
-        elif self._was_enabled and away and (self._arm_holds or not enabled):
+        elif self._was_enabled and (away or self.now() - self._here_at > self.parameters.kinematics_timeout + GONE):
             self._was_enabled = False
-            words = "the arm was moved by something else; target_frame pauses until enable"
-            self.counters.add("moved_by_others", words)
+            what = "was moved by something else" if away else "is not heard any more"
+            self.counters.add("moved_by_others", f"the arm {what}; target_frame pauses until enable")
         return self._was_enabled
 
     def _publish_state(self, now: float, output: ControlOutput) -> None:

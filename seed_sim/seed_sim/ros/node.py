@@ -116,11 +116,15 @@ class SimNode(SeedNode):
         return time_of_plant.stamp if time_of_plant is not None and self.settings.clock else super().now()
 
     def _join_robot(self) -> PlantLink | None:
-        """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own."""
+        """The stand-in controller whose arm carries the gripper, placed at the start; None for an arm of our own.
+
+        A node that is started again beside a running program finds the arm where it stands.
+        """
         if not self.settings.robot_ip:
             return None
         link = PlantLink(self.settings.robot_ip)
-        link.place(self._X_WE_start, ELBOW_UP, self.now() if self.settings.clock else None)
+        clock = self.now() if self.settings.clock else None
+        link.place(self._X_WE_start, ELBOW_UP, clock, stay=clock is None)
         return link
 
     def _wait_for(self, kind: Any, topic: str) -> None:

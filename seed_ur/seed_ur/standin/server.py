@@ -87,12 +87,14 @@ class Server:
         if self.robot.options.version[0] < 10:
             self._listen(DASHBOARD_PORT, DashboardChannel)
 
-    def place(self, pose: list[float], near: list[float], clock: float | None = None) -> None:
+    def place(self, pose: list[float], near: list[float], clock: float | None = None, *, stay: bool = False) -> None:
         """Put the flange somewhere, before any program runs; opens the robot's ports when they wait for it.
 
         clock: what the robot's clock shows from now on [s]; it then runs only as far as the plant lets it.
+        stay: leave it where it is, if a program runs.
         """
-        self.robot.place(pose, near)
+        if not stay or self.robot.program is None:
+            self.robot.place(pose, near)
         if clock is not None:
             self.robot.now = self.robot.robot_time
             self.robot.boot, self.until = self.robot.now - clock, clock

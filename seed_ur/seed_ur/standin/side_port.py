@@ -205,6 +205,8 @@ ACTIONS: dict[str, Action] = {
     "option": _option,
     "corrupt": _corrupt,
     "wall": _wall,
-    "place": lambda server, request: server.place(request["pose"], request["near"], request.get("clock")),
+    "place": lambda server, request: server.place(
+        request["pose"], request["near"], request.get("clock"), stay=request.get("stay") is True
+    ),
     "wrench": lambda server, request: server.robot.set_wrench(request["wrench"]),
 }
