@@ -51,9 +51,7 @@ class ControllerParameters(MotionLimits):
     # contact
     approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="towards contact")
     press_speed: float = field(0.045, unit="m/s", low=0.001, high=0.25, doc="building up the force, in contact")
-    max_free_travel: float = field(
-        0.055, unit="m", low=0.005, high=0.5, doc="of an approach without contact; the tip may go 5 mm further"
-    )
+    max_free_travel: float = field(0.06, unit="m", low=0.005, high=0.5, doc="of an approach without contact")
     contact_share: float = field(0.3, low=0.05, high=0.9, doc="of the wanted force that counts as contact")
     lost_share: float = field(0.05, low=0.0, high=0.5, doc="of the wanted force below which contact is lost")
     contact_images: int = field(2, low=1, high=20, doc="images in a row that decide on contact")

@@ -110,7 +110,7 @@ def test_contact_in_one_direction_does_not_count_for_another() -> None:
     bench.controller.set_setpoint(HybridSetpoint(DOWN, force, np.diag([0.0, 1.0, 1.0])), bench.t)
     state = bench.run(10.0)
     assert state.mode == "holding"
-    assert "no contact within max_free_travel = 55 mm along (0.00, 1.00, 0.00)" in state.reason
+    assert "no contact within max_free_travel = 60 mm along (0.00, 1.00, 0.00)" in state.reason
     assert_allclose(bench.force, 5.0, atol=0.5)
     C = np.array([X[:3, 3] for X in bench.commands])
     assert np.abs(C[:, 1] - C[0, 1]).max() <= BOUND

@@ -21,7 +21,7 @@ SENSOR = ReferenceSettings(
     arm_force_noise=0.1, arm_torque_noise=0.01, arm_force_offset=0.05, arm_torque_offset=0.02, arm_gain=0.005
 )
 HOLDING = replace(SENSOR, on_contradiction="hold")
-HIGH = make_pose(p=(0.0, 0.0, 0.025))  # so much free travel before the table
+HIGH = make_pose(p=(0.0, 0.0, 0.03))  # so much free travel before the table
 
 
 def softer(share: float) -> Stiffness:
