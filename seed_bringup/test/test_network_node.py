@@ -23,15 +23,14 @@ from sensor_msgs.msg import Image
 ROOT = Path(__file__).resolve().parents[2]
 RANGE, PROFILE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 LAUNCHED = ROOT / "seed_bringup/launch/perception_launch.xml"
-SIZE = 160 * 120 * 4  # [bytes]
-CAMERA = f"""\
+CAMERA = """\
 import rclpy
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 rclpy.init()
 node = rclpy.create_node("camera")
 images = node.create_publisher(Image, "image", qos_profile_sensor_data)
-picture = Image(height=120, width=160, encoding="32FC1", step=160 * 4, data=bytes({SIZE}))
+picture = Image(height={height}, width={width}, encoding="32FC1", step={width} * 4, data=bytes({height} * {width} * 4))
 node.create_timer(0.1, lambda: images.publish(picture))
 rclpy.spin(node)
 """
@@ -105,13 +104,16 @@ def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monke
 @pytest.mark.skipif(
     os.environ.get("RMW_IMPLEMENTATION") not in (None, "rmw_fastrtps_cpp"), reason="profiles are Fast DDS's"
 )
-@pytest.mark.parametrize(("profile", "everywhere"), [(None, False), ("large_images.xml", True)])
+@pytest.mark.parametrize(
+    ("profile", "everywhere", "width", "height"),
+    [(None, False, 160, 120), ("large_images.xml", True, 640, 480)],  # loopback.xml has no room for large images
+)
 def test_a_launched_camera_is_heard_from_this_computer_and_listens_nowhere_else(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, profile: str | None, everywhere: bool
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, profile: str | None, everywhere: bool, width: int, height: int
 ) -> None:
     """A profile of one's own without the restriction is the counter-proof: there the ports are open everywhere."""
     program = tmp_path / "camera"
-    program.write_text(f"#!{sys.executable}\n{CAMERA}")
+    program.write_text(f"#!{sys.executable}\n{CAMERA.format(width=width, height=height)}")
     program.chmod(0o755)
     monkeypatch.setattr("seed_bringup.launching.description.executable", lambda *_: program)
     own = {} if profile is None else {PROFILE: str(ROOT / "seed_bringup/config" / profile)}
@@ -135,7 +137,7 @@ def test_a_launched_camera_is_heard_from_this_computer_and_listens_nowhere_else(
         while len(sizes) < 3 and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.1)
         addresses = {address for n in launch.nodes for address in listening(n.process.pid)}
-    assert sizes[:3] == [SIZE] * 3
+    assert sizes[:3] == [width * height * 4] * 3
     assert addresses
     assert ("0.0.0.0" in addresses) == everywhere
     assert everywhere or all(address.startswith("127.") for address in addresses)
