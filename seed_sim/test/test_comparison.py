@@ -92,6 +92,14 @@ def test_the_best_wins_a_row_and_the_bound_wins_none() -> None:
     assert "adm." in text(rows).splitlines()[2]
 
 
+def test_a_press_that_never_comes_to_rest_is_not_the_quickest() -> None:
+    presses = [row("open loop", 9.0, seed=s) | {"press_rms": 9.0} for s in range(3)]
+    presses[0]["rest"] = 0.1
+    presses += [row("seed", 0.2, seed=s) | {"press_rms": 2.0, "rest": 0.4} for s in range(3)]
+    (line,) = (line for line in lines_of(presses) if line[:2] == ("all cases", "rest"))
+    assert line.medians == {"open loop": None, "seed": 0.4}
+
+
 def test_runs_are_kept_and_only_missing_ones_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
 

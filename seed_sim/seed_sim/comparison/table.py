@@ -40,14 +40,23 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> list[Line]:
 
 
 def _line(case: str, score: str, rows: Sequence[dict[str, Any]]) -> Line:
-    values = {
-        m: np.array([r[score] for r in rows if r["method"] == m and r[score] is not None])
-        for m in dict.fromkeys(r["method"] for r in rows)
-    }
+    runs = {m: [r for r in rows if r["method"] == m] for m in dict.fromkeys(r["method"] for r in rows)}
     worse = 10.0 if score in LARGER_IS_BETTER else 90.0
-    medians = {m: float(np.median(v)) if len(v) else None for m, v in values.items()}
-    ninety = {m: float(np.percentile(v, worse)) if len(v) else None for m, v in values.items()}
+    medians = {m: _percentile(score, r, 50.0) for m, r in runs.items()}
+    ninety = {m: _percentile(score, r, worse) for m, r in runs.items()}
     return Line(case, score, medians, ninety, _winners(score, medians))
+
+
+def _percentile(score: str, rows: Sequence[dict[str, Any]], percent: float) -> float | None:
+    """Of the runs that have the score; a press that never comes to rest takes longer than any other."""
+    values = [r[score] for r in rows if r[score] is not None]
+    if score == "rest":
+        values += [np.inf for r in rows if r["rest"] is None and r["press_rms"] is not None]
+    if not values:
+        return None
+    with np.errstate(invalid="ignore"):  # between two that never rest
+        found = float(np.percentile(values, percent))
+    return found if np.isfinite(found) else None
 
 
 def _winners(score: str, medians: dict[str, float | None]) -> tuple[str, ...]:
