@@ -25,7 +25,7 @@ from seed_core.config import checked
 from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array
-from seed_core.vector3 import ZERO, Vector3
+from seed_core.vector3 import ZERO, Vector3, as_vector3
 from seed_core.wrench_settings import ReferenceSettings
 
 
@@ -153,7 +153,9 @@ class Supervisor:
             if guard.held:
                 self._relief.give_way(k, m.X_WC[:3, 3], self._held_at)
         guard.check_overload(m)
-        guard.free_travel.image(*law.shares())
+        R_WC, p_WC = m.X_WC[:3, :3], m.X_WC[:3, 3]
+        relaxed = R_WC @ self._wrench_estimator.p_Ttip
+        guard.free_travel.image(*law.shares(), as_vector3(m.tip - p_WC), as_vector3(relaxed))
         if guard.following and law.setpoint is not None:
             guard.check_unexpected(m, law.plan, self.grasp_check.weight)
 

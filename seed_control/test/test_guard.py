@@ -16,6 +16,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose
+from seed_core.vector3 import ZERO
 
 UP = np.array(((0.0, 0.0, 1.0),))
 BOUND = 0.06
@@ -42,28 +43,54 @@ def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     travel = still(BOUND)
     reason = went(travel, (0.0, 0.0, 0.01))
     for k in range(1, 90):
-        travel.image([0.85], [False], [0.01], [0.0])
+        travel.image([0.85], [False], [0.01], [0.0], ZERO, ZERO)
         reason = reason or went(travel, (0.0, 0.0, 0.01 + 9e-4 * k))
     assert "the force stays at 85% of the wanted one over max_free_travel = 60 mm" in reason
     assert "the tool slides in the grasp" in reason
 
 
 def test_a_tool_that_lags_as_it_is_enabled_may_come_after() -> None:
+    """It rubs on something, and hangs 4 mm behind; what is left to go is less by that much, let go or not."""
+    free, lagging = (0.0, 0.0, 0.12), (0.0, 0.0, 0.116)
+    for now in (lagging, free):
+        travel = still(BOUND)
+        went(travel, (0.0, 0.0, 0.0))
+        for _ in range(20):
+            travel.image([0.4], [False], [0.01], [0.4], lagging, free)
+        for _ in range(20):
+            travel.image([0.0], [False], [0.01], [0.0], now, free)
+        assert went(travel, (0.0, 0.0, 0.0555)) == ""
+        assert went(travel, (0.0, 0.0, 0.0565)) != ""
+
+
+def test_a_tip_that_goes_further_than_it_would_by_itself_is_kept_within_the_bound() -> None:
+    free = (0.0, 0.0, 0.12)
+    for further, held in ((0.0, False), (0.004, True)):
+        travel = still(BOUND)
+        went(travel, (0.0, 0.0, 0.0))
+        for k in range(20):
+            travel.image([0.0], [False], [0.01], [0.0], (0.0, 0.0, 0.12 + further * (k > 0)), free)
+        assert (went(travel, (0.0, 0.0, 0.0575)) != "") == held
+
+
+@pytest.mark.parametrize(("sign", "reaches"), [(1.0, 0.060), (-1.0, -0.056)])
+def test_the_way_is_counted_from_wherever_the_command_was_as_the_image_was_taken(sign: float, reaches: float) -> None:
+    """The force was last there somewhere on 4 mm of way; whichever end is further off counts."""
     travel = still(BOUND)
-    went(travel, (0.0, 0.0, 0.0))
-    travel.image([0.4], [False], [0.01], [0.4])  # all of it friction, which goes as it wipes
-    travel.image([0.0], [False], [0.01], [0.0])
-    assert went(travel, (0.0, 0.0, 0.0555)) == ""
-    assert went(travel, (0.0, 0.0, 0.0565)) != ""
+    for k in range(5):
+        travel.step((0.0, 0.0, 1e-3 * k), UP, 0.05)
+    travel.image([1.0], [True], [0.0], [0.0], ZERO, ZERO)
+    assert went(travel, (0.0, 0.0, 0.5 * reaches), (0.0, 0.0, reaches - sign * 5e-4)) == ""
+    assert went(travel, (0.0, 0.0, reaches + sign * 5e-4)) != ""
 
 
 def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
     for share, settled, anew in ((1.0, True, True), (0.8, False, True), (0.6, False, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05))
-        travel.image([share], [settled], [0.0], [0.0])
+        travel.image([share], [settled], [0.0], [0.0], ZERO, ZERO)
         assert (went(travel, (0.0, 0.0, 0.1)) == "") == anew
-        travel.image([share], [False], [0.0], [0.0])  # it does not rise any more: friction, say
+        travel.image([share], [False], [0.0], [0.0], ZERO, ZERO)  # it does not rise any more: friction, say
         assert went(travel, (0.0, 0.0, 0.12)) != ""
 
 
@@ -88,8 +115,9 @@ def test_the_gripper_goes_further_than_a_tool_that_something_stops() -> None:
     for across, share, further in ((0.0, 0.4, True), (0.1, 0.4, True), (1.2, 0.4, False), (0.0, 0.0, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0))
-        travel.image([0.0], [False], [0.016], [0.0])
-        travel.image([share], [False], [0.016], [across])
+        travel.image([0.0], [False], [0.016], [0.0], (0.0, 0.0, 0.12), (0.0, 0.0, 0.12))
+        for _ in range(20):
+            travel.image([share], [False], [0.016], [across], (0.0, 0.0, 0.12 - 0.016 * share), (0.0, 0.0, 0.12))
         assert (went(travel, (0.0, 0.0, 0.064)) == "") == further
 
 
@@ -99,7 +127,7 @@ def test_no_force_is_not_near_a_small_one() -> None:
     for i in range(5):
         if why := travel.step((0.0, 0.0, 0.03 * i), UP, 1.0):
             break
-        travel.image([0.0], [True], [0.0], [0.0])
+        travel.image([0.0], [True], [0.0], [0.0], ZERO, ZERO)
     assert "no contact within" in why
 
 

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far an approach may go along each force direction without reaching the force that is wanted there."""
+"""How far an approach may go along each force direction without reaching the force that is wanted there.
+
+Gripper and tip are both kept within the bound. The gripper is known at each step, and may go further than a tool that
+something stops. The tip is seen in the images; it goes further than the gripper where it lets go of what it rubbed on.
+"""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import copysign
 
 from seed_core.spatial import Array
-from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus_scaled
 
 _REACHED = 0.7  # share of the wanted force from which on a rise shows that the way is not free: half, and the noise
 _RISE = 0.1  # share by which it has to rise
@@ -13,6 +19,7 @@ _OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
 _PRESSES = 0.4  # share from which on something is in the way, and gives way
 _UNSEEN = 1.5e-3  # [m] of the tip's way that noise and lean as contact ended may hide
 _RUBS = 1.0  # friction, at most, that a force across a direction may make along it
+_FOLLOWS = 0.3  # share of a change of the tip's place that one image is believed
 _SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
 _LONG = 2.0  # [s] without the wanted force, which is told
 _LEAST = 1e-3  # [m] of motion between steps that is a new start, not a motion
@@ -21,12 +28,19 @@ _LEAST = 1e-3  # [m] of motion between steps that is a new start, not a motion
 class _Way:
     """Along one direction: where it began [m], how much of the force has been reached since, and where it is now."""
 
-    def __init__(self, start: Vector3) -> None:
-        self.start, self.best, self.last = start, 0.0, start
+    def __init__(self, start: Vector3, along: Vector3) -> None:
+        self.starts = start, start  # the two ends of where the command was when the force was last there
+        self.best, self.last, self.along = 0.0, start, along
         self.share = 0.0  # of the wanted force, in the last image
         self.time = 0.0  # [s] since the start
-        self.first: float | None = None  # [m] deflection of the grasp at the start, by which a tool may come after
+        self.tip: Vector3 | None = None  # [m] from the gripper to the tip, at the start
         self.deflection = 0.0  # [m] now, by what is in the way
+
+    def begin(self, places: Sequence[Vector3], tip: Vector3) -> None:
+        """From one of these places on the way is counted, with the tip there [m] as the gripper sees it."""
+        across = partial(dot, self.along)
+        self.starts = min(places, key=across), max(places, key=across)
+        self.time, self.tip = 0.0, tip
 
 
 class FreeTravel:
@@ -41,6 +55,8 @@ class FreeTravel:
         self._bound, self._stopping = bound, stopping
         self._ways: list[_Way] = []
         self._recent: deque[tuple[float, Vector3]] = deque([(0.0, ZERO)])  # [s] since the start, place
+        self._tip: Vector3 | None = None  # [m] from the gripper to the tip: by the images, and ...
+        self._relaxed = ZERO  # [m] ... where nothing touches it
         self.warning = ""
 
     def restart(self) -> None:
@@ -48,7 +64,15 @@ class FreeTravel:
         self._ways, self.warning = [], ""
         self._recent.clear()
 
-    def image(self, shares: list[float], settled: list[bool], needed: list[float], across: list[float]) -> None:
+    def image(
+        self,
+        shares: list[float],
+        settled: list[bool],
+        needed: list[float],
+        across: list[float],
+        p_Ctip: Vector3,
+        relaxed: Vector3,
+    ) -> None:
         """Take in an image, by direction.
 
         The gripper is further than a tool that something stops. A tool that rubs lags as well, but is not stopped: it
@@ -58,14 +82,16 @@ class FreeTravel:
             shares: of the wanted force that the filtered estimate has. settled: whether it is there.
             needed: deflection [m] that the wanted force needs.
             across: force across the direction, as a share of the wanted one.
+            p_Ctip: [m] from the gripper to the tip, in W. relaxed: where that is while nothing touches the tool.
         """
+        tip = self._tip or p_Ctip
+        self._tip, self._relaxed = plus_scaled(tip, _FOLLOWS, minus(p_Ctip, tip)), relaxed
         if len(shares) != len(self._ways) or not self._recent:
             self._ways = []
             return
         for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
             way.share = share
-            if way.first is None:  # enabled while it rubs: the tool lags already
-                way.first = max(share, 0.0) * whole
+            way.tip = way.tip or self._tip  # enabled while it rubs, the tool lags already
             way.deflection = min(max(share - _RUBS * rubs, 0.0), _REACHED) * whole
             if share < _OVER:
                 way.best = 0.0
@@ -73,7 +99,7 @@ class FreeTravel:
             if risen:
                 way.best = share
             if risen or (there and share >= _REACHED):  # below 0.6 N no force at all is near the wanted one
-                way.start, way.time, way.first = self._recent[0][1], 0.0, max(share, 0.0) * whole
+                way.begin([place for _, place in self._recent], self._tip)
 
     def step(self, p_WC: Vector3, normals: Array, dt: float) -> str:
         """Take in the commanded position [m] after a step of dt [s]; why to hold, '' for nothing.
@@ -82,7 +108,7 @@ class FreeTravel:
             normals: (m, 3) the force directions.
         """
         if len(self._ways) != len(normals):
-            self._ways = [_Way(p_WC) for _ in normals]
+            self._ways = [_Way(p_WC, as_vector3(n)) for n in normals]
             self._recent.clear()
         now = self._recent[-1][0] + dt if self._recent else 0.0
         self._recent.append((now, p_WC))
@@ -90,22 +116,24 @@ class FreeTravel:
             self._recent.popleft()
         self.warning = ""
         for n, way in zip(normals, self._ways, strict=True):
-            along = as_vector3(n)
+            way.along = along = as_vector3(n)
             moved = dot(along, minus(p_WC, way.last))
             speed = 0.0 if abs(moved) > _LEAST else moved / dt
             way.last = p_WC
-            gone = dot(along, minus(p_WC, way.start))  # what is no number is not within the bound either
-            ahead = (
-                0.0 if not speed else abs(speed) * dt + self._stopping(abs(speed)) + _UNSEEN
-            )  # a step more, and to rest
-            rests = gone + (ahead if speed > 0.0 else -ahead)
-            if not max(abs(gone), abs(rests)) <= self._bound + way.deflection - (way.first or 0.0):
+            ahead = 0.0 if not speed else speed * dt + copysign(self._stopping(abs(speed)) + _UNSEEN, speed)
+            gone = [dot(along, minus(p_WC, start)) for start in way.starts]
+            ways = [*gone, *(g + ahead for g in gone)]  # now, and at rest after a step more
+            tip = lets_go = 0.0  # [m] by which the tip has gone further than the gripper, and will if it lets go
+            if way.tip and self._tip:
+                tip, lets_go = (dot(along, minus(p, way.tip)) for p in (self._tip, self._relaxed))
+            free = self._bound + way.deflection
+            if not all(abs(g + lets_go) <= free and abs(g + tip) <= self._bound for g in ways):  # nor what is no number
                 return self._reason(_words(along), way.share)
             way.time += dt
             if way.time > _LONG:
                 self.warning = (
                     f"the wanted force along {_words(along)} of the base has not been reached for {way.time:.0f} s and "
-                    f"{1e3 * abs(gone):.0f} mm"
+                    f"{1e3 * max(map(abs, gone)):.0f} mm"
                 )
         return ""
 
