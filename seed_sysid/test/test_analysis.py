@@ -77,6 +77,16 @@ def test_bias_outliers_and_a_hysteretic_axis_are_named_and_do_no_harm(axis: str)
     assert any("outliers left out" in w for w in a.warnings)
 
 
+def test_a_grasp_that_does_not_bear_its_work_is_told_with_the_remedy() -> None:
+    data, _ = at_rest(load("default"), 6)
+    first = data.samples[0]
+    for kind, told in (("work", True), ("pitch", False)):
+        lost = replace(data, samples=[replace(first, kind=kind, lost=True), *data.samples[1:]])
+        a = analyse(lost, "kinematic")
+        assert a.slack == ((first.key,) if told else ())
+        assert any("does not bear it; close the gripper further" in w for w in a.warnings) == told
+
+
 def test_a_clean_grasp_has_no_outliers_no_friction_and_a_diagonal_stiffness() -> None:
     data, _ = at_rest(load("default"), 2030)
     a = analyse(data, "kinematic")

@@ -145,6 +145,7 @@ def test_where_the_estimator_loses_the_tool_poses_are_drawn_back_and_later_ones_
     assert all("has not followed the tool" in e for e in events)
     assert len(events) <= 3  # once or twice on the axis itself; what was learnt spares the rest
     assert max(abs(s.kinematic[4]) for s, _ in samples) > np.deg2rad(7.0)
+    assert {s.kind for s, _ in samples if s.lost} == {"pitch"}
 
 
 def test_without_an_estimator_or_one_that_never_followed_nothing_is_drawn_back() -> None:

@@ -17,7 +17,7 @@ from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
-from seed_core.spatial import Array, rotation_from_rpy, so3_log
+from seed_core.spatial import Array, cross, rotation_from_rpy, so3_log
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
@@ -68,13 +68,25 @@ class HybridLaw(PublishedLaw):
         s = self.setpoint
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
-        self.lean = np.array((x, y, z)) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]) if R_WT_des is not None else None
+        self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
         if self._finds(s) and self.touches(0):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
+
+    def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: Flags, m: Measurement) -> float:
+        """Angle [rad] by which the tip trails the gripper along the path, as the tool leans; nothing turned by torque.
+
+        A tool that leans ahead, aside or about itself is no reason to wait: it comes upright as it goes on.
+        """
+        lever, v = R_WT_des @ self.p_Ttip, s.velocity
+        size = float(np.sqrt((lever @ lever) * (v @ v)))
+        if size == 0.0:
+            return 0.0
+        turn = R_WT_des @ (np.array(held) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]))
+        return -float(cross(turn, lever) @ v) / size
 
     def release(self) -> None:
         super().release()

@@ -40,6 +40,10 @@ FALL_SURE = 6.0  # deviations of noise
 SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slides, and of what it was before
 LOSS = 0.03  # [1] of the image that the tool's pose must explain less than usual within a fall
 SET_FREE = 0.5  # [1] of its displacement to which a membrane without load has sprung back, and one that slides has not
+ALONG, ALONG_SURE = (
+    0.3,
+    3.0,
+)  # [1] of the markers' way back, deviations: from which on the tool surely goes back with them
 SETTLED, LONGEST = 0.015, 0.25  # [s] for which the end of a fall is awaited, at least and at most: a release lasts
 FALLING = 0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a slip slows at once
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
@@ -111,7 +115,10 @@ class GrossSlip:
             return False
         found = [m for m in judged if m.seen and m.seen[-1].stamp == stamp]
         now = [m.seen for m in found]
-        if now and all(without_load([size for _, size in m.sizes]) for m in found):
+        if now and (
+            all(without_load([size for _, size in m.sizes]) for m in found)
+            or all(tool_went_along(seen) for seen in now)
+        ):
             self._evidence, self._fell, self._steepest = 0.0, math.inf, 0.0
             return False
         drop = max((seen[-2].size - seen[-1].size for seen in now if len(seen) > 1), default=0.0)
@@ -170,6 +177,20 @@ def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = 
 def without_load(sizes: Sequence[float]) -> bool:
     """Whether one finger's markers have gone back further than friction lets them while the tool is under a load."""
     return sizes[-1] < SET_FREE * max(sizes)
+
+
+def tool_went_along(seen: Sequence[Observation]) -> bool:
+    """Whether depth has seen the tool go most of the way back that one finger's markers have gone since their furthest.
+
+    The share is the best by all three directions, each as well as depth sees it.
+    """
+    now, top = seen[-1], max(seen, key=lambda s: s.size)
+    if now.depth is UNSEEN or top.depth is UNSEEN:
+        return False
+    variance = np.square(now.depth.deviation) + np.square(top.depth.deviation)
+    back, depth = now.displacement - top.displacement, now.depth.displacement - top.depth.displacement
+    information = max(float(np.sum(back**2 / variance)), 1e-12)
+    return float(np.sum(back * depth / variance)) / information - ALONG_SURE / math.sqrt(information) > ALONG
 
 
 def depth_went_on(observations: Iterable[Observation]) -> bool:

@@ -69,6 +69,7 @@ class Sample:
         wrench_std: standard deviation of the single readings.
         settle: tolerance over change during the settling test; below 1 the pose was not at rest.
         clipped: drawn back towards the centre because a limit was met.
+        lost: drawn back because the estimator lost the tool.
         via: where the arm turned on its way from the last sample, if it did not come straight; friction depends on it.
         membrane: what both membranes did, where an estimator told.
     """
@@ -87,6 +88,7 @@ class Sample:
     readings: int = 0
     slip: float = 0.0
     clipped: bool = False
+    lost: bool = False
     via: tuple[Pose, ...] = ()
     membrane: tuple[MembraneSample, ...] = ()
 

@@ -71,6 +71,11 @@ class Analysis:
         return tuple(AXES[j] for j in np.flatnonzero((relative > _UNCERTAIN).any(axis=0)))
 
     @property
+    def slack(self) -> tuple[str, ...]:
+        """Keys of the poses of the work at which the estimator lost the tool: the grasp does not bear that work."""
+        return tuple(s.key for s in self.data.samples if s.kind == "work" and s.lost)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the user has to know, in words."""
         out = list(self.data.warnings)
@@ -87,6 +92,11 @@ class Analysis:
         unsettled = [s.key for s in self.data.samples if 0.0 < s.settle < 1.0]
         if unsettled:
             out.append(f"{len(unsettled)} poses had not come to rest (first: {unsettled[0]}): raise settle.timeout")
+        if self.slack:
+            out.append(
+                f"the tool was lost at {len(self.slack)} poses of the work (first: {self.slack[0]}): the grasp does not "
+                "bear it; close the gripper further and identify again, or ask for less force"
+            )
         if self.outliers:
             out.append(f"outliers left out: {', '.join(self.outliers)}")
         out += self.assumption.warnings

@@ -102,6 +102,7 @@ class Run:
         self._followed: float | None = None  # when the estimator last followed the tool [s], at this grip
         self._seen = True  # that it did at its last image
         self._centred: float | None = None  # since when the tool is looked for at the centre [s]
+        self._lost_on: set[tuple[int, Target]] = set()  # grips and poses on whose way it was lost
         self._lost_at: tuple[int, Target] | None = None  # grip and pose that last asked for a new grasp
         self._visit: _Visit | None = None
         self._grip: int | None = None  # that the gripper holds
@@ -150,6 +151,8 @@ class Run:
         reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
         reason = reason or lost
         if reason and self._visit.target.kind != "home":
+            if lost:
+                self._lost_on.add(self._queue[0])
             return self._draw_back(self._visit, reason)
         return self._measure(self._visit, reading, dt)
 
@@ -229,9 +232,10 @@ class Run:
         visit.readings.append(reading)
         if reading.stamp - visit.readings[0].stamp < settle.average:
             return self._command("measuring", measuring=True)
-        grip, _ = self._queue.pop(0)
+        planned = self._queue.pop(0)
+        grip, lost = planned[0], planned in self._lost_on
         self._visit, self.done = None, self.done + 1
-        sample = average(visit.target, grip, visit.readings, self._rest.quality, visit.attempts > 1, self._via)
+        sample = average(visit.target, grip, visit.readings, self._rest.quality, visit.attempts > 1, self._via, lost)
         self._via = []
         if visit.target.kind == "home":
             self._tare = np.array(sample.wrench)
@@ -251,7 +255,13 @@ def towards(X: Array, goal: Array, dt: float, motion: MotionParameters) -> tuple
 
 
 def average(
-    target: Target, grip: int, readings: list[Reading], settle: float, clipped: bool, via: Sequence[Pose] = ()
+    target: Target,
+    grip: int,
+    readings: list[Reading],
+    settle: float,
+    clipped: bool,
+    via: Sequence[Pose] = (),
+    lost: bool = False,
 ) -> Sample:
     """One sample from the readings of one pose at rest."""
     wrenches = np.array([r.wrench for r in readings])
@@ -273,6 +283,7 @@ def average(
         readings=len(readings),
         slip=max(r.slip for r in readings),
         clipped=clipped,
+        lost=lost,
         via=tuple(via),
         membrane=mean_membrane([r.membrane for r in readings]),
     )

@@ -148,13 +148,14 @@ class _Work:
 
     def identify_membranes(self) -> None:
         """Stiffness and membrane map, on a fixed force/torque sensor, as the world's cameras see the membranes."""
-        analysis, file = identify_membranes(self.believed, self._world, self._seed, self._method)
+        self.believed, analysis, file = identify_membranes(self.believed, self._world, self._seed, self._method)
         found = Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal])
         self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found))
         assert analysis.membrane is not None
         share = dict(zip(CHANNELS, analysis.membrane.fit.share.tolist(), strict=True))
         stiffness = dict(zip(AXES, found.vector().tolist(), strict=True))
-        self.figures["membranes"] = {"unexplained": share, "stiffness": stiffness}
+        squeeze = self.believed.membrane.squeeze
+        self.figures["membranes"] = {"unexplained": share, "stiffness": stiffness, "squeeze": squeeze}
         if self._model == "membrane":
             self.membranes = file
         elif self._model == "hysteretic":

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification of a grasp between membranes in a world: what they do as the world's own cameras show it."""
 
+from dataclasses import replace
+
 from seed_core.errors import SeedError
 from seed_core.membrane.map_file import MembraneMapFile
 from seed_sim.identification.membrane_cell import MembraneCell
@@ -13,6 +15,8 @@ from seed_sim.world.parameters import World
 from seed_sim.world.poses import make_estimator
 from seed_sim.world.procedures.identify import membrane_identification_of
 from seed_sysid.fit.analysis import Analysis, analyse
+
+CLOSES, _CLOSED = 0.002, 2  # [m] of imprint, by which a gripper is closed further, and how often
 
 
 class WorldTactilePoses(TactilePoses):
@@ -29,8 +33,10 @@ class WorldTactilePoses(TactilePoses):
 
 def identify_membranes(
     believed: Scenario, world: World, seed: int, method: str = "rigid_fit"
-) -> tuple[Analysis, MembraneMapFile]:
+) -> tuple[Scenario, Analysis, MembraneMapFile]:
     """Run the procedure at the scenario's grip, and fit stiffness and membrane map to its samples.
+
+    Where the grasp does not bear the work, the gripper is closed further and identified again, as the report asks for.
 
     Args:
         believed: the cell as it is believed, but for its membranes.
@@ -38,9 +44,26 @@ def identify_membranes(
         seed: of the sensor and the images' noise.
         method: of the estimator.
 
+    Returns:
+        The cell with the grip that was settled on, the analysis there, and the map.
+
     Raises:
         SeedError: the run ended early, or its data give no stiffness or no map.
     """
+    found = _identified(believed, world, seed, method)
+    for _ in range(_CLOSED):
+        if not found[0].slack:
+            break
+        closer = replace(believed, membrane=replace(believed.membrane, squeeze=believed.membrane.squeeze + CLOSES))
+        try:
+            found = _identified(closer, world, seed, method)
+        except SeedError:  # no further with this tool: what was found counts
+            break
+        believed = closer
+    return believed, *found
+
+
+def _identified(believed: Scenario, world: World, seed: int, method: str) -> tuple[Analysis, MembraneMapFile]:
     scenario = membrane_identification_of(believed)
     cell = MembraneCell(scenario, seed, WorldTactilePoses(believed, world, seed, method))
     data, _ = simulate(scenario, seed, None, cell=cell)
