@@ -4,7 +4,9 @@
 import numpy as np
 import pytest
 
+from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.pace import Pace
 from seed_control.wrench.estimate import WrenchEstimator
@@ -68,6 +70,28 @@ def test_noise_of_images_costs_no_time() -> None:
     noise = {round(t / FRAME): 0.7 * rng.standard_normal() for t in np.arange(0.0, 10.0, FRAME)}
     values = paced(lambda t: noise[round(t / FRAME)] + 0.5, 9.0)
     assert values.mean() > 0.995
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "velocity", "trails_deg"),
+    [
+        ((0.0, 3.0, 0.0), (0.05, 0.0, 0.0), 3.0),
+        ((0.0, 3.0, 0.0), (-0.05, 0.0, 0.0), -3.0),  # ahead
+        ((0.0, 3.0, 0.0), (0.0, 0.05, 0.0), 0.0),  # aside
+        ((0.0, 0.0, 9.0), (0.05, 0.0, 0.0), 0.0),  # about the tool's own axis
+        ((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), 0.0),
+    ],
+)
+def test_what_a_path_waits_for_is_a_tip_that_trails(turn_deg, velocity, trails_deg: float) -> None:
+    """The tool points down, its y with that of the world: a turn about y takes the tip towards minus x."""
+    tool = Tool()
+    estimator = WrenchEstimator(tool, Bushing(DEFAULT_STIFFNESS, "midpoint"), True, 3e-4)
+    down = rotation_from_rpy((0.0, np.pi, 0.0))
+    law = HybridLaw(ControllerParameters(), estimator)
+    law.adopt(HybridSetpoint(make_pose(down) @ tool.X_Ttip, velocity=np.array(velocity)), (0.0, 0.0, 0.0))
+    X_WT = make_pose(rotation_from_rpy(np.deg2rad(turn_deg)) @ down)
+    law.image(estimator.measure(RelativePoseEstimate(0.0, np.eye(4)), X_WT), loop_time=0.1)
+    assert np.rad2deg(law.lean) == pytest.approx(trails_deg, abs=0.1)
 
 
 def shifted(lean_deg: float, seconds: float = 0.3) -> float:

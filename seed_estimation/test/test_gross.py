@@ -11,7 +11,16 @@ import pytest
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy
 from seed_estimation import Estimator, EstimatorParameters
-from seed_estimation.slip.gross import FALL, FALL_SHARE, LOADED, MOST, depth_went_on, sprung_back, without_load
+from seed_estimation.slip.gross import (
+    FALL,
+    FALL_SHARE,
+    LOADED,
+    MOST,
+    depth_went_on,
+    sprung_back,
+    tool_went_along,
+    without_load,
+)
 from seed_estimation.slip.markers import JITTER, UNSEEN, Depth, Observation
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
@@ -216,6 +225,23 @@ def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
     staying = [s._replace(depth=Depth(np.array((0.0, 0.0, 3.6e-3)), np.full(3, 5e-5))) for s in seen[-2:]]
     assert sprung_back(together, JITTER) == 0.0
     assert sprung_back([*together[:-2], *staying], JITTER) == MOST
+
+
+def test_a_tool_that_is_badly_seen_to_go_back_with_its_markers_has_not_slid() -> None:
+    """Depth to 0.1 mm tells a way of 1 mm, not one of 0.2 mm; a tool that stays, or goes back by a third, has slid."""
+
+    def seen(back_mm: float, share: float, deviation: float = 1e-4) -> list[Observation]:
+        top, now = (s for s in observed([(0.0, 0.0, 4.0), (0.0, 0.0, 4.0 - back_mm)]))
+        deviations = np.full(3, deviation)
+        gone = top.displacement + share * (now.displacement - top.displacement)
+        return [top._replace(depth=Depth(top.displacement, deviations)), now._replace(depth=Depth(gone, deviations))]
+
+    assert tool_went_along(seen(1.0, 1.0))
+    assert not tool_went_along(seen(0.2, 1.0))
+    assert tool_went_along(seen(0.2, 1.0, deviation=1e-5))
+    assert not tool_went_along(seen(1.0, 0.0))
+    assert not tool_went_along(seen(3.0, 0.33))
+    assert not tool_went_along([s._replace(depth=UNSEEN) for s in seen(1.0, 1.0)])
 
 
 def test_a_fall_that_the_pose_explains_is_no_slip() -> None:

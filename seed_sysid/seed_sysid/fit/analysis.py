@@ -94,8 +94,8 @@ class Analysis:
             out.append(f"{len(unsettled)} poses had not come to rest (first: {unsettled[0]}): raise settle.timeout")
         if self.slack:
             out.append(
-                f"the tool was lost at {len(self.slack)} poses of the work (first: {self.slack[0]}): the grasp does not "
-                "bear it; close the gripper further and identify again, or ask for less force"
+                f"the tool was lost at {len(self.slack)} poses of the work (first: {self.slack[0]}): the grasp does "
+                "not bear it; close the gripper further and identify again, or ask for less force"
             )
         if self.outliers:
             out.append(f"outliers left out: {', '.join(self.outliers)}")
