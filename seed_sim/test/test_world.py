@@ -11,11 +11,12 @@ from seed_core.program.command_line import to_json
 from seed_core.spatial import make_pose, so3_log
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
-from seed_sim.scenario import load_scenario
+from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world import draw, perturb
 from seed_sim.world.cameras import WorldCameras, true_hand
 from seed_sim.world.cell import true_scenario
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, SpringWorld, World
+from seed_sim.world.procedures import membranes
 from seed_sim.world.procedures.clocks import motion
 from seed_sim.world.procedures.find_out import Belief, told
 from seed_sim.world.procedures.identify import identify, identify_draws
@@ -281,3 +282,39 @@ def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear
     assert error["hysteretic"]["worst"] < 0.3 * error["linear"]["worst"]
     assert result["summary"]["within_two_deviations"] == 1.0
     assert "31" in identify_table(result)
+
+
+class Found:
+    """An analysis that has the tool lost at poses of the work, or not."""
+
+    def __init__(self, slack: bool) -> None:
+        self.slack = ("0/053-work",) if slack else ()
+
+
+@pytest.mark.parametrize(
+    ("bears_from", "tears_at", "closed"),
+    [
+        (0.0, np.inf, 0.0),
+        (0.001, np.inf, 0.002),
+        (0.003, np.inf, 0.004),
+        (np.inf, np.inf, 0.004),
+        (0.003, 0.004, 0.002),
+    ],
+)
+def test_a_gripper_is_closed_further_until_the_grasp_bears_its_work(
+    bears_from: float, tears_at: float, closed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = on_membrane(load_scenario("nominal"), 7400, firm=True)
+    squeeze = scenario.membrane.squeeze
+
+    def identified(believed: Scenario, *_: object) -> tuple[Found, str]:
+        further = believed.membrane.squeeze - squeeze
+        if further >= tears_at:
+            raise SeedError("the tool pierces the left membrane")
+        return Found(slack=further < bears_from), f"map at {1e3 * further:.0f} mm"
+
+    monkeypatch.setattr(membranes, "_identified", identified)
+    believed, found, file = membranes.identify_membranes(scenario, World(), 7400)
+    assert believed.membrane.squeeze - squeeze == pytest.approx(closed)
+    assert file == f"map at {1e3 * closed:.0f} mm"
+    assert bool(found.slack) == (closed < bears_from)
