@@ -23,6 +23,7 @@ from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 _LEAST_LEVER = 0.01  # [m] at which a side force counts
+_LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes nowhere that a tip could trail
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
@@ -81,12 +82,16 @@ class HybridLaw(PublishedLaw):
 
         A tool that leans ahead, aside or about itself is no reason to wait: it comes upright as it goes on.
         """
-        lever, v = R_WT_des @ self.p_Ttip, s.velocity
-        size = float(np.sqrt((lever @ lever) * (v @ v)))
-        if size == 0.0:
+        lever = R_WT_des @ self.p_Ttip
+        length = float(np.sqrt(lever @ lever))
+        if length < _LEAST_LEVER:
+            return 0.0
+        path = s.velocity - lever * float(lever @ s.velocity) / length**2  # pressing on is no way that a tip can trail
+        speed = float(np.sqrt(path @ path))
+        if speed < _LEAST_SPEED:
             return 0.0
         turn = R_WT_des @ (np.array(held) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]))
-        return -float(cross(turn, lever) @ v) / size
+        return -float(cross(turn, lever) @ path) / (length * speed)
 
     def release(self) -> None:
         super().release()
