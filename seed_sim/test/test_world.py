@@ -287,8 +287,8 @@ def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear
 class Found:
     """An analysis that has the tool lost at poses of the work, or not."""
 
-    def __init__(self, slack: bool) -> None:
-        self.slack = ("0/053-work",) if slack else ()
+    def __init__(self, lost: bool) -> None:
+        self.not_borne = ("0/053-work",) if lost else ()
 
 
 @pytest.mark.parametrize(
@@ -311,10 +311,10 @@ def test_a_gripper_is_closed_further_until_the_grasp_bears_its_work(
         further = believed.membrane.squeeze - squeeze
         if further >= tears_at:
             raise SeedError("the tool pierces the left membrane")
-        return Found(slack=further < bears_from), f"map at {1e3 * further:.0f} mm"
+        return Found(lost=further < bears_from), f"map at {1e3 * further:.0f} mm"
 
     monkeypatch.setattr(membranes, "_identified", identified)
     believed, found, file = membranes.identify_membranes(scenario, World(), 7400)
     assert believed.membrane.squeeze - squeeze == pytest.approx(closed)
     assert file == f"map at {1e3 * closed:.0f} mm"
-    assert bool(found.slack) == (closed < bears_from)
+    assert bool(found.not_borne) == (closed < bears_from)

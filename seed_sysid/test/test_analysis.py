@@ -83,7 +83,7 @@ def test_a_grasp_that_does_not_bear_its_work_is_told_with_the_remedy() -> None:
     for kind, told in (("work", True), ("pitch", False)):
         lost = replace(data, samples=[replace(first, kind=kind, lost=True), *data.samples[1:]])
         a = analyse(lost, "kinematic")
-        assert a.slack == ((first.key,) if told else ())
+        assert a.not_borne == ((first.key,) if told else ())
         assert any("does not bear it; close the gripper further" in w for w in a.warnings) == told
 
 

@@ -38,8 +38,8 @@ class _Way:
 
     def begin(self, places: Sequence[Vector3], tip: Vector3) -> None:
         """From one of these places on the way is counted, with the tip there [m] as the gripper sees it."""
-        across = partial(dot, self.along)
-        self.starts = min(places, key=across), max(places, key=across)
+        along = partial(dot, self.along)
+        self.starts = min(places, key=along), max(places, key=along)
         self.time, self.tip = 0.0, tip
 
 
@@ -122,12 +122,12 @@ class FreeTravel:
             way.last = p_WC
             ahead = 0.0 if not speed else speed * dt + copysign(self._stopping(abs(speed)) + _UNSEEN, speed)
             gone = [dot(along, minus(p_WC, start)) for start in way.starts]
-            ways = [*gone, *(g + ahead for g in gone)]  # now, and at rest after a step more
+            reached = [*gone, *(g + ahead for g in gone)]  # now, and at rest after a step more
             tip = lets_go = 0.0  # [m] by which the tip has gone further than the gripper, and will if it lets go
             if way.tip and self._tip:
                 tip, lets_go = (dot(along, minus(p, way.tip)) for p in (self._tip, self._relaxed))
-            free = self._bound + way.deflection
-            if not all(abs(g + lets_go) <= free and abs(g + tip) <= self._bound for g in ways):  # nor what is no number
+            bound, pressed = self._bound, self._bound + way.deflection
+            if not all(abs(g + lets_go) <= pressed and abs(g + tip) <= bound for g in reached):  # nor what is no number
                 return self._reason(_words(along), way.share)
             way.time += dt
             if way.time > _LONG:

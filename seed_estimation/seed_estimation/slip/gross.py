@@ -17,7 +17,8 @@ when the rigid fit explains it; a track without such frames is lost (`tracker.py
 
 A tool that is set free lets the membrane spring back, too. But then the tool goes with it: as much of the image is
 explained as usual. And the load is gone, while a tool that slides is borne by friction still. So where markers have
-sprung back, the end of their fall is awaited: an alarm is raised where they stay above half of what they were.
+sprung back, the end of their fall is awaited: an alarm is raised where they stay above half of what they were, unless
+depth has surely seen the tool go back with them.
 """
 
 import math

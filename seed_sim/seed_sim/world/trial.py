@@ -80,6 +80,7 @@ def run_trial(
     began = time.perf_counter()
     belief = belief or find_out(scenario, world, seed, estimator if estimator in FROM_IMAGES else "rigid_fit", model)
     task = with_look(task)
+    # held as firmly as the identification has found to be needed
     plant = make_plant(replace(scenario, membrane=belief.scenario.membrane), world, seed, task)
     recording = Recording([])
     try:

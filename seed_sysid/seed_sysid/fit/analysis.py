@@ -71,7 +71,7 @@ class Analysis:
         return tuple(AXES[j] for j in np.flatnonzero((relative > _UNCERTAIN).any(axis=0)))
 
     @property
-    def slack(self) -> tuple[str, ...]:
+    def not_borne(self) -> tuple[str, ...]:
         """Keys of the poses of the work at which the estimator lost the tool: the grasp does not bear that work."""
         return tuple(s.key for s in self.data.samples if s.kind == "work" and s.lost)
 
@@ -92,10 +92,10 @@ class Analysis:
         unsettled = [s.key for s in self.data.samples if 0.0 < s.settle < 1.0]
         if unsettled:
             out.append(f"{len(unsettled)} poses had not come to rest (first: {unsettled[0]}): raise settle.timeout")
-        if self.slack:
+        if poses := self.not_borne:
             out.append(
-                f"the tool was lost at {len(self.slack)} poses of the work (first: {self.slack[0]}): the grasp does "
-                "not bear it; close the gripper further and identify again, or ask for less force"
+                f"the tool was lost at {len(poses)} poses of the work (first: {poses[0]}): the grasp does not bear it; "
+                "close the gripper further and identify again, or ask for less force"
             )
         if self.outliers:
             out.append(f"outliers left out: {', '.join(self.outliers)}")

@@ -16,7 +16,7 @@ from seed_sim.world.poses import make_estimator
 from seed_sim.world.procedures.identify import membrane_identification_of
 from seed_sysid.fit.analysis import Analysis, analyse
 
-CLOSES, _CLOSED = 0.002, 2  # [m] of imprint, by which a gripper is closed further, and how often
+_CLOSER, _TIMES = 0.002, 2  # [m] of imprint, by which a gripper is closed further, and how often at most
 
 
 class WorldTactilePoses(TactilePoses):
@@ -51,10 +51,10 @@ def identify_membranes(
         SeedError: the run ended early, or its data give no stiffness or no map.
     """
     found = _identified(believed, world, seed, method)
-    for _ in range(_CLOSED):
-        if not found[0].slack:
+    for _ in range(_TIMES):
+        if not found[0].not_borne:
             break
-        closer = replace(believed, membrane=replace(believed.membrane, squeeze=believed.membrane.squeeze + CLOSES))
+        closer = replace(believed, membrane=replace(believed.membrane, squeeze=believed.membrane.squeeze + _CLOSER))
         try:
             found = _identified(closer, world, seed, method)
         except SeedError:  # no further with this tool: what was found counts
