@@ -271,13 +271,22 @@ class Controller:
             command.stop(dt)
             return ()
         command.compare(self._inputs.history.newest(), dt)
+        met: tuple[str, ...] = ()
         if isinstance(setpoint, RelativePoseSetpoint):
             X_WC = gripper_pose(law.tool.X_WT, setpoint.X_TC)
             command.turn_to(X_WC[:3, :3])
-            return command.towards(as_vector3(X_WC[:3, 3]), dt, self.parameters.approach_speed)
-        lead = command.lead
-        p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02, command.p_WC)
-        return law.plan.limits + command.towards(p_WC, dt, self.parameters.max_speed)
+            p_WC, speed = as_vector3(X_WC[:3, 3]), self.parameters.approach_speed
+        else:
+            lead = command.lead
+            p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02, command.p_WC)
+            speed, met = self.parameters.max_speed, law.plan.limits
+        if not command.accepts(p_WC):
+            self._guard.hold(
+                "the control law came to a target that is no number; a recording of this run helps to mend it"
+            )
+            command.stop(dt)
+            return ()
+        return met + command.towards(p_WC, dt, speed)
 
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:
         """What the set-point controls that the estimate does not observe: it would count as undeflected."""

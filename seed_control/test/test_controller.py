@@ -266,6 +266,26 @@ def test_a_large_force_that_is_gone_at_once_makes_it_hold() -> None:
     assert_allclose(bench.commands[-1][2, 3], height, atol=2e-3)
 
 
+@pytest.mark.parametrize("what", ["place", "rotation"])
+def test_a_law_that_comes_to_no_number_makes_it_hold_where_it_is(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    there = bench.commands[-1]
+    if what == "place":
+        monkeypatch.setattr(bench.controller.law.reference, "target", lambda *_: (np.nan, 0.0, 0.0))
+    else:
+        command = bench.controller._command
+        command.turn_to(np.full((3, 3), np.nan))
+        monkeypatch.setattr(command, "turn_to", lambda _: None)
+    bench.step()
+    monkeypatch.undo()
+    state = bench.run(1.0)
+    assert state.mode == "holding"
+    assert "no number" in state.reason
+    assert_allclose(np.array(bench.commands[-250:]), np.broadcast_to(there, (250, 4, 4)), atol=1e-3)
+
+
 def test_command_keeps_its_limits_through_everything() -> None:
     """Approach, impact, another force, another stiffness, retreat, hold: speed, acceleration, jerk stay bounded."""
     bench = Bench().enabled()

@@ -172,3 +172,19 @@ def test_a_slope_that_nobody_expects_is_not_trailed_for_long() -> None:
             if t > 1.5:
                 errors.append(height(observer, UP, undeflected) - (slope * x - 0.01))
     assert abs(np.mean(errors)) < 2.8e-4  # [m]; 0.37 mm if nothing steep is thought of
+
+
+def test_filters_that_are_sure_stay_in_the_world_when_the_share_is_beyond_its_bounds() -> None:
+    """A grasp that turns as it is pressed lifts the tip: no share fits, and images that are exact forgive nothing."""
+    observer = SurfaceObserver(TUNING)
+    rng = np.random.default_rng(3)
+    for i in range(500):
+        t = 0.004 * i
+        c = -0.014 * (1.0 - np.exp(-4.0 * t))
+        tip = np.array((0.05 * t, 0.0, -0.05 * c + 2e-6 * rng.standard_normal()))
+        undeflected = np.array((0.05 * t, 0.0, c))
+        if i == 0:
+            observer.start(t, UP, tip, undeflected)
+        innovation = observer.update(t, UP, tip, undeflected, 1e-10)
+        assert abs(innovation) < 2e-3, t
+        assert np.abs(observer._x[:, 0]).max() < 0.02, t

@@ -247,6 +247,17 @@ def test_a_grasp_that_is_stiff_but_turns_easily_wipes_a_rough_table(seed: int) -
     assert result["lean_deg"]["max"] < 4.0
 
 
+def test_exact_poses_of_a_grasp_that_lifts_its_tip_as_it_is_pressed_keep_the_force(tmp_path: Path) -> None:
+    """A tilted table and a turning grasp: the tip rises while the gripper goes down, which no soft table does."""
+    file = tmp_path / "tilted.yaml"
+    file.write_text(
+        "name: tilted\ngrasp: {stiffness: {rotation: [3.2, 2.4, 3.2], translation: [640.0, 960.0, 640.0]}}\n"
+        "table: {tilt_x: [3.0, 3.0], tilt_y: [-2.0, -2.0], friction: 0.6, total_stiffness: 3000.0}\n"
+    )
+    result = printed(["squeegee", "--scenario", str(file)])
+    assert result["force_z"]["rmse"] < 0.05
+
+
 def test_a_task_that_never_touched_is_not_scored(held):
     missed = {**held, "contact": {"made": False}, "message": "no table"}
     assert _text(missed).splitlines()[1:] == ["  no contact, so nothing to score; no table"]

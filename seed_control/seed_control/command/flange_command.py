@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is sent to the arm: a flange pose that starts where the arm is and moves within the limits."""
 
+from math import isfinite
+
 import numpy as np
 
 from seed_control.command.limiter import PoseLimiter, VectorLimiter
@@ -69,6 +71,10 @@ class FlangeCommand:
     def turn_to(self, R_WC: Array) -> None:
         """Wanted rotation (3, 3) of the gripper from now on."""
         self._q_WE = as_quaternion(R_WC @ self._R_CE)
+
+    def accepts(self, p_WC: Vector3) -> bool:
+        """Whether this place of C [m], and the rotation last asked for, are numbers at all."""
+        return isfinite(sum(p_WC) + sum(self._q_WE))
 
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""

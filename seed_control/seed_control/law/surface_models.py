@@ -81,7 +81,7 @@ class SurfaceModels:
 
     def _turned(self, change: Array, dt: float) -> tuple[Array, Array, Array]:
         """Frequency, and cosine and sine of its angle after dt; sine zero where nothing swings."""
-        w = self._w + change
+        w = self._w + self.bounded(change)
         return w, np.cos(w * dt), np.sin(w * dt)
 
     def _by_speed(self, w: Array, s: Array, dt: float) -> Array:

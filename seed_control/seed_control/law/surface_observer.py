@@ -128,9 +128,8 @@ class SurfaceObserver:
             totals = Ph @ h + variance
         gains = Ph / totals[:, None]
         self._x += gains * innovations[:, None]
-        self._x[:, 4] = np.clip(self._x[:, 4], 0.0, MAX_SHARE)
-        self._x[:, 8] = self._models.bounded(self._x[:, 8])
         self._P -= gains[:, :, None] * Ph[:, None, :]
+        self._bound()
         innovation = float(self.weights @ innovations)
         self._weigh(np.square(innovations) / totals, totals)
         return innovation
@@ -192,6 +191,23 @@ class SurfaceObserver:
         self.weights = (1.0 - fade) * self.weights + fade * self._first_weights
         self.anchor = tip.copy()
         return rise
+
+    def _bound(self) -> None:
+        """Bring share and frequency back within their bounds, and with them all else as the covariance ties it to them.
+
+        A value cut off alone would put the height off by many of its deviations; a filter that is sure of the height
+        then throws everything else after it (estimate projection: Simon, IET Control Theory Appl. 4(8), 2010, sec. 3).
+        """
+        self._hold(8, self._models.bounded(self._x[:, 8]))
+        self._hold(4, np.clip(self._x[:, 4], 0.0, MAX_SHARE))
+
+    def _hold(self, i: int, value: Array) -> None:
+        """Put state i to these values (count,), the others to their means given that."""
+        beyond = value - self._x[:, i]
+        if beyond.any():
+            steps = np.divide(beyond, self._P[:, i, i], out=np.zeros_like(beyond), where=self._P[:, i, i] > 0.0)
+            self._x += self._P[:, :, i] * steps[:, None]
+            self._x[:, i] = value
 
     def _weigh(self, squares: Array, totals: Array) -> None:
         """Weights by the likelihood of normalised squared innovations (count,) of those variances [m^2]."""
