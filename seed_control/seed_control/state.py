@@ -75,8 +75,8 @@ class ControllerState(NamedTuple):
         contradictions: what else is known and does not agree with the wrench, each in words.
         desired_X_TC, measured_X_CT: displacement that is asked for, and the newest estimate (4, 4).
         X_W_tip: measured pose of the tip at the newest image (4, 4).
-        lean: (3,) turn of the tool from what is wanted at the newest image, in T [rad], zero about axes that torque
-            turns; None where the law does not bring the tool upright, or nothing is followed.
+        lean: [rad] of the tool at the newest image, by which its tip trails along the path, but for what torque turns;
+            None where the law does not bring the tool upright, or nothing is followed.
         R_W_task: (3, 3) of the task frame in which the wrenches are written.
         limits_hit: names of the limits that shaped this step's target.
         reason: why it holds or is disabled; else what the newest input was refused for, until one of its kind is used;
@@ -100,7 +100,7 @@ class ControllerState(NamedTuple):
     desired_X_TC: Array | None = None
     measured_X_CT: Array | None = None
     X_W_tip: Array | None = None
-    lean: Array | None = None
+    lean: float | None = None
     R_W_task: Array = np.eye(3)
     limits_hit: tuple[str, ...] = ()
     reason: str = ""

@@ -4,7 +4,9 @@
 import numpy as np
 import pytest
 
+from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.pace import Pace
 from seed_control.wrench.estimate import WrenchEstimator
@@ -19,7 +21,7 @@ RISE = 4.0  # [1/s]: 0.2 m/s^2 to 0.05 m/s
 
 
 def paced(lean_deg, seconds=1.0, in_contact=True):
-    """The pace's values as the tool leans by lean_deg(t) (3,) [degrees], with images that are 60 ms late."""
+    """The pace's values as the tool leans by lean_deg(t) [degrees], with images that are 60 ms late."""
     pace, values = Pace(RISE), []
     for i in range(round(seconds / DT)):
         t = i * DT
@@ -42,32 +44,56 @@ def about_y(angle):
 
 
 def test_a_path_goes_at_full_pace_under_an_upright_tool_and_slower_the_more_it_leans() -> None:
-    paces = [paced(lambda _, a=a: about_y(a))[-1] for a in (0.0, 2.0, 3.5, 5.0, 20.0)]
+    paces = [paced(lambda _, a=a: a)[-1] for a in (0.0, 2.0, 3.5, 5.0, 20.0)]
     assert paces == pytest.approx([1.0, 1.0, 0.5, 0.1, 0.1], abs=1e-6)
 
 
 def test_a_lean_that_grows_slows_the_path_before_it_is_large() -> None:
-    growing = paced(lambda t: about_y(15.0 * t), 0.4)  # degrees: 2 after 0.13 s
+    growing = paced(lambda t: 15.0 * t, 0.4)  # degrees: 2 after 0.13 s
     assert growing[round(0.13 / DT)] < 0.97
     assert growing[round(0.26 / DT)] == pytest.approx(0.1)
 
 
 def test_the_path_takes_up_speed_no_faster_than_its_acceleration() -> None:
-    freed = paced(lambda t: about_y(8.0 if t < 0.5 else 0.0), 1.5)
+    freed = paced(lambda t: 8.0 if t < 0.5 else 0.0, 1.5)
     assert freed[-1] == 1.0
     assert np.diff(freed).max() <= RISE * DT + 1e-12
 
 
-@pytest.mark.parametrize(("lean", "in_contact"), [(None, True), (about_y(10.0), False)])
+@pytest.mark.parametrize(("lean", "in_contact"), [(None, True), (10.0, False)])
 def test_nothing_waits_in_free_air_or_where_the_law_does_not_bring_a_tool_upright(lean, in_contact: bool) -> None:
     assert paced(lambda _: lean, in_contact=in_contact).min() == 1.0
 
 
 def test_noise_of_images_costs_no_time() -> None:
     rng = np.random.default_rng(7)
-    noise = {round(t / FRAME): 0.5 * rng.standard_normal(3) for t in np.arange(0.0, 10.0, FRAME)}
-    values = paced(lambda t: noise[round(t / FRAME)] * (0.0, 1.0, 1.0) + about_y(0.5), 9.0)
+    noise = {round(t / FRAME): 0.7 * rng.standard_normal() for t in np.arange(0.0, 10.0, FRAME)}
+    values = paced(lambda t: noise[round(t / FRAME)] + 0.5, 9.0)
     assert values.mean() > 0.995
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "velocity", "trails_deg"),
+    [
+        ((0.0, 3.0, 0.0), (0.05, 0.0, 0.0), 3.0),
+        ((0.0, 3.0, 0.0), (-0.05, 0.0, 0.0), -3.0),  # ahead
+        ((0.0, 3.0, 0.0), (0.0, 0.05, 0.0), 0.0),  # aside
+        ((0.0, 0.0, 9.0), (0.05, 0.0, 0.0), 0.0),  # about the tool's own axis
+        ((0.0, 3.0, 0.0), (0.05, 0.0, -0.05), 3.0),  # pressed on beside
+        ((0.0, 3.0, 0.0), (0.0, 0.0, -0.05), 0.0),
+        ((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), 0.0),
+    ],
+)
+def test_what_a_path_waits_for_is_a_tip_that_trails(turn_deg, velocity, trails_deg: float) -> None:
+    """The tool points down, its y with that of the world: a turn about y takes the tip towards minus x."""
+    tool = Tool()
+    estimator = WrenchEstimator(tool, Bushing(DEFAULT_STIFFNESS, "midpoint"), True, 3e-4)
+    down = rotation_from_rpy((0.0, np.pi, 0.0))
+    law = HybridLaw(ControllerParameters(), estimator)
+    law.adopt(HybridSetpoint(make_pose(down) @ tool.X_Ttip, velocity=np.array(velocity)), (0.0, 0.0, 0.0))
+    X_WT = make_pose(rotation_from_rpy(np.deg2rad(turn_deg)) @ down)
+    law.image(estimator.measure(RelativePoseEstimate(0.0, np.eye(4)), X_WT), loop_time=0.1)
+    assert np.rad2deg(law.lean) == pytest.approx(trails_deg, abs=0.1)
 
 
 def shifted(lean_deg: float, seconds: float = 0.3) -> float:

@@ -17,12 +17,13 @@ from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
-from seed_core.spatial import Array, rotation_from_rpy, so3_log
+from seed_core.spatial import Array, cross, rotation_from_rpy, so3_log
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
 _LEAST_MARGIN = 0.1  # of stiffness against tipping that is still told apart
 _LEAST_LEVER = 0.01  # [m] at which a side force counts
+_LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes nowhere that a tip could trail
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
@@ -68,13 +69,29 @@ class HybridLaw(PublishedLaw):
         s = self.setpoint
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
-        self.lean = np.array((x, y, z)) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]) if R_WT_des is not None else None
+        self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
         if self._finds(s) and self.touches(0):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
+
+    def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: Flags, m: Measurement) -> float:
+        """Angle [rad] by which the tip trails the gripper along the path, as the tool leans; nothing turned by torque.
+
+        A tool that leans ahead, aside or about itself is no reason to wait: it comes upright as it goes on.
+        """
+        lever = R_WT_des @ self.p_Ttip
+        length = float(np.sqrt(lever @ lever))
+        if length < _LEAST_LEVER:
+            return 0.0
+        path = s.velocity - lever * float(lever @ s.velocity) / length**2  # pressing on is no way that a tip can trail
+        speed = float(np.sqrt(path @ path))
+        if speed < _LEAST_SPEED:
+            return 0.0
+        turn = R_WT_des @ (np.array(held) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]))
+        return -float(cross(turn, lever) @ path) / (length * speed)
 
     def release(self) -> None:
         super().release()
@@ -128,6 +145,10 @@ class HybridLaw(PublishedLaw):
         """The tool is where and how it is wanted: the gripper leads by the slowly filtered deflection."""
         deflection = self.deflection
         return R_WT_des @ rotation_from_rpy(self._upright * deflection.q), deflection.tip_to_C - deflection.yielded
+
+    def _steady(self, held: Vector3) -> Vector3:  # noqa: ARG002
+        """Slowly: a roll that answers each turn of a blade about itself, a loop later, makes it stick and slip."""
+        return as_vector3(self.deflection.steady)
 
     def _balanced(self, force: Array) -> Array:
         """Side forces are given way to; the grasp turns against them only where that takes little turning."""

@@ -55,7 +55,7 @@ class PublishedLaw:
         measured: the newest image's measurement. tool: the same, as the law uses it.
         contact: `contact.made` while the tool touches.
         X_W_tip: (4, 4) measured pose of the tip, None before an image.
-        lean: (3,) as the state has it; None, for this law does not bring the tool upright.
+        lean: as the state has it; None, for this law does not bring the tool upright.
         estimated_task, filtered_task: wrench of the tool on the environment about the tip, in the task frame.
         settled: in contact, with each force within a tenth (at least 0.3 N) of the wanted one.
     """
@@ -75,7 +75,7 @@ class PublishedLaw:
         self.contact = ContactDetector(parameters)
         self.reference = TipReference()
         self.X_W_tip: Array | None = None
-        self.lean: Array | None = None
+        self.lean: float | None = None
         self.estimated_task: Wrench | None = None
         self.filtered_task: Wrench | None = None
         self.settled = False
@@ -237,13 +237,14 @@ class PublishedLaw:
         held = as_vector3(rpy_from_rotation(R_TC_held))
         k = self.wrench_estimator.bushing.stiffness.rotation
         try:
-            wanted = hybrid_torque_orientation(k, as_vector3(torque), held, s.torque_axes, held[1])
+            wanted = hybrid_torque_orientation(k, as_vector3(torque), self._steady(held), s.torque_axes, held[1])
         except PartialInverseError:
             limits.append("torque domain")
             return R_TC_held
         bound = radians(self.parameters.max_rotation)
+        wanted = as_vector3(np.where(s.torque_axes, wanted, held))
         clipped = tuple(min(max(angle, -bound), bound) for angle in wanted)
-        if clipped != tuple(wanted):
+        if clipped != wanted:
             limits.append("max_rotation")
         R_TC = rotation_from_rpy(clipped)
         drift = so3_log(R_TT_des.T @ R_TC)
@@ -252,6 +253,10 @@ class PublishedLaw:
             return R_TC
         limits.append("max_drift")
         return R_TT_des @ so3_exp(drift * (bound / size))
+
+    def _steady(self, held: Vector3) -> Vector3:
+        """The angles (rpy of R_TC) at which the angles that torques turn are computed; here those that are held."""
+        return held
 
     def _force_position(self, P: Array, force: Array, R_TC: Array, limits: list[str]) -> Array:
         """Wanted p_TC (3,) [m], for the spring's force (3,) [N] along P (3, 3), all in T; as measured elsewhere."""

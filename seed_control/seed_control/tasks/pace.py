@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a path is gone: slower while the tool leans.
+"""How fast a path is gone: slower while the tip trails.
 
 A tip that sticks while the gripper goes on leans the tool, until friction gives way. The gripper turns against that a
 loop time later, so the lean is as large as the friction rises fast, that is, as the path goes fast. A path that waits
 for the tool starts as fast as the tool can bear it, and goes at its full speed once the tip slides.
 """
 
-from math import exp, inf
-
-import numpy as np
+from math import exp, inf, radians
 
 from seed_control.state import ControllerState
-from seed_core.spatial import Array
 
-_UPRIGHT, _LEANING = np.deg2rad((2.0, 5.0))  # up to where the path goes at full pace, and from where on at the least
+_UPRIGHT, _LEANING = (
+    radians(2.0),
+    radians(5.0),
+)  # up to where the path goes at full pace, and from where on at the least
 _LEAST = 0.1  # never at rest: a lean that does not pass must not keep a task for ever
 _AHEAD = 0.15  # [s] for which the lean is foretold: about from an image to the arm's answer
 _SMOOTHING = 0.1  # [s]
@@ -30,7 +30,7 @@ class Pace:
     def __init__(self, rise: float) -> None:
         """rise: of the share per second, at most [1/s]; it falls at once."""
         self.value, self._rise, self._wanted = 1.0, rise, 1.0
-        self._lean, self._rate = np.zeros(3), np.zeros(3)  # [rad], [rad/s]
+        self._lean = self._rate = 0.0  # [rad], [rad/s]
         self._stamp = -inf
 
     def update(self, dt: float, state: ControllerState) -> float:
@@ -43,15 +43,14 @@ class Pace:
         self.value = min(self._wanted, self.value + self._rise * dt)
         return self.value
 
-    def _image(self, lean: Array, frame: float) -> None:
-        """Take in the lean (3,) [rad] of an image that came a frame [s] after the last one: an alpha-beta filter."""
+    def _image(self, lean: float, frame: float) -> None:
+        """Take in the lean [rad] of an image that came a frame [s] after the last one: an alpha-beta filter."""
         if frame > _GAP:
-            self._lean, self._rate = lean, np.zeros(3)
+            self._lean, self._rate = lean, 0.0
         else:
             left = exp(-frame / _SMOOTHING)
             foretold = self._lean + frame * self._rate
             self._lean = foretold + (1.0 - left**2) * (lean - foretold)
             self._rate = self._rate + (1.0 - left) ** 2 / frame * (lean - foretold)
         ahead = self._lean + _AHEAD * self._rate
-        size = float(np.sqrt(ahead @ ahead))
-        self._wanted = float(min(max((_LEANING - size) / (_LEANING - _UPRIGHT), _LEAST), 1.0))
+        self._wanted = min(max((_LEANING - ahead) / (_LEANING - _UPRIGHT), _LEAST), 1.0)

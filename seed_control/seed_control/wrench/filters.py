@@ -12,6 +12,7 @@ from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_e
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
 _UPRIGHT, _LEANING = np.deg2rad((1.5, 3.5))  # of a lean, up to and from where on the place winds up, and does not
+_STEADY_LOOPS = 3.0  # times of the loop, over which the deflection counts that torques are balanced at
 _SET_BACK = 1.0  # [s] an answer earlier than the last by this: the clock was set back
 SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
 
@@ -65,7 +66,8 @@ class DeflectionFilter:
     """The deflection that is fed forward, slowly.
 
     Attributes:
-        q: (3,) rpy of R_TC [rad]. tip_to_C: (3,) from the tip to the gripper, in W [m].
+        q: (3,) rpy of R_TC [rad]. steady: the same, over three loop times.
+        tip_to_C: (3,) from the tip to the gripper, in W [m].
         yielded: (3,) part of tip_to_C in which the gripper gives way to a side force, in W [m].
     """
 
@@ -73,7 +75,8 @@ class DeflectionFilter:
         self._parameters = parameters
         self._stamp = -inf
         self._turn = WantedTurn(parameters.max_angular_speed)
-        self.q, self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.q, self.steady = np.zeros(3), np.zeros(3)
+        self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3)
 
     @property
     def turned(self) -> tuple[Array, Array]:
@@ -104,7 +107,9 @@ class DeflectionFilter:
         least = p.feedforward_ratio * loop_time
         fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
         slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
-        left = rpy_from_rotation(m.X_TC[:3, :3]) - self.q
+        q = rpy_from_rotation(m.X_TC[:3, :3])
+        self.steady = self.steady + share_of(dt, _STEADY_LOOPS * loop_time) * (q - self.steady)
+        left = q - self.q
         slow *= _upright(left * held)
         self.q = self.q + fast * left
         seen = m.X_WC[:3, 3] - m.tip
