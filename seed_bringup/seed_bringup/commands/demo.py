@@ -15,11 +15,12 @@ rms in a hidden world, 0.5 N and 0.08 N m in the known one.
 import argparse
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import conclude
-from seed_bringup.demo.hidden import FOUND, find_out
+from seed_bringup.demo.hidden import FOUND, HIDDEN, find_out, write_scenario
 from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, play_live
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.score import TOPICS
@@ -92,7 +93,11 @@ def _demo(options: argparse.Namespace, domain: int) -> int:
     o = asked.options
     say(f"task {asked.task.name}, scenario {asked.scenario.name}, seed {o.seed}, estimator {o.estimator}")
     say(f"results go to {asked.folder}; the cell runs in ROS domain {domain} of its own")
-    findings = find_out(asked.scenario, o.seed, asked.folder / FOUND) if asked.hidden else None
+    findings = None
+    if asked.hidden:
+        findings = find_out(asked.scenario, o.seed, asked.folder / FOUND)
+        asked = replace(asked, scenario=findings.scenario)
+        write_scenario(asked.scenario, asked.folder / HIDDEN)  # gripped as the procedure found to be needed
     with interrupts() as check:
         live = play_live(asked, findings.believed if findings else asked.scenario, check)
     with running_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name) as running:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hidden world of a demo: membranes that nobody is told of, and what the suite's procedure finds out about them."""
 
+from __future__ import annotations
+
 import sys
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -18,6 +20,11 @@ from seed_core.wrench_settings import WrenchSettings
 from seed_sim.scenario import Scenario, on_membrane
 from seed_sysid.stiffness_map import CHANNELS
 
+if TYPE_CHECKING:
+    from seed_sim.identification.truth import Truth
+    from seed_sysid.data.dataset import Dataset
+    from seed_sysid.fit.analysis import Analysis
+
 SPACING = 0.0065  # [m] of the membranes' nodes: coarse enough for a live cell
 HIDDEN = "scenario.yaml"  # what is simulated, in the folder of the results
 FOUND = "identification"  # folder of stiffness.yaml, membrane_map.yaml and the procedure's own report
@@ -28,11 +35,13 @@ class Findings:
     """What is believed after the procedures.
 
     Attributes:
+        scenario: of the hidden world, with the grip that the procedure has settled on.
         believed: the scenario as controller and estimator are told of it.
         figures: stiffness, residual and poses, for summary.json.
         words: the same in two or three sentences.
     """
 
+    scenario: Scenario
     believed: Scenario
     figures: dict[str, Any]
     words: str
@@ -60,6 +69,8 @@ def write_scenario(scenario: Scenario, file: Path) -> None:
 def find_out(scenario: Scenario, seed: int, folder: Path) -> Findings:
     """Run `./seed identify` on the scenario's own membranes, as its cameras see them, at the grip of the task.
 
+    Where the grasp does not bear the task, the gripper is closed further and the procedure repeated.
+
     Args:
         scenario: of the hidden world.
         seed: of the sensor's faults and of the images' noise.
@@ -72,20 +83,32 @@ def find_out(scenario: Scenario, seed: int, folder: Path) -> Findings:
     from seed_sim.identification.tactile_poses import TactilePoses
     from seed_sim.identification.truth import summary_with_truth
     from seed_sim.world.procedures.identify import membrane_identification_of
+    from seed_sim.world.procedures.membranes import closed_until_borne
     from seed_sysid.fit.analysis import analyse
     from seed_sysid.report.results import write_results
 
-    procedure = membrane_identification_of(scenario)
     date = datetime.now(UTC).isoformat(timespec="seconds")
-    say("identifying the grasp on a force/torque sensor, as the cameras see its membranes")
-    try:
-        data, cell = simulate(procedure, seed, folder / "samples.jsonl", TactilePoses(procedure, seed), date)
-    finally:
-        print(file=sys.stderr, flush=True)
-    analysis = analyse(data, "estimator", procedure.procedure.fit)
-    if analysis.membrane is None:
-        raise FailedError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
-    figures = summary_with_truth(analysis, cell.truth)
+    samples = folder / "samples.jsonl"
+    grips: list[float] = []  # [m] of imprint, tried so far
+
+    def identify(at: Scenario) -> tuple[Analysis, tuple[Dataset, Truth]]:
+        procedure = membrane_identification_of(at)
+        if grips:
+            say("the grasp does not bear the task: closing the gripper by 2 mm, and identifying again")
+            samples.replace(folder / f"samples_at_{1e3 * grips[-1]:.1f}_mm.jsonl")
+        grips.append(at.membrane.squeeze)
+        say("identifying the grasp on a force/torque sensor, as the cameras see its membranes")
+        try:
+            data, cell = simulate(procedure, seed, samples, TactilePoses(procedure, seed), date)
+        finally:
+            print(file=sys.stderr, flush=True)
+        analysis = analyse(data, "estimator", procedure.procedure.fit)
+        if analysis.membrane is None:
+            raise FailedError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
+        return analysis, (data, cell.truth)
+
+    scenario, analysis, (data, truth) = closed_until_borne(scenario, identify)
+    figures = summary_with_truth(analysis, truth)
     write_results(folder, analysis, figures, date)
     rest = figures["membrane_map"]["stiffness_at_rest"]
     stiffness = Stiffness.from_vector(np.array(list(rest.values())))
@@ -94,7 +117,7 @@ def find_out(scenario: Scenario, seed: int, folder: Path) -> Findings:
     share = figures["membrane_map"]["left_out_share"]
     left = figures["membrane_map"]["left_out_rms"]
     found = {"stiffness": rest, "left_out_rms": left, "left_out_share": share, "poses": len(data.samples)}
-    return Findings(believed, found, words_of(found, scenario))
+    return Findings(scenario, believed, found, words_of(found, scenario))
 
 
 def words_of(found: dict[str, Any], scenario: Scenario) -> str:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification of a grasp between membranes in a world: what they do as the world's own cameras show it."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from seed_core.errors import SeedError
 from seed_core.membrane.map_file import MembraneMapFile
@@ -17,6 +19,8 @@ from seed_sim.world.procedures.identify import membrane_identification_of
 from seed_sysid.fit.analysis import Analysis, analyse
 
 _CLOSER, _TIMES = 0.002, 2  # [m] of imprint, by which a gripper is closed further, and how often at most
+
+T = TypeVar("T")
 
 
 class WorldTactilePoses(TactilePoses):
@@ -50,17 +54,35 @@ def identify_membranes(
     Raises:
         SeedError: the run ended early, or its data give no stiffness or no map.
     """
-    found = _identified(believed, world, seed, method)
+    return closed_until_borne(believed, lambda scenario: _identified(scenario, world, seed, method))
+
+
+def closed_until_borne(
+    scenario: Scenario, identify: Callable[[Scenario], tuple[Analysis, T]]
+) -> tuple[Scenario, Analysis, T]:
+    """Identify; while the grasp does not bear its work, close the gripper by 2 mm and identify again, twice at most.
+
+    Args:
+        scenario: the cell, with the grip to begin with.
+        identify: gives the analysis at a scenario's grip, and whatever goes with it.
+
+    Returns:
+        The cell with the grip that was settled on, and what `identify` gave there.
+
+    Raises:
+        SeedError: the first identification failed. Where a later one does, what was found before counts.
+    """
+    analysis, rest = identify(scenario)
     for _ in range(_TIMES):
-        if not found[0].not_borne:
+        if not analysis.not_borne:
             break
-        closer = replace(believed, membrane=replace(believed.membrane, squeeze=believed.membrane.squeeze + _CLOSER))
+        closer = replace(scenario, membrane=replace(scenario.membrane, squeeze=scenario.membrane.squeeze + _CLOSER))
         try:
-            found = _identified(closer, world, seed, method)
-        except SeedError:  # no further with this tool: what was found counts
+            analysis, rest = identify(closer)
+        except SeedError:
             break
-        believed = closer
-    return believed, *found
+        scenario = closer
+    return scenario, analysis, rest
 
 
 def _identified(believed: Scenario, world: World, seed: int, method: str) -> tuple[Analysis, MembraneMapFile]:
