@@ -61,6 +61,9 @@ class SimSettings:
         "", doc="stand-in UR controller whose arm carries the gripper; empty: an arm of the cell's own"
     )
     model: str = field("ur5e", choices=tuple(MODELS), doc="arm whose joint_states are shown, if it is the cell's own")
+    realtime_priority: int = field(
+        15, low=0, high=98, doc="SCHED_FIFO priority if allowed, below the estimator's; 0: none"
+    )
     replay: str = field(
         "", doc="file that ~/save_replay, and the end of the node, writes; empty: nothing is recorded for a replay"
     )
@@ -88,7 +91,7 @@ class SimNode(SeedNode):
         own_arm = self._robot is None
         model = settings.model if own_arm else ""
         self._outputs = Outputs(self, self.plant, self.frames, settings.relative_pose, model, settings.clock)
-        self.loop = FixedRateLoop(self, settings.rate, self._tick)
+        self.loop = FixedRateLoop(self, settings.rate, self._tick, priority=settings.realtime_priority)
         self._hold_reason: Publisher | None = None
         if own_arm:
             self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)

@@ -40,6 +40,9 @@ class CameraSettings:
     latency: float = field(
         0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it"
     )
+    realtime_priority: int = field(
+        10, low=0, high=98, doc="SCHED_FIFO priority if allowed, below the simulated arm's; 0: none"
+    )
 
 
 class TactileCamerasNode(SeedNode):
@@ -71,7 +74,8 @@ class TactileCamerasNode(SeedNode):
         for finger, c in self.renderer.cameras.items():
             intrinsics = Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model)
             self._cameras[finger] = CameraPublisher(self, finger, frames.camera(finger), intrinsics)
-        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True)
+        priority = self.settings.realtime_priority
+        self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, eager=True, priority=priority)
         if scenario.grasp.kind == "membrane":
             self.loop.poll(Float64MultiArray, f"sim/{TOPIC}", self._on_membranes, SENSOR)
         else:
