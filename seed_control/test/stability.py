@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margins of the law's loops, quasi-static and in one dimension; docs/control.md derives them.
+"""Margins of the law's loops, quasi-static and in one dimension; docs/control_stability.md derives them.
 
 Surface loop (force). With the share beta of gripper motion that the tip follows, and its frozen estimate beta_hat, the
 observer's innovation sees an error of the command only through the difference of the two:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stability argument of docs/control.md, with numbers over the grid of scenarios."""
+"""The stability argument of docs/control_stability.md, with numbers over the grid of scenarios."""
 
 from itertools import product
 

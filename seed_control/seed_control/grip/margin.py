@@ -22,7 +22,7 @@ from seed_control.grip.settings import GripSettings
 from seed_core.spatial import Array, Wrench
 
 # Share of the motion that the membrane does not follow, and the used share of friction between which it then lies; on
-# three simulated membranes with box and cylinder (docs/control.md).
+# three simulated membranes with box and cylinder (docs/grip.md).
 _CREEP = (0.03, 0.10, 0.25)
 _USED_AT_LEAST = (0.0, 0.65, 0.95)
 _FOLLOWED = (0.02, 0.05, 0.10)

@@ -8,7 +8,7 @@ from seed_core.config import ConfigError, field
 
 @dataclass(frozen=True)
 class GripSettings:
-    """Off until `command` allows it; friction and patch_radius are to be measured first, see docs/control.md."""
+    """Off until `command` allows it; friction and patch_radius are to be measured first, see docs/grip.md."""
 
     command: str = field(
         "off", choices=("off", "width", "force"), doc="what the gripper is sent: nothing, gripper/command or "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of a hand's cameras: their range error and their poses. docs/estimation.md walks through it.
+"""Calibration of a hand's cameras: their range error and their poses. docs/how_to/calibrate.md walks through it.
 
     ./seed calibrate CAPTURE.npz --out calibration.yaml [--membrane membrane.yaml] [--radius 0.012]
 
@@ -34,7 +34,7 @@ from seed_estimation.parameters import EstimatorParameters
 
 SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
 FILL = 40.0  # [px] blur of what stands in for pixels without depth
-# How well the cylinder tells the cameras' poses to each other, per axis: docs/estimation.md has the captures
+# How well the cylinder tells the cameras' poses to each other, per axis: docs/how_to/calibrate.md has the captures
 MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD = 0.0012, 0.00015  # [rad], [m]
 NEAR, FAR = 0.03, 0.15  # [m] of a membrane; an uncalibrated range reads up to 20 mm far
 
@@ -192,7 +192,7 @@ def table(calibration: Calibration, drawn: Hand) -> str:
 def main(argv: list[str]) -> int:
     """Measure a capture and write the calibration."""
     parser = Parser(prog="seed calibrate", description="Calibrate range and pose of the bubbles' cameras.")
-    parser.add_argument("capture", type=Path, help="npz with depth images; see docs/estimation.md")
+    parser.add_argument("capture", type=Path, help="npz with depth images; see docs/how_to/calibrate.md")
     parser.add_argument(
         "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"
     )

@@ -21,7 +21,7 @@ from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.systematic import Systematic
 from seed_estimation.rigid_fit.timing import Timing
 
-# Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation.md has scenarios, and the outcome on other seeds
+# Chosen on rendered bubbles, seeds 901, 951 and 952; docs/estimation_figures.md has the outcome on others
 SCATTER = 0.65  # [1] deviations of how far cells contradict each other: errors of neighbours cancel in part
 OWN = 0.25  # [1] deviations of the fit's own information
 LEARNT = 0.02  # [1] deviation from which a micro-slip counts as known

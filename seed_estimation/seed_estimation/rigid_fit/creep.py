@@ -12,8 +12,8 @@ import numpy as np
 from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit.fit import Fit
 
-# Chosen on bubbles with mechanics, membranes 1 to 3 (docs/estimation.md has the outcome on others): error of rotation
-# 4 to 20 % of the furthest turn, of position 1 to 4 % of the furthest way, where the share is 0.025 below what it was
+# Chosen on bubbles with mechanics, membranes 1 to 3 (docs/estimation_figures.md has the outcome on others): error of
+# rotation 4 to 20 % of the furthest turn, of position 1 to 4 % of the furthest way, where the share is 0.025 lower
 TURN, WAY = 0.10, 0.03  # [1] of the furthest turn and way
 ORDINARY, CREEPT = 0.01, 0.03  # [1] loss of the share explained that is nothing, and that means as much as TURN and WAY
 MOST = 1.5  # times that

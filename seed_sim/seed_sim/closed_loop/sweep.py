@@ -24,7 +24,7 @@ def sweep(
 ) -> dict[str, Any]:
     """Every column (a scenario's name) with every seed.
 
-    Uses joblib's active back end: see docs/control.md for Dask and Ray.
+    Uses joblib's active back end: see docs/results.md for Dask and Ray.
 
     Returns:
         The settings, and by column the score of every run with mean, p95 and max over them.

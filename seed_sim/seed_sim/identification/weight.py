@@ -13,7 +13,7 @@ from seed_sim.identification.truth import draw_truth
 from seed_sysid.fit.weight import ORIENTATIONS_DEG, WeightFit, fit_weight
 from seed_sysid.report.summary import split
 
-_NOISE = np.array([np.deg2rad(0.1)] * 3 + [5e-5] * 3)  # [rad, m]; an average of some images (docs/estimation.md)
+_NOISE = np.array([np.deg2rad(0.1)] * 3 + [5e-5] * 3)  # [rad, m]; of averaged images: docs/estimation_figures.md
 _SETTLED = 30  # steps of the fixed point of a tool that turns under its weight
 
 

@@ -47,7 +47,7 @@ Measured on a UR5e in force mode, 1 to 10 N (Trochimczuk et al., Sensors 26, 170
 in the mean, which is 0.48 N as a normal distribution's deviation; at 10 N the mean ran from 8.95 to 13.26 N over the
 workspace. The data sheet states less: an accuracy of 4.0 N and 0.3 N m (UR5e); users see 4 N without contact in force
 mode (forum.universal-robots.com/t/39810). The smaller, measured figure counts here, torque in the data sheet's
-proportion. Noise, drift and gain are those that this suite takes for an arm's sensor anywhere (docs/control.md).
+proportion. Noise, drift and gain are those that this suite takes for an arm's sensor anywhere (docs/wrench.md).
 """
 
 WRIST = Sensor(

@@ -18,7 +18,7 @@ from seed_testing.validation.scores import Series
 VALIDATE = ("seed_testing", "config/validate")
 FOLDERS = (VALIDATE, SHIPPED)  # of the scenarios that `./seed validate` knows by name
 REFERENCE_FRAMES, GRASP_FRAMES = 20, 8
-# The renderer's cameras are those that the estimator is told of, and these errors are none: see docs/estimation.md
+# The renderer's cameras are those that the estimator is told of, and these errors are none: docs/estimation_inside.md
 EXACT = dict.fromkeys(
     (
         "mount_rotation_std", "mount_position_std", "focal_std", "depth_scale_std", "depth_offset_std",
