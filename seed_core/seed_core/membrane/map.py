@@ -39,6 +39,7 @@ from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
+GRASPED = 0.02  # share of each load by which the slope of a grasp may be off: its band is found a pixel or two elsewhere
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
@@ -117,7 +118,7 @@ class MembraneMap:
         w_C, leverage = self._coefficients @ terms, self._spread @ terms
         squared = float(leverage @ leverage)
         covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
-        covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared)
+        covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared) + (GRASPED * w_C) ** 2
         X_TC = inverse_pose(estimate.X_CT)
         self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)

@@ -43,7 +43,9 @@ FOUND = 0.5  # [1] of the image that the motion explains where it is found well
 PART = 0.25  # [1] that it must explain: friction lets a patch go in pieces, which no smooth field follows
 PATCHY = 0.0005  # [m] by which the patch's motion is uncertain then
 OWN = 0.5  # [1] deviations of the fit's own information
-UNCLEAR = 0.2  # [1] share of what is not rigid by which the rigid part is uncertain
+# [1] share of what is not rigid by which the rigid part is uncertain: of a patch, whose end is known to a pixel or two,
+# and of the band around it, where the deformations that are told beside make up for most of that
+UNCLEAR = 0.2, 0.06
 SCATTER = 0.65  # [1] deviations of how far pieces of the patch contradict each other
 ASSUMED = 0.0003, 0.5  # [m] and share of the tool's way since, by which material that is not found may be elsewhere
 FRAMES = 8  # for which it is assumed at most
@@ -221,7 +223,7 @@ class MaterialTracker:
 
         size: root mean square of what is not rigid [m].
         """
-        return self._about_middle(UNCLEAR * size, X_CM)
+        return self._about_middle(UNCLEAR[self._degree - 2] * size, X_CM)
 
     def _about_middle(self, off: float, X_CM: Array) -> Array:
         """(6, 6) of a motion of which all of the patch is known to a deviation [m]."""

@@ -25,8 +25,10 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
     Raises:
         ConfigError: no map that can be used, such as one with a stiffness that is not positive.
     """
-    data, std = fit.data, np.maximum(rms(fit.unseen), _LEAST_STD)
-    spread, follow = fit.spread(), fit.follow()
+    data, spread, follow = fit.data, fit.spread(), fit.follow()
+    leverage = ((values(data.Z, fit.terms) @ spread.T) ** 2).sum(axis=1)
+    # The map adds the coefficients' share to this one's; the errors of paths left out have both.
+    std = np.maximum(rms(fit.unseen) / np.sqrt(1.0 + leverage.mean()), _LEAST_STD)
     gas_std = rms(np.array([c.unseen for c in fit.gas]).T) if fit.gas else np.zeros(2)
     grips = []
     for i in np.argsort(-data.widths):
@@ -47,7 +49,6 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
                 pressure_std=(float(gas_std[0]), float(gas_std[1])),
             )
         )
-    leverage = ((values(data.Z, fit.terms) @ spread.T) ** 2).sum(axis=1)
     file = MembraneMapFile(
         hand=hand,
         tool=tool,
