@@ -130,6 +130,17 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
         exec(compile(code, str(page), "exec"), {"__name__": "__main__"})
 
 
+def test_every_task_of_the_page_on_tasks_loads(tmp_path: Path) -> None:
+    from seed_control.tasks import load_task
+
+    page = (ROOT / "docs/tasks.md").read_text()
+    written = re.findall(r"^```yaml\n(name: (\w+)\n.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(written) >= 6
+    for text, name in written:
+        (tmp_path / f"{name}.yaml").write_text(text)
+        assert load_task(str(tmp_path / f"{name}.yaml")).phases, name
+
+
 def test_numbers_that_differ_are_told_from_those_that_do_not() -> None:
     assert alike("force  -2.002 N", "force    -2.001 N")
     assert not alike("force -2.0 N", "force -3.0 N")

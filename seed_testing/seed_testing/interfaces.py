@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interfaces of the nodes as they are: for docs/interfaces.md and for the test that compares the two."""
 
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -38,7 +39,30 @@ NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "link_frames": (LinkFramesNode, {}),
     "page": (PageNode, {"port": 0}),
 }
+# What each of them does, in a line.
+DOES = {
+    "estimator": "turns the images of the bubbles into the pose of the tool in the grasp",
+    "cameras": "reads two RealSense D405",
+    "controller": "turns a task or set-points into targets for the arm; plays tasks; holds",
+    "driver": "makes a UR arm follow the targets",
+    "guard": "limits and checks targets in front of an arm that obeys everything",
+    "sim": "simulates arm, grasp, tool and table",
+    "bubbles": "renders the cameras' images for the simulation",
+    "sysid": "identifies the stiffness of a grasp",
+    "identification_cell": "simulates a cell with a fixed force/torque sensor, for the identification",
+    "link_frames": "publishes the arm's links for viewers",
+    "page": "serves the operator page",
+}
+FIRST = "## In short\n"
 HEADING = "## Parameters\n"
+IN_SHORT = """\
+Each part of a cell is a ROS 2 node. A node listens to topics, publishes topics, and offers services and actions.
+Parameters set it up. This page lists them all; a test compares it with the running nodes. To look at a live cell:
+`./seed watch controller/state`. To call a service: `./seed call controller/enable on`.
+
+| node | does | topics, services, actions | parameters |
+|---|---|---|---|
+"""
 COMMON = ("/parameter_events", "/rosout", "/clock")  # every ROS node has these
 COMMON_TYPES = ("rcl_interfaces", "type_description", "lifecycle_msgs")
 Entry = tuple[str, str, str]  # what, name, type
@@ -102,10 +126,26 @@ def parameter_section() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def first_section(document: str) -> str:
+    """What the page is, and a row per node with links to its sections in this document."""
+    packages = dict(re.findall(r"^## (\w+) \((seed_\w+)\)$", document, re.MULTILINE))
+    rows = [
+        f"| `{name}` | {DOES[name]} | [{packages[name]}](#{name}-{packages[name]}) | [parameters](#{name}) |"
+        for name in NODES
+    ]
+    return IN_SHORT + "\n".join(rows) + "\n"
+
+
+def with_first_section(document: str) -> str:
+    """The document with that section in place of the one that it has."""
+    head, _, rest = document.partition(FIRST)
+    return f"{head}{FIRST}{first_section(document)}\n## {rest.split(chr(10) + '## ', 1)[1]}"
+
+
 def main() -> int:
-    """Write the parameters into the file given."""
+    """Write the table of nodes and the parameters into the file given."""
     file = Path(sys.argv[1])
-    head, _, rest = file.read_text(encoding="utf-8").partition(HEADING)
+    head, _, rest = with_first_section(file.read_text(encoding="utf-8")).partition(HEADING)
     words = rest.split("\n### ", 1)[0].rstrip("\n")
     file.write_text(f"{head}{HEADING}{words}\n\n{parameter_section()}", encoding="utf-8")
     return 0

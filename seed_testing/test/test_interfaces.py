@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
-from seed_testing.interfaces import NODES, alive, entries_of, parameters_of
+from seed_testing.interfaces import NODES, alive, entries_of, parameters_of, with_first_section
 
 pytestmark = pytest.mark.ros
 DOCUMENT = Path(__file__).parents[2] / "docs" / "interfaces.md"
@@ -49,3 +49,8 @@ def test_parameters_are_those_of_the_document(name: str) -> None:
     written = re.findall(r"^\| `([^`]+)` \|", section(name, "###"), re.MULTILINE)
     there = [row.split("`")[1] for row in rows]
     assert written == there, "run: python -m seed_testing.interfaces docs/interfaces.md"
+
+
+def test_the_table_at_the_top_is_that_of_the_nodes() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    assert with_first_section(text) == text, "run: python -m seed_testing.interfaces docs/interfaces.md"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wrench from the membranes: an identified, smooth function of what their material does (docs/identification.md).
+"""The wrench from the membranes: an identified, smooth function of what their material does (docs/membrane_map.md).
 
 Tool and membrane may slide on each other; the free membrane between patch and rim stays elastic. So the load is a
 function of the material's motion alone, without history, and that function is a sum of products of features. It is

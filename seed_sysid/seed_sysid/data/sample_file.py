@@ -2,8 +2,8 @@
 """The file of samples: JSON lines, append-only, one header and then one line per finished pose.
 
 Line 1 is the header ({"format": "seed-stiffness-samples", "version": 1, ...}: hand, tool, units, sensor), every other
-line a sample or an event (docs/identification.md lists the keys). Each line is flushed to the disk before the next
-pose is visited, so that a crash loses at most the running one.
+line a sample or an event (docs/identification_inside.md lists the keys). Each line is flushed to the disk before the
+next pose is visited, so that a crash loses at most the running one.
 """
 
 import json
