@@ -141,6 +141,31 @@ def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
     assert world.bench.until(raised)
 
 
+def test_an_arm_that_is_resumed_waits_for_its_first_target_and_tells_of_a_busy_computer(world: World) -> None:
+    reasons: list[String] = []
+    world.bench.client.create_subscription(String, "sim/hold_reason", reasons.append, LATCHED)
+    goal = world.flange()
+    goal[2, 3] += 0.005
+
+    def raised() -> bool:
+        world.send(goal)
+        return abs(world.flange()[2, 3] - goal[2, 3]) < 1e-4
+
+    assert world.bench.until(raised)
+    world.node.time.factor = 0.71  # as measured on a busy machine
+    world.node.time.measure = lambda _: False
+    assert world.bench.until(lambda: reasons and reasons[-1].data, 5.0)
+    assert reasons[-1].data == (
+        "no target_frame for 1 s (this computer is busy: real-time factor 0.71; use_sim_time:=true lets simulated "
+        "time wait)"
+    )
+    assert "enable the controller" in world.trigger("resend_robot_program").message
+    world.bench.spin(1.5)  # longer than an arm waits that follows targets
+    assert reasons[-1].data == ""
+    goal[2, 3] += 0.005
+    assert world.bench.until(raised)
+
+
 def test_a_firmer_grip_is_stiffer_and_an_impossible_one_is_refused(world: World) -> None:
     before = np.array(world.node.plant.stiffness.translation)
     answer = world.bench.call(SetGripperWidth, "sim/set_gripper_width", SetGripperWidth.Request(width=0.015))

@@ -143,10 +143,18 @@ class SimNode(SeedNode):
         except MembraneError as error:
             self._lose_tool(str(error))
         self._outputs.publish(self.time.stamp, self.holder.grasped)
-        self._latch.check(self.time.stamp)
+        self._latch.check(self.time.stamp, self._why_silent())
         if self._hold_reason is not None and self._latch.reason != self._reason_told:
             self._reason_told = self._latch.reason
             self._hold_reason.publish(String(data=self._reason_told))
+
+    def _why_silent(self) -> str:
+        """What may keep targets from coming: by the wall's clock a machine that is too busy, too."""
+        if self.settings.clock:
+            return ""
+        busy = f"this computer is busy: real-time factor {self.time.factor:.2f}"
+        asked = "does the controller run? is this computer busy?"
+        return f"{busy if self.time.factor < SLOW else asked}; use_sim_time:=true lets simulated time wait"
 
     def _lose_tool(self, why: str) -> None:
         """The membranes hold the tool no more: the arm holds, and the tool stands in its holder again."""
@@ -192,7 +200,7 @@ class SimNode(SeedNode):
     # services
     def _resume(self) -> str:
         self._latch.resume()
-        return "following target_frame"
+        return "following target_frame, from the first that comes: enable the controller"
 
     def _grasp(self) -> str:
         if self.holder.grasped:
