@@ -16,9 +16,9 @@ from seed_bringup.demo.score import TOPICS, Phase
 from seed_bringup.demo.terminal import Bar, say
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.config import to_mapping
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import leaving_at_once
+from seed_sim.hand_file import hand_file_of
 from seed_sim.scenario import Scenario
 
 TASK_PATIENCE = 200.0  # [s] of the machine's clock; simulated time runs slower on a busy one
@@ -130,7 +130,7 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
     }
     if believed.wrench.file:
         settings["wrench"] = {"model": believed.wrench.model, "file": believed.wrench.file}
-    hand.write_text(yaml.safe_dump(beliefs(believed)), encoding="utf-8")
+    hand.write_text(hand_file_of(believed), encoding="utf-8")
     controller.write_text(yaml.safe_dump({"controller": {"ros__parameters": settings}}), encoding="utf-8")
     return {
         **asked.robot,
@@ -146,13 +146,6 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
         "sim_rate": str(loop_rate),
         "camera_rate": str(float(o.camera_rate or camera_rate)),
     }
-
-
-def beliefs(scenario: Scenario) -> dict[str, Any]:
-    """What the controller and the estimator believe about hand, tool and grasp, as ROS parameters for all nodes."""
-    stiffness = scenario.grasp.believed or scenario.grasp.stiffness
-    values = {"hand": scenario.hand, "tool": scenario.tool, "grasp": stiffness}
-    return {"/**": {"ros__parameters": {k: to_mapping(v) for k, v in values.items()}}}
 
 
 def _prepare(session: Any, images: bool) -> None:
