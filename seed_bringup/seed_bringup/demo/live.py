@@ -46,6 +46,7 @@ CORES = 4  # that the live graph wants at full rates
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
 LOOP_RATE, SMALL_LOOP_RATE = 250.0, 125.0  # [Hz] of arm and controller, with enough cores and with fewer
 OPERATOR_TIMEOUT = 3.0  # [s]; everything here shares one computer, and the cell ends with this program anyway
+CLOSING = 15.0  # [s] that a lift after Ctrl-C and the end of every process take at most, as a rule
 MOST_PICTURES, PICTURE_DELAY = 6, 0.8  # pictures of a run; [s] after the phase began
 
 
@@ -98,6 +99,7 @@ def play_live(asked: Plan, believed: Scenario, check: Callable[[], None]) -> Liv
         stack.enter_context(recording(asked.folder / "bag.mcap", RECORDED + (IMAGES if asked.options.images else [])))
         session = Session(watch)
         stack.callback(session.close)
+        stack.push(_tell_of_closing)
         _prepare(session, asked.options.estimator != "truth")
         heard = session.node.count_subscribers
         session.until(
@@ -117,6 +119,12 @@ def play_live(asked: Plan, believed: Scenario, check: Callable[[], None]) -> Liv
     ends = [start for _, start in played.phases[1:]] + [played.ended]
     phases = [Phase(name, start, end) for (name, start), end in zip(played.phases, ends, strict=True)]
     return LiveRun(phases, pictures, round(played.real_time_factor, 3), early)
+
+
+def _tell_of_closing(kind: type[BaseException] | None, *_: object) -> None:
+    """The end of every process takes seconds: an interrupt is answered before that."""
+    if kind is KeyboardInterrupt:
+        say("closing the bag and the cell")
 
 
 def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
@@ -176,6 +184,11 @@ def _play_task(session: Any, asked: Plan) -> list[Picture]:
                 "estimator/debug_image", lambda png: pictures.append(Picture(png, caption)), delay=PICTURE_DELAY
             )
 
+    def cancelling() -> None:
+        bar.close()
+        say(f"lifting the tool, then closing (up to {CLOSING:g} s)")
+
+    session.cancelling = cancelling
     session.enable("driver/resend_robot_program" if asked.robot["robot"] == "ur" else "")
     try:
         session.play(str(asked.options.task), asked.options.force, tell, TASK_PATIENCE)
