@@ -38,7 +38,10 @@ def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPa
     with domains.claimed(domains.OWN, "launch cell robot:=ur"):
         assert words() == "ROS domain 1, the only cell that you run on this machine (seed launch cell robot:=ur)"
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
-        with domains.claimed(domains.OWN, "launch cell"), pytest.raises(SeedError, match="you run several cells on this"):
+        with (
+            domains.claimed(domains.OWN, "launch cell"),
+            pytest.raises(SeedError, match="you run several cells on this"),
+        ):
             words()
         assert words(1) == "ROS domain 1, as --domain says (seed launch cell robot:=ur)"
         assert words(5) == "ROS domain 5, as --domain says"

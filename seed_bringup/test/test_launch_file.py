@@ -323,7 +323,9 @@ def test_every_node_is_told_of_the_tool_that_the_simulated_gripper_holds(argumen
     nodes = {n.name: n for n in describe(ROOT / "seed_bringup/launch/cell_launch.xml", arguments).nodes}
     files = [p for name in ("controller", "estimator") for p in nodes[name].parameters if isinstance(p, Path)]
     hands = {f for f in files if "hand" in f.parts[-1] or "hands" in f.parts}
-    hands |= {Path(p["hand_file"]) for n in nodes.values() for p in n.parameters if isinstance(p, dict) and "hand_file" in p}
+    hands |= {
+        Path(p["hand_file"]) for n in nodes.values() for p in n.parameters if isinstance(p, dict) and "hand_file" in p
+    }
     (hand,) = hands
     assert read_hand(str(hand))[1].name == tool
 
@@ -366,7 +368,9 @@ def test_a_scenario_of_ones_own_comes_with_what_estimator_and_controller_are_tol
 
 def test_a_simulated_cell_refuses_to_be_told_of_another_tool_and_names_other_numbers(tmp_path: Path) -> None:
     pen = load_scenario("pen")
-    with pytest.raises(SeedError, match=r"'pen' holds a 'pen' of 0.02 kg.*hand.yaml tells the controller of a 'squeegee'"):
+    with pytest.raises(
+        SeedError, match=r"'pen' holds a 'pen' of 0.02 kg.*hand.yaml tells the controller of a 'squeegee'"
+    ):
         compare(pen, str(ROOT / "seed_bringup/config/hand.yaml"))
     heavy = tmp_path / "heavy.yaml"
     heavy.write_text(hand_file_of(replace(pen, tool=replace(pen.tool, mass=0.03))))

@@ -268,7 +268,7 @@ def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mappin
         if not isinstance(value, kind):
             _fail(node, source, f"{name} = {value!r} must be {'true or false' if kind is bool else 'a text'}")
         if meta.get("choices") and value not in meta["choices"]:
-            meant = did_you_mean(value, meta["choices"])
+            meant = did_you_mean(str(value), meta["choices"])
             _fail(node, source, f"{name} = '{value}' must be one of: {', '.join(meta['choices'])}{meant}")
     return value
 

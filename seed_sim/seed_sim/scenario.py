@@ -223,5 +223,7 @@ def load_scenario(name_or_path: str | Path, *folders: Folder) -> Scenario:
     if file is None:
         known = shipped_scenarios(looked_in[0])
         meant = did_you_mean(str(name_or_path), known)
-        raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {', '.join(known)}; or name a .yaml file{meant}")
+        raise ConfigError(
+            f"scenario '{name_or_path}' is unknown; shipped: {', '.join(known)}; or name a .yaml file{meant}"
+        )
     return load_file(file, Scenario)

@@ -30,6 +30,7 @@ from seed_sim.ros.node import SimNode
 from seed_ur.kinematics import URKinematics
 
 pytestmark = pytest.mark.ros
+HANDS = Path(__file__).resolve().parents[2] / "seed_bringup" / "config" / "hands"
 
 
 class World:
@@ -303,5 +304,27 @@ def test_a_replay_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path)
     try:
         with pytest.raises(SeedError, match="cannot be written"):
             bench.add(SimNode, replay=str(tmp_path / "none" / "replay.html"))
+    finally:
+        bench.close()
+
+
+def test_a_cell_whose_controller_was_told_of_another_tool_does_not_start() -> None:
+    bench = Bench()
+    try:
+        with pytest.raises(
+            SeedError, match="the scenario 'pen' holds a 'pen' of 0.02 kg.*tells the controller of a 'squ"
+        ):
+            bench.add(SimNode, scenario="pen", hand_file=str(HANDS / "nominal.yaml"))
+    finally:
+        bench.close()
+
+
+def test_a_grasp_tells_what_the_controller_was_told_wrong(tmp_path: Path) -> None:
+    heavy = tmp_path / "heavy.yaml"
+    heavy.write_text((HANDS / "nominal.yaml").read_text().replace("mass: 0.2", "mass: 0.5"))
+    bench = Bench()
+    try:
+        bench.add(SimNode, hand_file=str(heavy))
+        assert "mass 0.2 kg, told 0.5 kg" in bench.call(Trigger, "sim/grasp", Trigger.Request()).message
     finally:
         bench.close()

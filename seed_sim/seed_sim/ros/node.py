@@ -52,8 +52,9 @@ class SimSettings:
 
     scenario: str = field("nominal", doc="name or file of the scenario")
     hand_file: str = field(
-        "", doc="what estimator and controller are told of hand, tool and grasp: another tool than the scenario's is "
-        "refused, other numbers are warned of; empty: not compared"
+        "",
+        doc="what estimator and controller are told of hand, tool and grasp: another tool than the scenario's is "
+        "refused, other numbers are warned of; empty: not compared",
     )
     seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
     task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
@@ -160,9 +161,9 @@ class SimNode(SeedNode):
         """What may keep targets from coming: by the wall's clock a machine that is too busy, too."""
         if self.settings.clock:
             return ""
-        busy = f"this computer is busy: real-time factor {self.time.factor:.2f}"
+        busy = f"this computer is busy: real-time factor {self.time.factor:.2f};"
         asked = "does the controller run? is this computer busy?"
-        return f"{busy if self.time.factor < SLOW else asked}; use_sim_time:=true lets simulated time wait"
+        return f"{busy if self.time.factor < SLOW else asked} use_sim_time:=true lets simulated time wait"
 
     def _lose_tool(self, why: str) -> None:
         """The membranes hold the tool no more: the arm holds, and the tool stands in its holder again."""

@@ -37,8 +37,8 @@ LONG = {  # commands with arguments of their own
 
 ALL = "all"
 LIST = f"""\
-figures of speed, each in seconds or minutes:  {', '.join(BENCHES)}
-by itself, with arguments of its own:          {', '.join(LONG)}
+figures of speed, each in seconds or minutes:  {", ".join(BENCHES)}
+by itself, with arguments of its own:          {", ".join(LONG)}
 ./seed bench NAME ... runs those, ./seed bench {ALL} every one of the first line."""
 
 
