@@ -30,14 +30,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launch]:
 
 
 def test_a_name_that_is_not_there_is_told_with_what_is_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = (
-        "/relative_pose",
-        "/sim/ground_truth/relative_pose",
-        "/sim/grasp",
-        "/sim/reset",
-        "/estimator/capture_reference",
-        "/controller/enable",
-    )
+    poses = ("/relative_pose", "/sim/ground_truth/relative_pose")
+    known = (*poses, "/sim/grasp", "/sim/reset", "/estimator/capture_reference", "/controller/enable")
     listing = "; ./seed call lists what there is"
     for name, told in (
         ("/sim/grab", "none; did you mean sim/grasp? ./seed call lists what there is"),

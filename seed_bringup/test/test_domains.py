@@ -40,7 +40,7 @@ def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPa
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
         with (
             domains.claimed(domains.OWN, "launch cell"),
-            pytest.raises(SeedError, match="you run several cells on this"),
+            pytest.raises(SeedError, match="you run several cells"),
         ):
             words()
         assert words(1) == "ROS domain 1, as --domain says (seed launch cell robot:=ur)"

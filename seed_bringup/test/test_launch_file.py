@@ -303,7 +303,7 @@ def test_a_cell_that_is_told_nothing_believes_what_the_simulated_one_is() -> Non
 
 
 def test_the_hand_files_are_those_of_the_shipped_scenarios() -> None:
-    """To make them anew: for NAME in seed_sim/config/scenarios: ./seed hand NAME > seed_bringup/config/hands/NAME.yaml"""
+    """To make one anew: ./seed hand NAME > seed_bringup/config/hands/NAME.yaml."""
     there = {f.stem: f.read_text() for f in (ROOT / "seed_bringup/config/hands").glob("*.yaml")}
     assert there == {name: hand_file_of(load_scenario(name)) for name in shipped_scenarios()}
 
@@ -357,7 +357,7 @@ def test_a_scenario_of_ones_own_comes_with_what_estimator_and_controller_are_tol
     mine.write_text("name: roller\ntool: {name: roller, mass: 0.35}\n")
     cell = ROOT / "seed_bringup/launch/cell_launch.xml"
     with checked_arguments(cell, {"scenario": str(mine)}) as arguments:
-        hand, tool = read_hand(arguments["hand_file"])
+        _, tool = read_hand(arguments["hand_file"])
         assert (tool.name, tool.mass) == ("roller", 0.35)
         assert compare(load_scenario(mine), arguments["hand_file"]) == ""
     with checked_arguments(cell, {"scenario": str(mine), "hand_file": "mine.yaml"}) as arguments:

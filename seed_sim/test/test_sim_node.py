@@ -312,7 +312,7 @@ def test_a_cell_whose_controller_was_told_of_another_tool_does_not_start() -> No
     bench = Bench()
     try:
         with pytest.raises(
-            SeedError, match="the scenario 'pen' holds a 'pen' of 0.02 kg.*tells the controller of a 'squ"
+            SeedError, match=r"the scenario 'pen' holds a 'pen' of 0.02 kg.*tells the controller of a 'squ"
         ):
             bench.add(SimNode, scenario="pen", hand_file=str(HANDS / "nominal.yaml"))
     finally:

@@ -40,10 +40,8 @@ def main(argv: list[str]) -> int:
         return 0
     arguments = dict(w.split(":=", 1) for w in options.words if ":=" in w)
     others = running()
-    with (
-        checked_arguments(file, arguments) as arguments,
-        claimed(SHARED, " ".join(["launch", *options.words])) as domain,
-    ):
+    what = " ".join(["launch", *options.words])
+    with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
         describe(file, arguments)  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
         if domain in others:
             print(
