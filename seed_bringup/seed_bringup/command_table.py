@@ -28,6 +28,7 @@ COMMANDS = (
     Command("reproduce", "seed_testing.reproduce.command", "the published experiments, side by side"),
     Command("bench", "seed_testing.bench.command", "figures of speed on this machine"),
     Command("launch", "seed_bringup.commands.launch", "run a launch file: launch FILE [name:=value ...]"),
+    Command("hand", "seed_sim.hand_file", "the hand_file of a scenario: its hand, tool and grasp"),
     Command("call", "seed_bringup.commands.call", "call a service of a running cell, or list them"),
     Command("play", "seed_bringup.commands.play", "play a task on a running cell"),
     Command("teach", "seed_bringup.teach.command", "a demonstration as a task file: of a bag, or led by hand"),

@@ -164,6 +164,28 @@ def test_failed_command_shows_the_end_of_its_log(load: object, tmp_path: Path) -
     assert (tmp_path / "log").read_text().startswith("1\n2\n")
 
 
+def test_a_build_tells_which_package_of_how_many_in_place_of_the_compilers_lines(load: object) -> None:
+    workspace: ModuleType = load("workspace")  # type: ignore[operator]
+    told = workspace.Packages(12).told
+    assert told("Topological order") == ""
+    assert told("Starting >>> seed_core") == "package 1 of 12: seed_core"
+    assert told("running egg_info") == "package 1 of 12: seed_core"
+    assert told("Finished <<< seed_core [5.79s]") == ""
+    assert told("Starting >>> seed_msgs") == "package 2 of 12: seed_msgs"
+    assert told("[ 43%] Building CXX object CMakeFiles/x.cpp.o") == "package 2 of 12: seed_msgs, 43 %"
+    assert told("[100%] Built target seed_msgs") == "package 2 of 12: seed_msgs, 100 %"
+    assert told("Starting >>> tf2_msgs") == "package 3 of 12: seed_msgs, tf2_msgs"
+    assert told("[ 12%] Building C object y.c.o") == "package 3 of 12: seed_msgs, tf2_msgs"
+    assert told("Failed   <<< seed_msgs [9.00s, exited with code 2]") == "package 3 of 12: tf2_msgs"
+
+
+def test_a_mistyped_command_is_told_what_was_meant_without_any_set_up() -> None:
+    done = subprocess.run([ROOT / "seed", "evalaute"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith("; did you mean evaluate?\n")
+    assert done.stderr.startswith("seed: no command 'evalaute'; there are: demo, ")
+
+
 def test_second_set_up_waits_for_the_first(load: object, tmp_path: Path) -> None:
     """The lock is held by the first one's children too, should it be killed."""
     code = (

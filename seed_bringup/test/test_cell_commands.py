@@ -30,11 +30,14 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launch]:
 
 
 def test_a_name_that_is_not_there_is_told_with_what_is_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = ("/sim/grasp", "/sim/reset", "/estimator/capture_reference", "/controller/enable")
+    poses = ("/relative_pose", "/sim/ground_truth/relative_pose")
+    known = (*poses, "/sim/grasp", "/sim/reset", "/estimator/capture_reference", "/controller/enable")
     listing = "; ./seed call lists what there is"
     for name, told in (
         ("/sim/grab", "none; did you mean sim/grasp? ./seed call lists what there is"),
         ("/capture_reference", "none; did you mean estimator/capture_reference? ./seed call lists what there is"),
+        ("/relativ_pose", "none; did you mean relative_pose? ./seed call lists what there is"),
+        ("/estimator/relativ_pose", "none; did you mean relative_pose? ./seed call lists what there is"),
         ("/sim/gone", f"none{listing}"),
         ("/nonsense", f"none{listing}"),
     ):

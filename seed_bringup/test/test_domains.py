@@ -37,6 +37,12 @@ def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPa
     assert words() == "ROS domain 0, the default: you run no cell on this machine"
     with domains.claimed(domains.OWN, "launch cell robot:=ur"):
         assert words() == "ROS domain 1, the only cell that you run on this machine (seed launch cell robot:=ur)"
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        with (
+            domains.claimed(domains.OWN, "launch cell"),
+            pytest.raises(SeedError, match="you run several cells"),
+        ):
+            words()
         assert words(1) == "ROS domain 1, as --domain says (seed launch cell robot:=ur)"
         assert words(5) == "ROS domain 5, as --domain says"
         monkeypatch.setenv("ROS_DOMAIN_ID", "1")

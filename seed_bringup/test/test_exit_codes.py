@@ -57,6 +57,9 @@ WRONG = [
     "launch gone",
     "launch cell gone:=1",
     "launch {junk}",
+    "launch cell scenario=pen",
+    "launch cell scenario:=penn",
+    "hand penn",
     "call controller/enable maybe",
     "play gone",
     "play squeegee --force nan",
@@ -101,6 +104,38 @@ def test_wrong_use_exits_with_2_and_says_how(
     lines = said.err.strip().splitlines()
     longer = words.startswith("test ") or words.endswith("--scenario {junk}")  # pytest's own words; a place in YAML
     assert len(lines) == 1 or longer
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("evalaute squeegee", "evaluate"),
+        ("evaluate squeege", "squeegee"),
+        ("evaluate squeegee --scenario nominl", "nominal"),
+        ("play penn", "pen"),
+        ("hand penn", "pen"),
+        ("bench contrl", "control"),
+        ("reproduce fig66", "fig6"),
+        ("launch cel", "cell"),
+    ],
+)
+def test_a_mistyped_name_is_told_with_what_was_meant(
+    words: str, meant: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    try:
+        code = main(words.split())
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    assert f"did you mean {meant}?" in capfd.readouterr().err
+
+
+def test_bench_without_a_name_lists_what_there_is_and_runs_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench"]) == 0
+    listed = capsys.readouterr().out
+    assert "estimator, gel, control" in listed
+    assert "./seed bench all" in listed
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: all that they may say, and the refusals of everything else."""
 
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
+from seed_bringup.commands.launch import checked_arguments
 from seed_bringup.launching.description import Description, declared_arguments, describe
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
 from seed_control.parameters import ControllerParameters
 from seed_core.errors import SeedError
+from seed_core.hand import read_hand
 from seed_driver.config import DriverConfig
 from seed_driver.motion.servo_motion import COMMANDED
-from seed_sim.scenario import load_scenario
+from seed_sim.hand_file import beliefs, compare, hand_file_of
+from seed_sim.scenario import load_scenario, shipped_scenarios
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -144,7 +150,7 @@ def test_mistakes_are_refused_with_file_and_line(prefix: Path, body: str, messag
 
 
 def test_unknown_argument_names_what_there_is(prefix: Path) -> None:
-    with pytest.raises(LaunchError, match=r"no launch argument 'forse'; did you mean 'force'. It takes: force, speed"):
+    with pytest.raises(LaunchError, match=r"no launch argument 'forse'. It takes: force, speed; did you mean force\\?"):
         resolve(prefix, '<arg name="force" default="5"/><arg name="speed" default="1"/>', forse="3")
 
 
@@ -292,7 +298,81 @@ def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
 
 def test_a_cell_that_is_told_nothing_believes_what_the_simulated_one_is() -> None:
     """Cameras a centimetre beside where they are believed to be see two tools."""
-    from seed_bringup.demo.live import beliefs
+    told = yaml.safe_load((ROOT / "seed_bringup/config/hand.yaml").read_text())
+    assert told == beliefs(load_scenario("nominal"))
 
-    told = yaml.safe_load((ROOT / "seed_bringup/config/hand.yaml").read_text())["/**"]["ros__parameters"]
-    assert told == beliefs(load_scenario("nominal"))["/**"]["ros__parameters"]
+
+def test_the_hand_files_are_those_of_the_shipped_scenarios() -> None:
+    """To make one anew: ./seed hand NAME > seed_bringup/config/hands/NAME.yaml."""
+    there = {f.stem: f.read_text() for f in (ROOT / "seed_bringup/config/hands").glob("*.yaml")}
+    assert there == {name: hand_file_of(load_scenario(name)) for name in shipped_scenarios()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "tool"),
+    [
+        ({}, "squeegee"),
+        ({"scenario": "pen"}, "pen"),
+        ({"scenario": "peg", "robot": "ur", "robot_ip": "127.0.0.2"}, "peg"),
+        ({"scenario": "pen", "robot": "ur", "robot_ip": "192.168.56.101"}, "squeegee"),
+        ({"scenario": "pen", "hand_file": str(ROOT / "seed_bringup/config/hand.yaml")}, "squeegee"),
+    ],
+)
+def test_every_node_is_told_of_the_tool_that_the_simulated_gripper_holds(arguments: dict[str, str], tool: str) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    nodes = {n.name: n for n in describe(ROOT / "seed_bringup/launch/cell_launch.xml", arguments).nodes}
+    files = [p for name in ("controller", "estimator") for p in nodes[name].parameters if isinstance(p, Path)]
+    hands = {f for f in files if "hand" in f.parts[-1] or "hands" in f.parts}
+    hands |= {
+        Path(p["hand_file"]) for n in nodes.values() for p in n.parameters if isinstance(p, dict) and "hand_file" in p
+    }
+    (hand,) = hands
+    assert read_hand(str(hand))[1].name == tool
+
+
+def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-P", "-m", "seed_bringup.commands.dispatch", "launch", "cell", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("scenario=pen", "scenario=pen: write scenario:=pen"),
+        ("scenario:=penn", "did you mean pen?"),
+        ("task:=squeege", "did you mean squeegee?"),
+        ("task:=triangel.yaml", "no task 'triangel.yaml': no such file in"),
+    ],
+)
+def test_a_mistake_in_scenario_or_task_is_told_once_before_any_node_starts(word: str, told: str) -> None:
+    done = seed_launch(word)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert told in done.stderr
+
+
+def test_a_scenario_of_ones_own_comes_with_what_estimator_and_controller_are_told(tmp_path: Path) -> None:
+    mine = tmp_path / "roller.yaml"
+    mine.write_text("name: roller\ntool: {name: roller, mass: 0.35}\n")
+    cell = ROOT / "seed_bringup/launch/cell_launch.xml"
+    with checked_arguments(cell, {"scenario": str(mine)}) as arguments:
+        _, tool = read_hand(arguments["hand_file"])
+        assert (tool.name, tool.mass) == ("roller", 0.35)
+        assert compare(load_scenario(mine), arguments["hand_file"]) == ""
+    with checked_arguments(cell, {"scenario": str(mine), "hand_file": "mine.yaml"}) as arguments:
+        assert arguments["hand_file"] == "mine.yaml"
+    with checked_arguments(cell, {"scenario": "pen"}) as arguments:
+        assert "hand_file" not in arguments  # the launch file has it
+
+
+def test_a_simulated_cell_refuses_to_be_told_of_another_tool_and_names_other_numbers(tmp_path: Path) -> None:
+    pen = load_scenario("pen")
+    with pytest.raises(
+        SeedError, match=r"'pen' holds a 'pen' of 0.02 kg.*hand.yaml tells the controller of a 'squeegee'"
+    ):
+        compare(pen, str(ROOT / "seed_bringup/config/hand.yaml"))
+    heavy = tmp_path / "heavy.yaml"
+    heavy.write_text(hand_file_of(replace(pen, tool=replace(pen.tool, mass=0.03))))
+    assert "mass 0.02 kg, told 0.03 kg" in compare(pen, str(heavy))
+    assert compare(replace(pen, true_mass=0.025), str(ROOT / "seed_bringup/config/hands/pen.yaml")) == ""  # hidden

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import yaml
 
 from seed_core.errors import SeedError
+from seed_core.program.meant import did_you_mean, no_such_file
 
 T = TypeVar("T")
 RENAMED = {  # parameters of former releases, refused with the name that they have now
@@ -140,6 +141,8 @@ def load_file(path: str | Path, cls: type[T]) -> T:
     file = Path(path)
     try:
         text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ConfigError(f"{file}: cannot be read: {no_such_file(file)}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from error
     return load_text(text, cls, str(file))
@@ -265,7 +268,8 @@ def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mappin
         if not isinstance(value, kind):
             _fail(node, source, f"{name} = {value!r} must be {'true or false' if kind is bool else 'a text'}")
         if meta.get("choices") and value not in meta["choices"]:
-            _fail(node, source, f"{name} = '{value}' must be one of: {', '.join(meta['choices'])}")
+            meant = did_you_mean(str(value), meta["choices"])
+            _fail(node, source, f"{name} = '{value}' must be one of: {', '.join(meta['choices'])}{meant}")
     return value
 
 

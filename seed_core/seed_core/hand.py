@@ -2,13 +2,15 @@
 """The hand and the tool in it: frames, weight, stiffness of a grasp, and pressure by width of the gripper."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 
 from seed_core.bushing import Stiffness
-from seed_core.config import field
+from seed_core.config import ConfigError, field, from_mapping
 from seed_core.spatial import Array, Wrench, cross, pose_from_rpy
 from seed_core.vector3 import Vector3
 
@@ -71,6 +73,34 @@ class Tool:
     @property
     def X_Ttip(self) -> Array:
         return self.T_tip.pose
+
+
+def read_hand(path: str) -> tuple[Hand, Tool]:
+    """Hand and tool of the launch files' hand_file.
+
+    Raises:
+        ConfigError: it cannot be read, or is another kind of file.
+    """
+    try:
+        data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
+    except (OSError, RuntimeError, ValueError, yaml.YAMLError) as error:
+        raise ConfigError(f"hand_file = {path!r} cannot be read: {error}") from error
+    sections = list(data.values()) if isinstance(data, dict) else []
+    for section in sections:
+        parameters = section.get("ros__parameters") if isinstance(section, dict) else None
+        if isinstance(parameters, dict) and "hand" in parameters:
+            return (
+                from_mapping(_mapping(parameters, "hand", path), Hand, f"{path}: hand"),
+                from_mapping(_mapping(parameters, "tool", path), Tool, f"{path}: tool"),
+            )
+    raise ConfigError(f"hand_file = {path!r} has no 'hand' under ros__parameters: is it the launch's hand_file?")
+
+
+def _mapping(parameters: dict[str, object], name: str, path: str) -> dict[str, object]:
+    value = parameters.get(name, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{path}: {name} = {value!r} must be a mapping")
+    return value
 
 
 def weight_about_T(mass: float, center_of_mass: ArrayLike, R_WT: Array) -> Wrench:

@@ -10,6 +10,7 @@ import pytest
 
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json
+from seed_core.program.meant import did_you_mean, no_such_file
 
 
 @pytest.mark.parametrize("text", ["-1", "x", "1.5", "", str(2**31), "99999999999999999999"])
@@ -71,11 +72,33 @@ def test_help_names_a_default_only_where_it_tells_something() -> None:
     assert text.count("default") == 2
 
 
-def test_results_go_to_the_checkout_from_wherever_the_command_was_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SEED_ROOT", "/a/check out")
-    assert results_folder() == Path("/a/check out/results")
+def test_results_go_to_the_folder_that_one_stands_in_and_within_the_checkout_to_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkout, mine = tmp_path / "check out", tmp_path / "mine"
+    (checkout / "docs").mkdir(parents=True)
+    mine.mkdir()
+    monkeypatch.setenv("SEED_ROOT", str(checkout))
+    for folder, results in ((checkout, checkout), (checkout / "docs", checkout), (mine, mine)):
+        monkeypatch.chdir(folder)
+        assert results_folder().resolve() == results / "results"
     monkeypatch.delenv("SEED_ROOT")
-    assert results_folder() == Path("results")
+    assert results_folder().resolve() == mine / "results"
+
+
+def test_what_a_mistyped_name_was_meant_for_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert did_you_mean("evalaute", ("evaluate", "validate")) == "; did you mean evaluate?"
+    assert did_you_mean("zzz", ("evaluate", "validate")) == ""
+    (tmp_path / "triangle.yaml").touch()
+    (tmp_path / "triangle.txt").touch()
+    assert no_such_file(tmp_path / "triangel.yaml") == f"no such file in {tmp_path}; there is triangle.yaml"
+    assert no_such_file(tmp_path / "wipe.yaml") == f"no such file in {tmp_path}"
+    assert no_such_file(tmp_path / "gone" / "wipe.yaml") == f"there is no folder {tmp_path / 'gone'}"
+    parser = Parser(prog="seed wipe")
+    parser.add_argument("--law", choices=("seed", "plain"))
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--law", "sed"])
+    assert "did you mean seed?; seed wipe --help" in capsys.readouterr().err
 
 
 def test_what_is_not_finite_becomes_null() -> None:

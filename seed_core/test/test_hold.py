@@ -34,6 +34,19 @@ def test_a_held_arm_does_not_hear_until_it_is_resumed() -> None:
     assert latch.following
 
 
+def test_a_resumed_arm_waits_for_its_first_target_however_long_and_times_the_next() -> None:
+    latch = HoldLatch(PATIENCE)
+    latch.heard(1.0)
+    latch.check(2.0, "this computer is busy")
+    assert latch.reason == "no target_frame for 0.1 s (this computer is busy)"
+    latch.resume()
+    latch.check(60.0)
+    assert not latch.reason
+    latch.heard(60.0)
+    latch.check(60.2)
+    assert latch.reason == "no target_frame for 0.1 s"
+
+
 def test_a_refusal_holds_only_what_is_being_followed() -> None:
     latch = HoldLatch(PATIENCE)
     latch.refused("a jump")

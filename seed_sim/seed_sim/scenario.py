@@ -11,6 +11,7 @@ from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
+from seed_core.program.meant import did_you_mean
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.gel.parameters import GelParameters
@@ -220,6 +221,9 @@ def load_scenario(name_or_path: str | Path, *folders: Folder) -> Scenario:
     looked_in = folders or (SHIPPED,)
     file = scenario_file(name_or_path, *looked_in)
     if file is None:
-        known = ", ".join(shipped_scenarios(looked_in[0]))
-        raise ConfigError(f"scenario '{name_or_path}' is unknown; shipped: {known}; or name a .yaml file")
+        known = shipped_scenarios(looked_in[0])
+        meant = did_you_mean(str(name_or_path), known)
+        raise ConfigError(
+            f"scenario '{name_or_path}' is unknown; shipped: {', '.join(known)}; or name a .yaml file{meant}"
+        )
     return load_file(file, Scenario)

@@ -30,6 +30,7 @@ from seed_sim.ros.node import SimNode
 from seed_ur.kinematics import URKinematics
 
 pytestmark = pytest.mark.ros
+HANDS = Path(__file__).resolve().parents[2] / "seed_bringup" / "config" / "hands"
 
 
 class World:
@@ -138,6 +139,31 @@ def test_after_a_refusal_the_arm_holds_until_it_is_asked(world: World) -> None:
     np.testing.assert_allclose(world.flange(), held, atol=1e-4)  # [m] it was this close to its goal when it held
     assert "not followed: target_frame is 0.2" in world.node.counters.last
     assert world.trigger("resend_robot_program").success
+    assert world.bench.until(raised)
+
+
+def test_an_arm_that_is_resumed_waits_for_its_first_target_and_tells_of_a_busy_computer(world: World) -> None:
+    reasons: list[String] = []
+    world.bench.client.create_subscription(String, "sim/hold_reason", reasons.append, LATCHED)
+    goal = world.flange()
+    goal[2, 3] += 0.005
+
+    def raised() -> bool:
+        world.send(goal)
+        return abs(world.flange()[2, 3] - goal[2, 3]) < 1e-4
+
+    assert world.bench.until(raised)
+    world.node.time.factor = 0.71  # as measured on a busy machine
+    world.node.time.measure = lambda _: False
+    assert world.bench.until(lambda: reasons and reasons[-1].data, 5.0)
+    assert reasons[-1].data == (
+        "no target_frame for 1 s (this computer is busy: real-time factor 0.71; use_sim_time:=true lets simulated "
+        "time wait)"
+    )
+    assert "enable the controller" in world.trigger("resend_robot_program").message
+    world.bench.spin(1.5)  # longer than an arm waits that follows targets
+    assert reasons[-1].data == ""
+    goal[2, 3] += 0.005
     assert world.bench.until(raised)
 
 
@@ -278,5 +304,27 @@ def test_a_replay_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path)
     try:
         with pytest.raises(SeedError, match="cannot be written"):
             bench.add(SimNode, replay=str(tmp_path / "none" / "replay.html"))
+    finally:
+        bench.close()
+
+
+def test_a_cell_whose_controller_was_told_of_another_tool_does_not_start() -> None:
+    bench = Bench()
+    try:
+        with pytest.raises(
+            SeedError, match=r"the scenario 'pen' holds a 'pen' of 0.02 kg.*tells the controller of a 'squ"
+        ):
+            bench.add(SimNode, scenario="pen", hand_file=str(HANDS / "nominal.yaml"))
+    finally:
+        bench.close()
+
+
+def test_a_grasp_tells_what_the_controller_was_told_wrong(tmp_path: Path) -> None:
+    heavy = tmp_path / "heavy.yaml"
+    heavy.write_text((HANDS / "nominal.yaml").read_text().replace("mass: 0.2", "mass: 0.5"))
+    bench = Bench()
+    try:
+        bench.add(SimNode, hand_file=str(heavy))
+        assert "mass 0.2 kg, told 0.5 kg" in bench.call(Trigger, "sim/grasp", Trigger.Request()).message
     finally:
         bench.close()

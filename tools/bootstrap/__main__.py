@@ -11,9 +11,11 @@ from pathlib import Path
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # until main() can answer it
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(ROOT / "seed_bringup" / "seed_bringup")]
+OURS = ("seed_bringup/seed_bringup", "seed_core/seed_core/program")  # of their modules those without libraries
+sys.path[:0] = [str(Path(__file__).resolve().parent), *(str(ROOT / folder) for folder in OURS)]
 
 import command_table  # noqa: E402
+from meant import did_you_mean  # noqa: E402
 
 from environment import ready_environment  # noqa: E402
 from progress import SetupError, UsageError, say  # noqa: E402
@@ -28,7 +30,8 @@ def main(arguments: list[str]) -> int:
         print(command_table.usage(known))
         return 0
     if arguments[0] not in known:
-        print(f"seed: no command {arguments[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
+        meant = did_you_mean(arguments[0], known)
+        print(f"seed: no command {arguments[0]!r}; there are: {', '.join(known)}{meant}", file=sys.stderr)
         return 2
     # Also where a shell started us in the background with SIGINT ignored; exec gives the command the defaults again.
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -68,7 +68,7 @@ def _make(environment: Environment, python: Path, files: list[Path], lock: int) 
         shutil.rmtree(environment.path)
     prefix = environment.ros.prefix
     name = "the ROS 2 wheels" if prefix is None else f"the ROS 2 at {prefix}"
-    say(f"setting up {environment.path} with {name} (1.5 GB; a few minutes, once)")
+    say(f"setting up {environment.path} with {name} (1.5 GB; some minutes, once)")
     flags = [] if prefix is None else ["--system-site-packages"]
     subprocess.run([str(python), "-I", "-m", "venv", *flags, str(environment.path)], check=True, pass_fds=(lock,))
     _install(environment, files, lock)

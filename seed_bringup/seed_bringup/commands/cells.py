@@ -2,12 +2,12 @@
 """Which cell a command speaks to: its ROS domain and its namespace."""
 
 import argparse
-import difflib
 import os
 from collections.abc import Iterable
 
 from seed_bringup.launching.domains import VARIABLE, running
 from seed_core.errors import SeedError
+from seed_core.program.meant import nearest
 
 LIKE = 0.75  # of 1, from which one name may have been meant by another
 
@@ -27,12 +27,16 @@ def in_root(namespace: str) -> str:
 
 def missing(problem: str, name: str, known: Iterable[str], listing: str) -> str:
     """A name that the cell does not have: what may have been meant instead, and the command that lists all."""
-    ends = {k.rpartition("/")[2]: k for k in known}
-    if not ends:
+    names = sorted(known, key=lambda k: (-k.count("/"), k))
+    if not names:
         return f"{problem}: no cell is running in ROS domain {os.environ.get(VARIABLE, 0)}"
-    close = difflib.get_close_matches(name, ends.values(), 1, LIKE)
-    close += [ends[e] for e in difflib.get_close_matches(name.rpartition("/")[2], ends, 1, LIKE)]
-    return f"{problem}; {f'did you mean {close[0][1:]}? ' if close else ''}{listing} lists what there is"
+    ends = {_last(k): k for k in names}  # of several with one last name that of the fewest namespaces
+    close = nearest(name, names, LIKE) or ends.get(nearest(_last(name), ends, LIKE), "")
+    return f"{problem}; {f'did you mean {close[1:]}? ' if close else ''}{listing} lists what there is"
+
+
+def _last(name: str) -> str:
+    return name.rpartition("/")[2]
 
 
 def join(options: argparse.Namespace) -> str:
@@ -50,7 +54,7 @@ def join(options: argparse.Namespace) -> str:
     cells = running()
     if len(cells) > 1:
         there = "; ".join(f"--domain {domain}: {what}" for domain, what in cells.items())
-        raise SeedError(f"several cells run on this machine, say which: {there}")
+        raise SeedError(f"you run several cells on this machine, say which: {there}")
     for domain, what in cells.items():
         os.environ[VARIABLE] = str(domain)
         return f"ROS domain {domain}, the only cell that you run on this machine (seed {what})"

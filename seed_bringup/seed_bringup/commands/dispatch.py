@@ -8,6 +8,7 @@ import sys
 
 from seed_bringup.command_table import offered, usage
 from seed_core.program.command_line import command, leaving_at_once
+from seed_core.program.meant import did_you_mean
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {
@@ -31,7 +32,8 @@ def main(arguments: list[str]) -> int:
         return 0
     name, *argv = arguments
     if name not in commands:
-        print(f"seed: no command {name!r}; there are: {', '.join(commands)}", file=sys.stderr)
+        meant = did_you_mean(name, commands)
+        print(f"seed: no command {name!r}; there are: {', '.join(commands)}{meant}", file=sys.stderr)
         return 2
     sys.argv = [f"seed {name}", *argv]
     try:

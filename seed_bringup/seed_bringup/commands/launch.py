@@ -5,8 +5,12 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
@@ -25,6 +29,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--own", action="store_true", help="our launcher even where ros2 launch exists")
     options = parser.parse_args(argv)
     words = [w for w in options.words if ":=" not in w]
+    for word in words[1:]:
+        if "=" in word:
+            raise LaunchError(f"{word}: write {word.replace('=', ':=', 1)}")
     if not 1 <= len(words) <= 2:
         raise LaunchError("name one launch file: FILE or PACKAGE FILE, then arguments as name:=value")
     file = find_launch_file(words)
@@ -33,18 +40,50 @@ def main(argv: list[str]) -> int:
         return 0
     arguments = dict(w.split(":=", 1) for w in options.words if ":=" in w)
     others = running()
-    with claimed(SHARED, " ".join(["launch", *options.words])) as domain:
+    what = " ".join(["launch", *options.words])
+    with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
+        describe(file, arguments)  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
         if domain in others:
             print(
                 f"[launch] warning: '{others[domain]}' runs in ROS domain {domain}, too, and both hear each other: "
                 f"leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
                 flush=True,
             )
-        if domain:
-            print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
+        print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
         if shutil.which("ros2") and not options.own:
-            return _by_ros2(file, arguments)
+            _by_ros2(file, arguments)
         return run(Launch(file, arguments))
+
+
+@contextmanager
+def checked_arguments(file: Path, arguments: dict[str, str]) -> Iterator[dict[str, str]]:
+    """The arguments, once scenario and task are found good, before any node starts.
+
+    A scenario's file comes with a hand_file, for estimator and controller must be told of its tool.
+
+    Raises:
+        SeedError: what is wrong with them.
+    """
+    declared = {a.name for a in declared_arguments(file)}
+    if not declared >= {"scenario", "task", "hand_file"} or not arguments.keys() & {"scenario", "task"}:
+        yield arguments
+        return
+    from seed_control.tasks import load_task
+    from seed_sim.hand_file import hand_file_of
+    from seed_sim.scenario import load_scenario, scenario_file
+
+    if "task" in arguments:
+        load_task(arguments["task"])
+    name = arguments.get("scenario", "")
+    scenario = load_scenario(name) if name else None
+    if scenario is None or scenario_file(name) is None or "hand_file" in arguments:
+        yield arguments
+        return
+    with tempfile.TemporaryDirectory(prefix="seed-hand-") as folder:
+        hand = Path(folder) / "hand.yaml"
+        hand.write_text(hand_file_of(scenario), encoding="utf-8")
+        print(f"[launch] estimator and controller are told of the {scenario.tool.name} of {name}", flush=True)
+        yield arguments | {"hand_file": str(hand)}
 
 
 def describe_arguments(file: Path) -> str:
@@ -82,9 +121,8 @@ def run(launch: Launch) -> int:
     return code
 
 
-def _by_ros2(file: Path, arguments: dict[str, str]) -> int:
-    """`ros2 launch` takes unknown arguments in silence, so they are checked here first."""
-    describe(file, arguments)
+def _by_ros2(file: Path, arguments: dict[str, str]) -> NoReturn:
+    """In place of this process; what was made for it stays."""
     timeouts = {"sigterm_timeout": TERM_AFTER, "sigkill_timeout": KILL_AFTER}
     words = [f"{name}:={value}" for name, value in (arguments | timeouts).items()]
     sys.stdout.flush()

@@ -38,14 +38,10 @@ def main(argv: list[str]) -> int:
         def tell(feedback: Any) -> None:
             bar.show(feedback.phase, feedback.progress, session.pressing_force)
 
-        def interrupted() -> None:
-            try:
-                check()
-            except KeyboardInterrupt:
-                print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
-                raise
+        def cancelling() -> None:
+            print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
 
-        session.watch = interrupted
+        session.cancelling = cancelling
         print(f"seed play: {session.arm()} in {cell}", file=sys.stderr, flush=True)
         result = session.play(options.task, options.force, tell, patience=math.inf).result
     if not result.success:

@@ -16,9 +16,9 @@ from seed_bringup.demo.score import TOPICS, Phase
 from seed_bringup.demo.terminal import Bar, say
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
-from seed_core.config import to_mapping
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import leaving_at_once
+from seed_sim.hand_file import hand_file_of
 from seed_sim.scenario import Scenario
 
 TASK_PATIENCE = 200.0  # [s] of the machine's clock; simulated time runs slower on a busy one
@@ -46,6 +46,7 @@ CORES = 4  # that the live graph wants at full rates
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture
 LOOP_RATE, SMALL_LOOP_RATE = 250.0, 125.0  # [Hz] of arm and controller, with enough cores and with fewer
 OPERATOR_TIMEOUT = 3.0  # [s]; everything here shares one computer, and the cell ends with this program anyway
+CLOSING = 15.0  # [s] that a lift after Ctrl-C and the end of every process take at most, as a rule
 MOST_PICTURES, PICTURE_DELAY = 6, 0.8  # pictures of a run; [s] after the phase began
 
 
@@ -98,6 +99,7 @@ def play_live(asked: Plan, believed: Scenario, check: Callable[[], None]) -> Liv
         stack.enter_context(recording(asked.folder / "bag.mcap", RECORDED + (IMAGES if asked.options.images else [])))
         session = Session(watch)
         stack.callback(session.close)
+        stack.push(_tell_of_closing)
         _prepare(session, asked.options.estimator != "truth")
         heard = session.node.count_subscribers
         session.until(
@@ -119,6 +121,12 @@ def play_live(asked: Plan, believed: Scenario, check: Callable[[], None]) -> Liv
     return LiveRun(phases, pictures, round(played.real_time_factor, 3), early)
 
 
+def _tell_of_closing(kind: type[BaseException] | None, *_: object) -> None:
+    """The end of every process takes seconds: an interrupt is answered before that."""
+    if kind is KeyboardInterrupt:
+        say("closing the bag and the cell")
+
+
 def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
     """Of demo_launch.xml; writes the parameter files that they name."""
     camera_rate, loop_rate = live_rates()
@@ -130,7 +138,7 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
     }
     if believed.wrench.file:
         settings["wrench"] = {"model": believed.wrench.model, "file": believed.wrench.file}
-    hand.write_text(yaml.safe_dump(beliefs(believed)), encoding="utf-8")
+    hand.write_text(hand_file_of(believed), encoding="utf-8")
     controller.write_text(yaml.safe_dump({"controller": {"ros__parameters": settings}}), encoding="utf-8")
     return {
         **asked.robot,
@@ -146,13 +154,6 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
         "sim_rate": str(loop_rate),
         "camera_rate": str(float(o.camera_rate or camera_rate)),
     }
-
-
-def beliefs(scenario: Scenario) -> dict[str, Any]:
-    """What the controller and the estimator believe about hand, tool and grasp, as ROS parameters for all nodes."""
-    stiffness = scenario.grasp.believed or scenario.grasp.stiffness
-    values = {"hand": scenario.hand, "tool": scenario.tool, "grasp": stiffness}
-    return {"/**": {"ros__parameters": {k: to_mapping(v) for k, v in values.items()}}}
 
 
 def _prepare(session: Any, images: bool) -> None:
@@ -183,6 +184,11 @@ def _play_task(session: Any, asked: Plan) -> list[Picture]:
                 "estimator/debug_image", lambda png: pictures.append(Picture(png, caption)), delay=PICTURE_DELAY
             )
 
+    def cancelling() -> None:
+        bar.close()
+        say(f"lifting the tool, then closing (up to {CLOSING:g} s)")
+
+    session.cancelling = cancelling
     session.enable("driver/resend_robot_program" if asked.robot["robot"] == "ur" else "")
     try:
         session.play(str(asked.options.task), asked.options.force, tell, TASK_PATIENCE)

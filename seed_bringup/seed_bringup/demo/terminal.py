@@ -12,23 +12,30 @@ def say(text: str) -> None:
 
 
 class Bar:
-    """Phase, progress and force on one line of the terminal; a line for each phase where there is no terminal."""
+    """Phase, progress and force on one line of the terminal; where there is none, a line as each phase begins.
+
+    Such a line has the force of that moment: a lift begins while the tool still presses. So the last phase has a line
+    for its end, too.
+    """
 
     def __init__(self) -> None:
         self._live = sys.stdout.isatty()
-        self._phase = ""
+        self._phase = self._newest = ""
 
     def show(self, phase: str, progress: float, force: float) -> None:
         """Progress from 0 to 1, and the estimated pressing force [N]."""
-        text = f"{phase:<12} {100 * progress:3.0f} %   estimated force {force:6.2f} N"
+        text = f"{phase:<17} {100 * progress:3.0f} %   estimated force {force:6.2f} N"
         if self._live:
             done = round(WIDTH * progress)
             print(f"\r  [{'#' * done}{'.' * (WIDTH - done)}] {text}  ", end="", flush=True)
         elif phase != self._phase:
-            print(f"  {text}", flush=True)
-        self._phase = phase
+            print(f"  {text} as it begins", flush=True)
+        self._phase, self._newest = phase, text
 
     def close(self) -> None:
         """End the line."""
         if self._live:
             print(flush=True)
+        elif self._newest:
+            print(f"  {self._newest} as it ends", flush=True)
+        self._newest = ""

@@ -4,7 +4,6 @@
 Scoping is that of `ros2 launch`: a <group> keeps what is set inside to itself, an <include> does not.
 """
 
-import difflib
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from seed_bringup.launching.launch_xml import Element, LaunchError, read_launch_
 from seed_bringup.launching.packages import executable
 from seed_bringup.launching.parameters import Parameters, read_parameter
 from seed_bringup.launching.substitution import Scope
+from seed_core.program.meant import did_you_mean
 
 MAX_INCLUDES = 20
 TERM_AFTER = 3.0  # [s] after the interrupt, unless a node asks for more
@@ -65,10 +65,9 @@ def describe(file: Path, arguments: dict[str, str]) -> Description:
     description = _resolve(file, arguments, strict=True)
     for name in arguments:
         if name not in description.arguments:
-            close = difflib.get_close_matches(name, description.arguments, n=1)
-            hint = f"; did you mean {close[0]!r}" if close else ""
             there = ", ".join(sorted(description.arguments)) or "none"
-            raise LaunchError(f"{file}: no launch argument {name!r}{hint}. It takes: {there}")
+            meant = did_you_mean(name, description.arguments)
+            raise LaunchError(f"{file}: no launch argument {name!r}. It takes: {there}{meant}")
     return description
 
 
@@ -116,7 +115,8 @@ class _Resolver:
                 raise element.error(f"launch argument {name!r} has no default; give {name}:=VALUE")
             scope.variables[name] = default or ""
         if choices and scope.variables[name] not in choices and scope.strict:
-            raise element.error(f"{name}:={scope.variables[name]!r} must be one of: {', '.join(choices)}")
+            value = scope.variables[name]
+            raise element.error(f"{name}:={value!r} must be one of: {', '.join(choices)}{did_you_mean(value, choices)}")
 
     def _let(self, element: Element, scope: Scope) -> None:
         scope.variables[element.attributes["name"]] = scope.text(element, "value")

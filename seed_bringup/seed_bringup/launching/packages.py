@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from seed_bringup.launching.launch_xml import LaunchError
+from seed_core.program.meant import did_you_mean
 
 
 def package_prefix(package: str) -> Path:
@@ -44,4 +45,5 @@ def find_launch_file(words: list[str]) -> Path:
         if (folder / candidate).is_file():
             return folder / candidate
     there = sorted(f.name for f in folder.glob("*.xml"))
-    raise LaunchError(f"package {package!r} has no launch file {name!r}; it has: {', '.join(there) or 'none'}")
+    meant = did_you_mean(name, (t.removesuffix("_launch.xml") for t in there))
+    raise LaunchError(f"package {package!r} has no launch file {name!r}; it has: {', '.join(there) or 'none'}{meant}")

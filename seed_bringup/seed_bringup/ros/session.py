@@ -78,6 +78,7 @@ class Session:
         self.state: ControllerState | None = None
         self.played = Played()
         self.holds: list[str] = []  # why the arm held during the task
+        self.cancelling: Callable[[], None] = lambda: None  # called at once when an interrupt ends the task
         self._goal: Any = None  # the task that is played
         if follow:
             self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
@@ -197,6 +198,7 @@ class Session:
             try:
                 self.until(result.done, patience, f"the task '{task}' did not end")
             except KeyboardInterrupt:
+                self.cancelling()
                 self.cancel()  # while it is still seen to
                 raise
         self.played.result, self.played.ended = result.result().result, self.now()

@@ -282,15 +282,19 @@ class ControllerNode(SeedNode):
             self._publish_state(now, output)
 
     def _may_send(self, output: ControlOutput) -> bool:
-        """From the first enable on; no more once an arm was moved by something else, or was gone, while it was not led.
+        """From the first enable on; no more once an arm holds, was moved by something else or was gone, until enable.
 
-        Or else it would be sent back to where it was as soon as it follows again, before any enable.
+        Or else it would be sent back to where it was as soon as it follows again, before any enable. And an arm that
+        was resumed, and then hears the targets of a controller that is not enabled yet, would take each pause of them
+        on a busy machine for another silence.
         """
         assert output.X_WE is not None
         away = float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY
         enabled, holding = output.state.enabled, output.state.mode == "holding"
         if enabled and not holding:
             self._was_enabled = True
+        elif self._arm_holds:
+            self._was_enabled = False
         elif self._was_enabled and (away or self.now() - self._here_at > self.parameters.kinematics_timeout + GONE):
             self._was_enabled = False
             what = "was moved by something else" if away else "is not heard any more"

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks from files, from the shipped ones by name, or from YAML text; with another force or another text to write."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
 from seed_core.config import field, load_file, load_text
 from seed_core.program.files import shared_path
+from seed_core.program.meant import did_you_mean, no_such_file
 
 MAX_TEXT = 100_000  # characters of a task sent as text
 
@@ -39,8 +41,15 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
     shipped = shipped_tasks()
     path = shipped.get(str(source), Path(source))
     if not _is_file(path):
-        raise TaskError(f"no task '{source!s:.100}': neither a file nor one of {', '.join(shipped)}")
+        raise TaskError(f"no task '{source!s:.100}': {_why_none(path, shipped)}")
     return _changed(load_file(path, Task), force, text)
+
+
+def _why_none(path: Path, shipped: Collection[str]) -> str:
+    """For a mistyped file what its folder has, else which tasks there are, and what may have been meant."""
+    if path.suffix in (".yaml", ".yml"):
+        return no_such_file(path)
+    return f"neither a file nor one of {', '.join(shipped)}{did_you_mean(str(path), shipped)}"
 
 
 def _is_file(path: Path) -> bool:

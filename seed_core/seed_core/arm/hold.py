@@ -47,10 +47,10 @@ class HoldLatch:
         if self.following:
             self.hold(why)
 
-    def check(self, now: float) -> None:
-        """Hold when no target has come for too long."""
+    def check(self, now: float, why: str = "") -> None:
+        """Hold when no target has come for too long; why: what is known of the cause. Without a first one it waits."""
         if self._heard is not None and now - self._heard > self.patience:
-            self.refused(f"no target_frame for {self.patience:g} s")
+            self.refused(f"no target_frame for {self.patience:g} s" + (f" ({why})" if why else ""))
 
     def hold(self, why: str) -> None:
         """Follow nothing from now on; the newest reason is the one that is told. An error without words holds, too."""

@@ -2,7 +2,6 @@
 """The base of the suite's command lines: checked arguments, help, exit codes, and the folder of results."""
 
 import argparse
-import difflib
 import functools
 import itertools
 import json
@@ -17,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 from seed_core.errors import FailedError, SeedError
+from seed_core.program.meant import did_you_mean
 
 N = TypeVar("N", int, float)
 LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too
@@ -55,9 +55,16 @@ class Parser(argparse.ArgumentParser):
         known = [o[2:] for o in self._option_string_actions if o.startswith("--")]
         for option in self._options(given):
             if not any(k.startswith(option) for k in known):
-                near = difflib.get_close_matches(option, known, n=1)
-                self.error(f"there is no option --{option}" + (f"; did you mean --{near[0]}?" if near else ""))
+                self.error(f"there is no option --{option}{did_you_mean(option, known, '--')}")
         return super().parse_known_args(given, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """As its base, with what may have been meant."""
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += did_you_mean(str(value), map(str, action.choices or ()))
+            raise
 
     def _options(self, given: Sequence[str]) -> list[str]:
         """Names of the long options among the words, up to where a subcommand reads on."""
@@ -175,8 +182,9 @@ def interrupts() -> Iterator[Callable[[], None]]:
 
 
 def results_folder() -> Path:
-    """Where a command leaves its results by itself: results/ of the checkout, else of the current folder."""
-    return Path(os.environ.get("SEED_ROOT") or ".") / "results"
+    """Where a command leaves its results by itself: results/ of the current folder; within the checkout, of that."""
+    root = Path(os.environ.get("SEED_ROOT") or ".").resolve()
+    return root / "results" if Path.cwd().is_relative_to(root) else Path("results")
 
 
 def to_json(value: Any, indent: int | None = None) -> str:

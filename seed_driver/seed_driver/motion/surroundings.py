@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
-from seed_core.config import ConfigError, field, from_mapping, load_file
-from seed_core.hand import Hand, Tool
+from seed_core.config import ConfigError, field, load_file
+from seed_core.hand import read_hand
 from seed_core.vector3 import Vector3, as_vector3, dot, norm, scaled
 from seed_driver.clearance_settings import ClearanceSettings
 from seed_ur.capsules import HAND, Capsule
@@ -106,7 +104,7 @@ def carried(settings: ClearanceSettings, surroundings: Surroundings) -> Carried:
     hard = [_capsule(p) for p in surroundings.parts if not p.may_touch]
     soft = [_capsule(p) for p in surroundings.parts if p.may_touch]
     if settings.hand_file:
-        hand, tool = _read_hand(settings.hand_file)
+        hand, tool = read_hand(settings.hand_file)
         C = hand.X_EC[:3, 3]
         near, far = GRIPPER
         ends = [as_vector3((hand.X_EC @ X)[:3, 3]) for X in (hand.X_CL, hand.X_CR)]
@@ -119,27 +117,3 @@ def carried(settings: ClearanceSettings, surroundings: Surroundings) -> Carried:
 
 def _capsule(part: Part) -> Capsule:
     return Capsule(part.name, HAND, part.start, part.end, part.radius)
-
-
-def _read_hand(path: str) -> tuple[Hand, Tool]:
-    """Hand and tool of a file of parameters as the launch files take it."""
-    try:
-        data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
-    except (OSError, RuntimeError, ValueError, yaml.YAMLError) as error:
-        raise ConfigError(f"hand_file = {path!r} cannot be read: {error}") from error
-    sections = list(data.values()) if isinstance(data, dict) else []
-    for section in sections:
-        parameters = section.get("ros__parameters") if isinstance(section, dict) else None
-        if isinstance(parameters, dict) and "hand" in parameters:
-            return (
-                from_mapping(_mapping(parameters, "hand", path), Hand, f"{path}: hand"),
-                from_mapping(_mapping(parameters, "tool", path), Tool, f"{path}: tool"),
-            )
-    raise ConfigError(f"hand_file = {path!r} has no 'hand' under ros__parameters: is it the launch's hand_file?")
-
-
-def _mapping(parameters: dict[str, object], name: str, path: str) -> dict[str, object]:
-    value = parameters.get(name, {})
-    if not isinstance(value, dict):
-        raise ConfigError(f"{path}: {name} = {value!r} must be a mapping")
-    return value

@@ -26,6 +26,7 @@ from seed_core.vector3 import as_vector3
 from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_sim.closed_loop.run import start_pose
+from seed_sim.hand_file import compare
 from seed_sim.membrane import MembraneError
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.grip import PlantError
@@ -50,6 +51,11 @@ class SimSettings:
     """Parameters of the simulated cell."""
 
     scenario: str = field("nominal", doc="name or file of the scenario")
+    hand_file: str = field(
+        "",
+        doc="what estimator and controller are told of hand, tool and grasp: another tool than the scenario's is "
+        "refused, other numbers are warned of; empty: not compared",
+    )
     seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
     task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
     rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
@@ -79,6 +85,9 @@ class SimNode(SeedNode):
         self.refuse_unknown()
 
         self.scenario = load_scenario(settings.scenario)
+        self._told_wrong = compare(self.scenario, settings.hand_file) if settings.hand_file else ""
+        if self._told_wrong:
+            self.get_logger().warning(self._told_wrong)
         task = load_task(settings.task)
         self._X_WE_start = start_pose(self.scenario, task)
         self._film, self._saved = _film(settings.replay) if settings.replay else None, 0.0
@@ -143,10 +152,18 @@ class SimNode(SeedNode):
         except MembraneError as error:
             self._lose_tool(str(error))
         self._outputs.publish(self.time.stamp, self.holder.grasped)
-        self._latch.check(self.time.stamp)
+        self._latch.check(self.time.stamp, self._why_silent())
         if self._hold_reason is not None and self._latch.reason != self._reason_told:
             self._reason_told = self._latch.reason
             self._hold_reason.publish(String(data=self._reason_told))
+
+    def _why_silent(self) -> str:
+        """What may keep targets from coming: by the wall's clock a machine that is too busy, too."""
+        if self.settings.clock:
+            return ""
+        busy = f"this computer is busy: real-time factor {self.time.factor:.2f};"
+        asked = "does the controller run? is this computer busy?"
+        return f"{busy if self.time.factor < SLOW else asked} use_sim_time:=true lets simulated time wait"
 
     def _lose_tool(self, why: str) -> None:
         """The membranes hold the tool no more: the arm holds, and the tool stands in its holder again."""
@@ -192,13 +209,14 @@ class SimNode(SeedNode):
     # services
     def _resume(self) -> str:
         self._latch.resume()
-        return "following target_frame"
+        return "following target_frame, from the first that comes: enable the controller"
 
     def _grasp(self) -> str:
         if self.holder.grasped:
             raise PlantError("the tool is in the grasp already: call sim/release first")
         self.holder.grasp()
-        return f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves"
+        wrong = f"; {self._told_wrong}" if self._told_wrong else ""
+        return f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves{wrong}"
 
     def _release(self) -> str:
         self.holder.release()
@@ -260,8 +278,8 @@ class SimNode(SeedNode):
         }
         slow = f"slower than real time: {self.time.factor:.3f}" if self.time.factor < SLOW else ""
         holds = f"holds: {self._latch.reason}{REMEDY}" if self._latch.reason else ""
-        if holds or slow:
-            return diagnostics.WARN, "; ".join(filter(None, (holds, slow))), values
+        if holds or slow or self._told_wrong:
+            return diagnostics.WARN, "; ".join(filter(None, (holds, slow, self._told_wrong))), values
         if not self._latch.following:
             return diagnostics.OK, self.counters.last or "no target_frame yet: the arm holds", values
         return diagnostics.OK, "following target_frame", values

@@ -7,6 +7,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command
+from seed_core.program.meant import did_you_mean
 from seed_testing.figures import text
 
 BENCHES = {
@@ -34,16 +35,25 @@ LONG = {  # commands with arguments of their own
 }
 
 
+ALL = "all"
+LIST = f"""\
+figures of speed, each in seconds or minutes:  {", ".join(BENCHES)}
+by itself, with arguments of its own:          {", ".join(LONG)}
+./seed bench NAME ... runs those, ./seed bench {ALL} every one of the first line."""
+
+
 def run(names: list[str]) -> dict[str, Any]:
-    """Figures by name of the benchmark; all of them when none is named.
+    """Figures by name of the benchmark; `all` names every one.
 
     Raises:
         SeedError: a name that is no benchmark.
     """
     for name in names:
-        if name not in BENCHES:
-            raise SeedError(f"no benchmark '{name}'; there are: {', '.join(BENCHES)}, and alone {', '.join(LONG)}")
-    return {name: importlib.import_module(BENCHES[name]).run() for name in names or BENCHES}
+        if name not in (*BENCHES, ALL):
+            there = f"{', '.join(BENCHES)}, {ALL}, and alone {', '.join(LONG)}"
+            raise SeedError(f"no benchmark '{name}'; there are: {there}{did_you_mean(name, (*BENCHES, *LONG))}")
+    chosen = BENCHES if ALL in names else names
+    return {name: importlib.import_module(BENCHES[name]).run() for name in chosen}
 
 
 @command("seed bench")
@@ -56,10 +66,13 @@ def main(argv: list[str]) -> int:
         "names",
         nargs="*",
         metavar="NAME",
-        help=f"of {', '.join(BENCHES)}; all if none is given; or alone {', '.join(LONG)}",
+        help=f"of {', '.join(BENCHES)}; {ALL}: every one of these; or alone {', '.join(LONG)}; without one: the list",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     options = parser.parse_args(argv)
+    if not options.names:
+        print(LIST)
+        return 0
     results = run(options.names)
     if options.json:
         print(json.dumps(results))
