@@ -90,7 +90,7 @@ def alike(shown: str, said: str) -> bool:
 
 
 def near(said: str, shown: str) -> bool:
-    """Whether a printed number is the one that is shown: a page that has become stale fails, another machine does not."""
+    """Whether a printed number is the one that is shown: a stale page fails, another machine does not."""
     last = 10.0 ** -len(shown.partition(".")[2])
     return abs(float(said) - float(shown)) <= max(2.0 * last, 0.05 * abs(float(shown))) + 1e-9
 

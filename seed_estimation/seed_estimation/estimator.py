@@ -134,8 +134,8 @@ class Estimator:
         without that load (`zero`), or the grasp is refused, as `loaded_grasp` says.
 
         Raises:
-            EstimatorError: no reference, no usable images, images of another or upside down, a finger without contact, or
-                too much load.
+            EstimatorError: no reference, no usable images, images of another or upside down, a finger without contact,
+                or too much load.
         """
         p, reference = self.parameters, self._reference
         if reference is None:

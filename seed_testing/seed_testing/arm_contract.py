@@ -60,12 +60,16 @@ def enable(peer: Peer, limits: Limits) -> None:
             raise SeedError(f"{limits.enable} refuses: {answer.message}")
 
 
-def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "base", **topics: str) -> list[Verdict]:
-    """Join the graph and check the arm whose node is called `arm`, in all clauses when none is named.
-
-    topics: `current_pose` and `target_frame`, where they are called otherwise.
-    """
-    with Peer(driver=arm, base=base, **topics) as peer:
+def run(
+    arm: str,
+    limits: Limits,
+    clauses: Sequence[Clause] = (),
+    base: str = "base",
+    current_pose: str = "current_pose",
+    target_frame: str = "target_frame",
+) -> list[Verdict]:
+    """Join the graph and check the arm whose node is called `arm`, in all clauses when none is named."""
+    with Peer(driver=arm, base=base, current_pose=current_pose, target_frame=target_frame) as peer:
         peer.wait(lambda: bool(peer.poses), FIRST, f"a first pose on {peer.pose_topic} (--current-pose names another)")
         ready, deadline = False, time.monotonic() + STARTING
         while not ready and time.monotonic() < deadline:  # whether it ever is, the clauses say
@@ -89,8 +93,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     given = parser.parse_args(argv)
     limits = default._replace(enable=given.enable, pose_rate=given.pose_rate)
-    topics = {"current_pose": given.current_pose, "target_frame": given.target_frame}
-    verdicts = run(given.arm, limits, base=given.base, **topics)
+    verdicts = run(given.arm, limits, (), given.base, given.current_pose, given.target_frame)
     if given.json:
         print(json.dumps({"arm": given.arm, "clauses": [v._asdict() for v in verdicts]}))
     else:

@@ -158,5 +158,5 @@ def test_the_arm_of_the_tutorial_keeps_the_contract_behind_the_guard(tmp_path: P
 
 def test_a_topic_on_which_nothing_comes_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arm_contract, "FIRST", 0.2)
-    with pytest.raises(FailedError, match="a first pose on /fr3/pose .--current-pose names another.: not within"):
+    with pytest.raises(FailedError, match=r"a first pose on /fr3/pose .--current-pose names another.: not within"):
         arm_contract.run("guard", PATIENT, current_pose="/fr3/pose")

@@ -31,10 +31,11 @@ class Hands(Protocol):
 
     tasks: Sequence[str]
     tools: Mapping[str, str]  # that each task is made for
-    begun: str  # task that the cell was launched with; '' where nobody says
     playing: Playing
     said: Sequence[tuple[bool, str]]  # whether it was done, and the words; the newest first
 
+    @property
+    def begun(self) -> str: ...  # task that the cell was launched with; '' where nobody says
     @property
     def simulated(self) -> bool: ...  # whether the gripper is simulated, and can let go
     def stop(self) -> Any: ...
@@ -131,7 +132,7 @@ class Panel:
             return
         self._offered = offered
         self._task.options = offered.tasks
-        self._task.value = offered.tasks[0]
+        set_value(self._task, offered.tasks[0])
         _put(self._note, style.note(offered.note) if offered.note else "")
 
     def _show_numbers(self, state: CellState, viewers: int) -> None:
@@ -170,7 +171,7 @@ class Panel:
         self._picture.image = state.picture
 
 
-def set_value(handle: Any, value: float) -> None:
+def set_value(handle: Any, value: float | str) -> None:
     """Set an element's value, if it is another one."""
     if handle.value != value:
         handle.value = value

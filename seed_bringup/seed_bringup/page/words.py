@@ -151,14 +151,14 @@ def offer(tasks: Sequence[str], tools: Mapping[str, str], held: str, begun: str 
     """What to offer with the tool `held` in the hand ('': not known), in a cell that was begun with the task `begun`.
 
     Args:
-        tasks: names of shipped ones, paths of own ones. tools: name of the tool that each is made for; '' or none: for any.
+        tasks: names of shipped ones, paths of own ones. tools: name of the one that each is made for; '': for any.
     """
     if begun.endswith(FILES) and begun not in tasks:
         tasks = (begun, *tasks)
     fits = [t for t in tasks if not held or tools.get(t, "") in ("", held)]
     if not fits:
         return Offer(tuple(tasks), f"No task here is for the tool in the hand, '{held}': it would be refused.")
-    fits.sort(key=lambda t: (t != begun, not t.endswith(FILES), t != held))  # own files next, then the tool's own
+    fits.sort(key=lambda t: (t != begun, not t.endswith(FILES), t != held))  # then own files, then the tool's own
     others = sorted({tools[t] for t in tasks if t not in fits})
     note = f"The hand holds '{held}'. Not offered: tasks for {', '.join(others)}." if others else ""
     return Offer(tuple(fits), note)
