@@ -71,11 +71,26 @@ def test_the_next_button_leads_from_reference_to_grasp_to_enable() -> None:
     assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == ""
 
 
-def test_slip_is_told_as_what_is_left() -> None:
+def test_tasks_for_another_tool_are_not_offered_and_the_note_names_it() -> None:
+    tools = {"mine.yaml": "pen", "find_edge": "ball", "pen": "pen", "squeegee": "squeegee", "any": "", "write": "pen"}
+    tasks = tuple(tools)
+    assert set(words.offer(tasks, tools, "").tasks) == set(tasks)  # the tool is not known yet
+    assert words.offer(tasks, tools, "squeegee").tasks == ("squeegee", "any")
+    assert words.offer(tasks, tools, "squeegee").note == "The hand holds 'squeegee'. Not offered: tasks for ball, pen."
+    assert words.offer(tasks, tools, "pen").tasks == ("mine.yaml", "pen", "any", "write")  # own, the tool's own, others
+    assert words.offer(tasks, tools, "pen", "write").tasks[0] == "write"  # that the cell was launched with
+    assert words.offer(tasks, tools, "pen", "/here/new.yaml").tasks[0] == "/here/new.yaml"
+    assert words.offer(tasks, tools, "pen", "squeegee").tasks[0] == "mine.yaml"
+    none = words.offer(("pen",), {"pen": "pen"}, "scraper")
+    assert none.tasks == ("pen",)
+    assert "'scraper'" in none.note
+
+
+def test_slip_is_told_in_plain_words() -> None:
     def told(slip: float, gross: bool = False) -> words.Headline:
         return words.slip_words(CellState(now=1.0, grasp=HELD.__class__(np.eye(4), True, "", slip, gross)))
 
-    assert told(0.0).word.startswith("100 %")
+    assert told(0.02).word == "held firmly (slip 2 %)"
     assert [told(s).level for s in (0.0, 0.2, 0.4)] == ["good", "warn", "bad"]
     assert told(0.0, gross=True).level == "bad"
 

@@ -160,8 +160,8 @@ def test_buttons_reach_the_nodes_and_the_task_is_seen(page: Any, watcher: Watche
     press(page, "Enable")
     until(lambda: watcher.state.enabled)
     page.get_by_text("Ready").wait_for()
-    page.get_by_label("Task").click()
-    page.get_by_role("option", name="squeegee").click()
+    page.get_by_text("Not offered: tasks for ball").wait_for()  # the hand holds a squeegee
+    assert page.get_by_label("Task").first.input_value() == "squeegee"
     before = picture(page)
     press(page, "Play task")
     until(lambda: watcher.state.mode != "idle")
@@ -169,6 +169,12 @@ def test_buttons_reach_the_nodes_and_the_task_is_seen(page: Any, watcher: Watche
     time.sleep(1.0)
     changed = (np.abs(picture(page) - before).max(axis=-1) > 30.0).mean()
     assert changed > 0.005, "the arm moves, and the picture does not"
+
+
+def test_the_view_from_above_is_another_picture(page: Any) -> None:
+    before = picture(page)
+    page.get_by_text("Above", exact=True).click()
+    until(lambda: (np.abs(picture(page) - before).max(axis=-1) > 30.0).mean() > 0.05)
 
 
 def test_stop_stops_within_three_tenths_of_a_second_of_the_click(page: Any, watcher: Watcher) -> None:

@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from seed_msgs.action import FollowSetpoints
@@ -130,6 +130,14 @@ def hands(request: pytest.FixtureRequest, context: Context) -> Iterator[CellHand
     hands = CellHands(context, ("squeegee",), getattr(request, "param", ""))
     yield hands
     hands.close()
+
+
+def test_the_task_that_a_simulated_cell_was_launched_with_is_known(hands: CellHands, context: Context) -> None:
+    sim, executor = Node("sim", context=context), SingleThreadedExecutor(context=context)
+    sim.declare_parameter("task", "write")
+    executor.add_node(sim)
+    until(lambda: executor.spin_once(timeout_sec=0.1) or hands.begun == "write")
+    sim.destroy_node()
 
 
 def until(condition: Any, patience: float = 10.0) -> None:

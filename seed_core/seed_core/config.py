@@ -46,7 +46,8 @@ def field(
 ) -> Any:
     """A dataclass field whose value is checked: each number within [low, high] and finite, each string in choices.
 
-    A quantity is written with its unit, '0.05 m/s' or '0 0 -10 N', and with no other than the field's.
+    A quantity is written with its unit, '0.05 m/s' or '0 0 -10 N', and with no other than the field's. Any other number
+    that has a unit may be written so as well.
     A span is a pair [low, high] that may be written as one number.
     """
     bounds = {"low": low, "high": high, "choices": choices}
@@ -206,21 +207,32 @@ def _describe(meta: Mapping[str, Any]) -> str:
 
 def _quantity(node: _Node, name: str, source: str, meta: Mapping[str, Any]) -> _Node:
     """The numbers of '0 0 -10 N' as plain nodes, once the unit has been found to be the field's."""
-    unit, words = meta["unit"], node.value.split() if isinstance(node.value, str) else []
-    numbers = words[: len(words) - len(unit.split())]
-    try:
-        values = [_Node(float(w), node.line) for w in numbers]
-    except ValueError:
-        values = []
-    if not values or " ".join(words[len(numbers) :]) != unit:
+    unit = meta["unit"]
+    numbers = _numbers(node, unit)
+    if numbers is None:
         example = f"for example 0.5 {unit}, or 0 0 0.5 {unit} for three of them"
         _fail(node, source, f"{name} = {node.value!r} must be numbers with their unit, {unit}: {example}")
+    return numbers
+
+
+def _numbers(node: _Node, unit: str) -> _Node | None:
+    """One number, or a list, of a text of numbers with this very unit; None of any other."""
+    words = node.value.split() if isinstance(node.value, str) else []
+    count = len(words) - len(unit.split())
+    if count < 1 or " ".join(words[count:]) != unit:
+        return None
+    try:
+        values = [_Node(float(w), node.line) for w in words[:count]]
+    except ValueError:
+        return None
     return values[0] if len(values) == 1 else _Node(values, node.line)
 
 
 def _convert(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:
     if meta.get("quantity") and node.value is not None:
         node, meta = _quantity(node, name, source, meta), {**meta, "quantity": False}
+    elif meta.get("unit") and kind is not str:  # '0.1 kg' where 0.1 is meant to stand
+        node = _numbers(node, meta["unit"]) or node
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         if node.value is None and type(None) in args:

@@ -57,6 +57,10 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
         ("speed: 0.5\nway: 0.1 m", "f.yaml:2: way must be a list"),
         ("speed: 0.5\nway: 0.1 0.2 0.3 m", "f.yaml:2: way has 3 values; it needs 2"),
         ("speed: 0.5\nway: nan 0.2 m", r"f.yaml:2: way\[0\] = nan m must be finite"),
+        ("speed: 500 mm/s", "f.yaml:1: speed = '500 mm/s' must be a number .m/s"),
+        ("speed: 1.5 m/s", "f.yaml:1: speed = 1.5 m/s must be within 0 and 1 m/s"),
+        ("speed: nan m/s", "f.yaml:1: speed = nan m/s must be finite"),
+        ("speed: 0.1 0.2 m/s", "f.yaml:1: speed = .0.1, 0.2. must be a number"),
         ("speed: [1", "f.yaml: not readable as YAML"),
         ("speed: !!python/object/apply:os.system ['true']", r"speed = \['true'\] must be a number"),
     ],
@@ -64,6 +68,12 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
 def test_mistakes_name_line_value_and_bound(text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         load_text(text, Outer, "f.yaml")
+
+
+def test_a_number_may_be_written_with_its_unit() -> None:
+    assert load_text("speed: 0.5 m/s\nmaybe: 2 s\ninner: {gain: 2 1/s}", Outer) == Outer(
+        0.5, maybe=2.0, inner=Inner(2.0)
+    )
 
 
 def test_values_from_code_are_checked_alike() -> None:

@@ -120,10 +120,7 @@ class Estimator:
         p, n = self.parameters, self.parameters.decimate
         offset = {f: self._range_offset[f][::n, ::n] for f in self.fingers}
         series = self._usable(frames, offset, "reference")
-        for finger in self.fingers:
-            mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
-            if mistake:
-                raise EstimatorError(mistake)
+        self._refuse_another(series)
         cameras = {f: camera.decimated(n) for f, camera in self._full_cameras.items()}
         self._reference = Reference.taken(series, cameras, self._X_CX, offset, p)
         for f, picture in self._reference.picture.items():
@@ -137,12 +134,14 @@ class Estimator:
         without that load (`zero`), or the grasp is refused, as `loaded_grasp` says.
 
         Raises:
-            EstimatorError: no reference, no usable images, a finger without contact, or too much load.
+            EstimatorError: no reference, no usable images, images of another or upside down, a finger without contact,
+                or too much load.
         """
         p, reference = self.parameters, self._reference
         if reference is None:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
         series = self._usable(frames, reference.correction, "grasp")
+        self._refuse_another(series)
         self._forget_grasp()
         grasp = Grasp.taken(series, reference, p)
         self.masks, self.patches, self.zero = grasp.masks, grasp.patches, grasp.zero
@@ -166,6 +165,13 @@ class Estimator:
             f: [i.reduced(p.decimate, correction[f]) for i in usable_images(frames, f, camera, p, purpose)]
             for f, camera in self._full_cameras.items()
         }
+
+    def _refuse_another(self, series: Mapping[str, list[TactileImages]]) -> None:
+        """Raises EstimatorError: a finger's images are upside down or the other's, by the dots that are known."""
+        for finger in self.fingers:
+            mistake = identity.mistaken(finger, series[finger][-1].ir, self.patterns)
+            if mistake:
+                raise EstimatorError(mistake)
 
     def _forget_grasp(self) -> None:
         self._tracker, self._patch_method, self._covariance = None, None, self._new_covariance()

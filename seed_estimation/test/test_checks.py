@@ -148,3 +148,18 @@ def test_parameters_out_of_bounds_are_refused_wherever_they_come_from(
         Estimator(wrong, Hand(), bubbles.cameras)
     with pytest.raises(ConfigError, match=name):
         estimator.reconfigure(wrong)
+
+
+def test_arrays_that_are_no_tactile_images_are_refused_with_what_to_give(
+    grasp: tuple[Estimator, TactileRenderer],
+) -> None:
+    estimator, bubbles = grasp
+    good = bubbles.render(np.eye(4), next(stamps))
+    tuples = {f: (i.depth, i.ir) for f, i in good.items()}
+    for wrong, word in ((tuples, "left: its images are a tuple"), (list(good.values()), "one time are a list")):
+        reason = estimator.update(wrong, next(stamps)).reason  # type: ignore[arg-type]
+        assert word in reason
+        assert "TactileImages(depth, brightness, stamp)" in reason
+    for frames in ([tuples], good):  # a frame in place of frames is a mapping of names
+        with pytest.raises(EstimatorError, match=r"give .*TactileImages\(depth, brightness, stamp\)"):
+            estimator.capture_reference(frames)  # type: ignore[arg-type]

@@ -25,3 +25,12 @@ def test_a_reference_of_the_other_finger_is_refused() -> None:
     images = bubbles.no_contact(0.1)
     with pytest.raises(EstimatorError, match="swapped"):
         estimator.capture_reference([{"left": images["right"], "right": images["left"]}])
+
+
+def test_a_grasp_of_fingers_that_were_swapped_after_the_reference_is_refused() -> None:
+    estimator, bubbles = held(TactileParameters(), 20)
+    swapped = {"left": "right", "right": "left"}
+    images = [bubbles.render(np.eye(4), 1.0 + 0.1 * i) for i in range(3)]
+    with pytest.raises(EstimatorError, match="swapped"):
+        estimator.initialize_grasp([{f: i[other] for f, other in swapped.items()} for i in images])
+    estimator.initialize_grasp(images)

@@ -19,6 +19,7 @@ from seed_sim.gripper.gripper import GripperSection
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
+from seed_sim.plant.tools import BLADE
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
 
@@ -146,6 +147,7 @@ class Scenario:
     description: str = field("", doc="one sentence")
     hand: Hand = field(Hand(), doc="frames of the hand")
     tool_kind: str = field("squeegee", choices=TOOLS, doc="shape of the tool")
+    blade_width: float = field(BLADE, unit="m", low=0.01, high=0.5, doc="of a squeegee's blade")
     tool: Tool = field(Tool(), doc="frames and weight of the tool, also what the controller believes")
     true_mass: float | None = field(None, unit="kg", low=0.0, high=20.0, doc="of the plant's tool; default as believed")
     grasp: GraspSection = field(GraspSection(), doc="the compliant element")

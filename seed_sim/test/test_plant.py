@@ -152,6 +152,15 @@ def test_impossible_grip_is_refused_and_changes_nothing():
     assert plant.stiffness == STILL.grasp.stiffness
 
 
+@pytest.mark.parametrize(("width", "touches"), [(0.2, True), (0.04, False)])
+def test_a_leaning_blade_touches_with_its_edge_as_wide_as_it_is(width, touches):
+    """Leaning by 5 degrees, its edge is 8.7 mm below its middle, or 1.7 mm; the middle is 5 mm above the table."""
+    scenario = replace(STILL, blade_width=width)
+    plant = Plant(scenario, 0, WORK, flange(scenario, 0.005, (np.pi + np.deg2rad(5.0), 0.0, 0.0)))
+    plant.advance(0.3)
+    assert (np.linalg.norm(plant.contact_wrench.force) > 0.1) == touches
+
+
 def test_light_tool_is_cut_into_substeps_and_stays_finite():
     pen = replace(
         STILL,

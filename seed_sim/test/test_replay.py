@@ -91,6 +91,13 @@ def test_the_drawn_tool_touches_where_the_simulated_one_does(kind: str) -> None:
     assert np.ptp(near[:, :2], axis=0).max() == pytest.approx(max(np.ptp(lowest[:, :2], axis=0).max(), 2e-3), abs=3e-3)
 
 
+def test_the_blade_is_drawn_as_wide_as_it_is_simulated() -> None:
+    (blade,) = (p for p in tool_parts(Tool(), "squeegee", blade_width=0.05) if p.name == "blade")
+    assert np.ptp(blade.mesh.vertices[:, 1]) == pytest.approx(np.ptp(shape_of("squeegee", Tool(), 0.05).points[:, 1]))
+    wide, narrow = (replay_page(moments(2), Hand(), Tool(), "squeegee", np.eye(4), blade_width=w) for w in (0.2, 0.05))
+    assert wide != narrow
+
+
 def test_a_still_picture_shows_a_body_where_the_camera_projects_it() -> None:
     camera = Camera((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5, (80, 60))
     pixels = picture([Body(box((0.1, 0.1, 0.1), (0.0, 0.1, 0.1)), (200, 30, 30))], camera)

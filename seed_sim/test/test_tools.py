@@ -31,6 +31,18 @@ def test_every_tool_touches_with_its_tip_first(kind):
     assert_allclose(shape_of(kind, tool).points[:, 2].max(), 0.1)
 
 
+@pytest.mark.parametrize("width", [0.01, 0.05, 0.5])
+def test_a_blade_touches_over_its_width_and_turns_as_a_body_does(width: float) -> None:
+    shape = shape_of("squeegee", Tool(), width)
+    assert_allclose(np.ptp(shape.points[:, 1]), width)
+    x, y, z = shape.gyration**2
+    assert x < y + z
+    assert y < x + z
+    rod = 0.8 * (width**2 - 0.2**2) / 12.0  # a rod of width w: m w^2 / 12
+    assert_allclose(x - 0.062**2, rod)
+    assert_allclose(z - 0.058**2, rod)
+
+
 def test_moment_of_inertia_follows_steiner():
     at_T, away = inertia("squeegee", (0.0, 0.0, 0.0)), inertia("squeegee", (0.0, 0.03, 0.04))
     assert_allclose(away.about_T[0, 0] - at_T.about_T[0, 0], 0.2 * 0.05**2)

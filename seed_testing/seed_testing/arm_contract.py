@@ -19,6 +19,7 @@ from seed_core.program.command_line import Parser, command
 from seed_testing.contract_clauses import CLAUSES, Clause, Limits
 from seed_testing.peer import Peer
 
+FIRST = 20.0  # [s] that its first pose may take
 STARTING = 5.0  # [s] that an arm may take to be ready
 OWN_PAUSE = 0.05  # [s] a pause of this program longer than this makes a broken clause doubtful
 ATTEMPTS = 4  # at a doubtful clause
@@ -59,10 +60,17 @@ def enable(peer: Peer, limits: Limits) -> None:
             raise SeedError(f"{limits.enable} refuses: {answer.message}")
 
 
-def run(arm: str, limits: Limits, clauses: Sequence[Clause] = (), base: str = "base") -> list[Verdict]:
+def run(
+    arm: str,
+    limits: Limits,
+    clauses: Sequence[Clause] = (),
+    base: str = "base",
+    current_pose: str = "current_pose",
+    target_frame: str = "target_frame",
+) -> list[Verdict]:
     """Join the graph and check the arm whose node is called `arm`, in all clauses when none is named."""
-    with Peer(driver=arm, base=base) as peer:
-        peer.wait(lambda: bool(peer.poses), 20.0, "a first current_pose")
+    with Peer(driver=arm, base=base, current_pose=current_pose, target_frame=target_frame) as peer:
+        peer.wait(lambda: bool(peer.poses), FIRST, f"a first pose on {peer.pose_topic} (--current-pose names another)")
         ready, deadline = False, time.monotonic() + STARTING
         while not ready and time.monotonic() < deadline:  # whether it ever is, the clauses say
             with suppress(SeedError):
@@ -79,10 +87,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--arm", default="driver", help="name of the arm's node (default %(default)s)")
     parser.add_argument("--base", default="base", help="name of the base frame (default %(default)s)")
     parser.add_argument("--enable", default=default.enable, help="its service that resumes motion; '' when it has none")
+    parser.add_argument("--current-pose", metavar="TOPIC", default="current_pose", help="that the arm's pose comes on")
+    parser.add_argument("--target-frame", metavar="TOPIC", default="target_frame", help="that takes the targets")
     parser.add_argument("--pose-rate", type=float, default=default.pose_rate, help="[Hz] (default %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     given = parser.parse_args(argv)
-    verdicts = run(given.arm, default._replace(enable=given.enable, pose_rate=given.pose_rate), base=given.base)
+    limits = default._replace(enable=given.enable, pose_rate=given.pose_rate)
+    verdicts = run(given.arm, limits, (), given.base, given.current_pose, given.target_frame)
     if given.json:
         print(json.dumps({"arm": given.arm, "clauses": [v._asdict() for v in verdicts]}))
     else:

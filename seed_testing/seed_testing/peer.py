@@ -26,7 +26,14 @@ Path = Callable[[float], Pose]  # a pose for each time [s]
 class Peer:
     """The other side of an arm's topics; `driver` is the arm node's name."""
 
-    def __init__(self, driver: str = "driver", base: str = "base", rate: float = 250.0) -> None:
+    def __init__(
+        self,
+        driver: str = "driver",
+        base: str = "base",
+        rate: float = 250.0,
+        current_pose: str = "current_pose",
+        target_frame: str = "target_frame",
+    ) -> None:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = Node("peer", context=self.context)
@@ -35,8 +42,8 @@ class Peer:
         self.driver, self.base, self.period = driver, base, 1.0 / rate
         self.poses: deque[tuple[float, PoseStamped]] = deque(maxlen=20_000)  # time of arrival, message
         self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
-        self.node.create_subscription(PoseStamped, "current_pose", self._on_pose, 10)
-        self.targets = self.node.create_publisher(PoseStamped, "target_frame", COMMAND)
+        self.pose_topic = self.node.create_subscription(PoseStamped, current_pose, self._on_pose, 10).topic_name
+        self.targets = self.node.create_publisher(PoseStamped, target_frame, COMMAND)
 
     def __enter__(self) -> Peer:
         return self
@@ -68,7 +75,7 @@ class Peer:
     def pose(self) -> Pose:
         """The newest pose of the flange, position [m] and quaternion."""
         if not self.poses:
-            raise FailedError("no current_pose was received: is the arm running, and in this namespace and domain?")
+            raise FailedError(f"nothing came on {self.pose_topic}: is the arm running, and in this domain?")
         p, q = self.poses[-1][1].pose.position, self.poses[-1][1].pose.orientation
         return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 

@@ -2,10 +2,12 @@
 """Our driver keeps the contract of an arm, and the check can tell an arm that does not."""
 
 import math
+import re
 import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -19,12 +21,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from seed_bringup.launching.launcher import Launch
 from seed_core.config import ConfigError
+from seed_core.errors import FailedError
 from seed_driver.ros.target_guard import GuardNode
 from seed_testing import arm_contract, contract_clauses
 from seed_testing.contract_clauses import Limits
 from seed_ur.standin_client import StandIn
 
+ROOT = Path(__file__).resolve().parents[2]
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a minute of motion
 PATIENT = Limits(pose_rate=50.0, pose_age=0.2, stop_within=0.9)  # a test machine may be loaded
 
@@ -121,3 +126,37 @@ def test_the_guard_makes_it_keep_the_contract() -> None:
         guard.wait(10.0)
     assert [v for v in verdicts if not v.kept] == []
     assert len(verdicts) == 10
+
+
+@pytest.mark.neighbourly
+@pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
+def test_the_arm_of_the_tutorial_keeps_the_contract_behind_the_guard(tmp_path: Path) -> None:
+    """As the page has it: its arm, a copy of its launch file with the limits that it begins with, its topics."""
+    page = (ROOT / "docs/tutorials/own_arm.md").read_text()
+    (code,) = re.findall(r'^```python title="my_arm.py"\n(.*?)^```', page, re.MULTILINE | re.DOTALL)
+    limits = "\n".join(re.findall(r"^ +(<param name=.*/>)$", page, re.MULTILINE))
+    launch, arm = tmp_path / "mine_launch.xml", tmp_path / "my_arm.py"
+    base = '<param name="base_frame" value="$(var base)" type="str"/>'
+    given = (ROOT / "seed_bringup/launch/own_arm_launch.xml").read_text()
+    assert base in given
+    assert limits.count("<param") == 3
+    launch.write_text(given.replace(base, base + limits))
+    arm.write_text(code)
+    said: list[str] = []
+    topics = {"base": "fr3_link0", "arm_target": "/fr3/target", "arm_pose": "/fr3/pose"}
+    node = subprocess.Popen([sys.executable, str(arm)])
+    try:
+        with Launch(launch, topics, output=lambda label, line: said.append(f"[{label}] {line}")):
+            slow = PATIENT._replace(speed=0.05)
+            verdicts = arm_contract.run("guard", slow, base="fr3_link0", current_pose="/fr3/pose")
+    finally:
+        node.terminate()
+        node.wait(10.0)
+    assert [v for v in verdicts if not v.kept] == [], said
+    assert len(verdicts) == 10
+
+
+def test_a_topic_on_which_nothing_comes_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arm_contract, "FIRST", 0.2)
+    with pytest.raises(FailedError, match=r"a first pose on /fr3/pose .--current-pose names another.: not within"):
+        arm_contract.run("guard", PATIENT, current_pose="/fr3/pose")

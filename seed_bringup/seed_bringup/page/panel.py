@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is beside the 3-D view: Stop, state, buttons and answers; plots and tactile pictures on the other side."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -9,11 +9,12 @@ import viser
 
 from seed_bringup.page import style, words
 from seed_bringup.page.plots import Plots
-from seed_bringup.page.scene import Scene
+from seed_bringup.page.scene import VIEWS, Scene
 from seed_bringup.page.state import CellState, History
 
 LINES = 4  # of answers
 OWN_FORCE = 0.0  # [N] entered for the task's own
+FORCE_HINT = "0: the force that the task asks for. Any other: the size of every force in it."
 NO_PICTURE = np.full((96, 288, 3), 245, np.uint8)
 
 
@@ -29,9 +30,12 @@ class Hands(Protocol):
     """What the buttons do; every method returns at once, and what comes of it stands in `said`."""
 
     tasks: Sequence[str]
+    tools: Mapping[str, str]  # that each task is made for
     playing: Playing
     said: Sequence[tuple[bool, str]]  # whether it was done, and the words; the newest first
 
+    @property
+    def begun(self) -> str: ...  # task that the cell was launched with; '' where nobody says
     @property
     def simulated(self) -> bool: ...  # whether the gripper is simulated, and can let go
     def stop(self) -> Any: ...
@@ -61,7 +65,11 @@ class Panel:
             self._picture = server.gui.add_image(NO_PICTURE, format="jpeg", jpeg_quality=80)
             self._picture_note = server.gui.add_html("")
             self._table = server.gui.add_html("")
-            with server.gui.add_folder("View", expand_by_default=False):
+            with server.gui.add_folder("View"):
+                views = server.gui.add_button_group("Look", tuple(VIEWS), hint="Key A: from above")
+                views.on_click(lambda event: scene.look(views.value, event.client))
+                above = server.gui.add_command("Look from above", hotkey="A", description="At tool and table")
+                above.on_trigger(lambda event: scene.look("Above", event.client))
                 follow = server.gui.add_checkbox("Follow the tool", scene.follow)
                 named = server.gui.add_checkbox("Show frames", scene.named)
             follow.on_update(lambda _: setattr(scene, "follow", follow.value))
@@ -93,8 +101,11 @@ class Panel:
                 button = self._buttons[name] = gui.add_button(name, hint=hint, color="gray")
                 button.on_click(lambda _, name=name: hands.press(name))  # type: ignore[misc]
         with gui.add_folder("Task"):
-            self._task = gui.add_dropdown("Task", tuple(hands.tasks), hint="Shipped tasks")
-            self._force = gui.add_number("Force [N]", OWN_FORCE, min=0.0, max=50.0, step=0.5, hint="0: the task's own")
+            self._offered = words.offer(hands.tasks, hands.tools, "")
+            self._task = gui.add_dropdown("Task", self._offered.tasks, hint="Tasks for the tool in the hand")
+            self._note = gui.add_html("")
+            self._force = gui.add_number("Force [N]", OWN_FORCE, min=0.0, max=50.0, step=0.5, hint=FORCE_HINT)
+            gui.add_html(style.note(FORCE_HINT))
             self._play = gui.add_button("Play task", icon=viser.Icon.PLAYER_PLAY)
             self._play.on_click(lambda _: hands.play(self._task.value, self._force.value or None))
             self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -109,9 +120,20 @@ class Panel:
         _put(self._status, style.status(words.headline(state, live=self._hands is not None)))
         if self._hands is not None:
             self._show_hands(self._hands, words.next_button(state))
+            held = state.tool.name if state.tool else ""
+            self._offer(words.offer(self._hands.tasks, self._hands.tools, held, self._hands.begun))
         if numbers:
             self._show_numbers(state, viewers)
         self._show_picture(state)
+
+    def _offer(self, offered: words.Offer) -> None:
+        """Of the tasks those that fit the tool, as soon as it is known, and whenever it is another."""
+        if offered == self._offered:
+            return
+        self._offered = offered
+        self._task.options = offered.tasks
+        set_value(self._task, offered.tasks[0])
+        _put(self._note, style.note(offered.note) if offered.note else "")
 
     def _show_numbers(self, state: CellState, viewers: int) -> None:
         self._plots.show(state.now)
@@ -149,7 +171,7 @@ class Panel:
         self._picture.image = state.picture
 
 
-def set_value(handle: Any, value: float) -> None:
+def set_value(handle: Any, value: float | str) -> None:
     """Set an element's value, if it is another one."""
     if handle.value != value:
         handle.value = value
@@ -162,7 +184,7 @@ def _put(handle: viser.GuiHtmlHandle, content: str) -> None:
 
 def _rows(state: CellState, viewers: int) -> list[tuple[str, str]]:
     control, factor = state.control, state.real_time_factor
-    rows = [("slip", words.slip_words(state).word)]
+    rows = [("tool", words.slip_words(state).word)]
     if control is not None:
         for name, unit, k, digits in (("force", "N", 0, 1), ("torque", "N m", 3, 2)):
             three = ", ".join(f"{v:.{digits}f}" for v in control.measured[k : k + 3])

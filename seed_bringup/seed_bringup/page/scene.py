@@ -37,7 +37,13 @@ SKY, GROUND = (255, 255, 255), (176, 184, 198)  # light from above and below
 LAMP = (1.0, -2.0, 3.0)  # where the other light comes from: from behind the one who looks, over the right shoulder
 BOX = 12  # vertices: a mesh with no more has edges to be seen
 NAMED = ("base", "tool0", "compliance", "tool", "tip")
-VIEW_FROM = (0.42, -0.62, 0.2)  # [m] from the middle between grasp and tip
+# From where a page looks, and at what: [m] from the middle between grasp and tip; the first is how it begins.
+VIEWS = {
+    "Arm": ((0.85, -1.25, 0.6), (-0.2, 0.0, 0.2)),
+    "Tool": ((0.42, -0.62, 0.2), (0.0, 0.0, 0.0)),
+    "Above": ((0.0, -0.01, 0.9), (0.0, 0.0, 0.0)),  # a little aside, for what is up in the picture
+}
+FIRST = next(iter(VIEWS))
 FIELD = math.radians(45.0)  # of view
 FREE = 0.06  # [m] that the tip moves along the floor before the view follows
 
@@ -184,15 +190,27 @@ class Scene:
         known, self._at = self._at is not None, at if self._at is None else self._at + move
         if not known or move.any():
             first = self._server.initial_camera
-            first.position, first.look_at, first.fov = tuple(self._at + VIEW_FROM), tuple(self._at), FIELD
+            place, middle = (tuple(self._at + offset) for offset in VIEWS[FIRST])
+            first.position, first.look_at, first.fov = place, middle, FIELD
         self._turn_cameras(self._at, move)
+
+    def look(self, view: str, client: viser.ClientHandle | None) -> None:
+        """Turn one page's camera, or every page's, to one of VIEWS."""
+        if self._at is None:
+            return
+        for one in self._server.get_clients().values() if client is None else (client,):
+            self._turn(one.camera, self._at, view)
+
+    def _turn(self, camera: viser.CameraHandle, at: Array, view: str) -> None:
+        place, middle = (at + offset for offset in VIEWS[view])
+        camera.position, camera.look_at, camera.fov = place, middle, FIELD
 
     def _turn_cameras(self, at: Array, move: Array) -> None:
         """To (3,) [m] on pages that have just come; on the others by `move` (3,) [m]."""
         told = {i: c.camera for i, c in self._server.get_clients().items() if c.camera.update_timestamp > 0.0}
         for i, camera in told.items():
             if i not in self._framed:  # it may have looked at it already, or from far away, as viser begins
-                camera.position, camera.look_at, camera.fov = at + VIEW_FROM, at, FIELD
+                self._turn(camera, at, FIRST)
             elif move.any():
                 camera.position = camera.position + move  # what it looks at moves with it
         self._framed = set(told)

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cell's state, and what to do about a hold, in words."""
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from seed_bringup.page.state import CellState
 
 SILENT = 2.0  # [s] without a message, after which the cell counts as gone
 SLIPS, NEAR = 0.3, 0.15  # share of the tool's motion that the membrane does not follow: slips; near it
+
+
+FILES = (".yaml", ".yml")
 
 
 class Headline(NamedTuple):
@@ -128,7 +132,33 @@ def slip_words(state: CellState) -> Headline:
         return Headline("bad", "has slid: grasp again")
     if not grasp.valid:
         return Headline("idle", "no pose of the tool")
-    margin = max(1.0 - grasp.slip / SLIPS, 0.0)
+    share = f"slip {100.0 * grasp.slip:.0f} %"
     if grasp.slip >= SLIPS:
-        return Headline("bad", f"slips: {100.0 * grasp.slip:.0f} % of its motion")
-    return Headline("warn" if grasp.slip >= NEAR else "good", f"{100.0 * margin:.0f} % left before it slips")
+        return Headline("bad", f"slides in the fingers ({share})")
+    if grasp.slip >= NEAR:
+        return Headline("warn", f"begins to slide ({share}, slides from {100.0 * SLIPS:.0f} %)")
+    return Headline("good", f"held firmly ({share})")
+
+
+class Offer(NamedTuple):
+    """`tasks`: those that can be played, the likeliest first; `note`: why others are not offered, or ''."""
+
+    tasks: tuple[str, ...]
+    note: str = ""
+
+
+def offer(tasks: Sequence[str], tools: Mapping[str, str], held: str, begun: str = "") -> Offer:
+    """What to offer with the tool `held` in the hand ('': not known), in a cell that was begun with the task `begun`.
+
+    Args:
+        tasks: names of shipped ones, paths of own ones. tools: name of the one that each is made for; '': for any.
+    """
+    if begun.endswith(FILES) and begun not in tasks:
+        tasks = (begun, *tasks)
+    fits = [t for t in tasks if not held or tools.get(t, "") in ("", held)]
+    if not fits:
+        return Offer(tuple(tasks), f"No task here is for the tool in the hand, '{held}': it would be refused.")
+    fits.sort(key=lambda t: (t != begun, not t.endswith(FILES), t != held))  # then own files, then the tool's own
+    others = sorted({tools[t] for t in tasks if t not in fits})
+    note = f"The hand holds '{held}'. Not offered: tasks for {', '.join(others)}." if others else ""
+    return Offer(tuple(fits), note)

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion, surface
+from seed_bringup.pictures import concepts, drawing, gallery, gel, grip, insertion, surface, tutorial
 from seed_core.program.command_line import Parser
 
 PICTURES = {
@@ -21,6 +21,8 @@ PICTURES = {
     "deforms": gallery.deforms,
     "gel": gel.gel_images,
     "answers_slip": grip.answers_slip,
+    "first_wipe": tutorial.first_wipe,
+    "triangle": tutorial.triangle,
 }
 
 

@@ -189,7 +189,7 @@ class GraspCheck:
         why = f"the grasp was taken while the tool hung ({self.weight:.1f} N)" if hung else "the grasp was loaded then"
         self._loaded = (
             f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "
-            "stiffness are wrong; initialize the grasp free of load"
+            "stiffness are wrong; initialize the grasp free of load, or weigh the tool"
         )
 
 

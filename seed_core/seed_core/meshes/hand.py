@@ -8,7 +8,7 @@ from seed_core.meshes.bubbles import HEIGHT, RADIUS, RIM, RIM_X, RIM_Z, SIDES
 from seed_core.meshes.shapes import SECTORS, Mesh, Part, box, capsule, cylinder, joined, loft, sphere, turned
 from seed_core.spatial import Array, make_pose
 
-BLADE = 0.2  # [m] length of a squeegee's blade, along y of its tip
+BLADE = 0.2  # [m] width of a squeegee's blade, along y of its tip
 BALL = 0.008  # [m] radius of a rounded tip
 STEEL, DARK, BLUE = (168, 176, 188), (96, 104, 118), (31, 111, 235)
 RUBBER, PAPER = (52, 56, 64), (238, 240, 244)
@@ -67,13 +67,16 @@ def _rounded(size: tuple[float, float, float], centre: tuple[float, float, float
     return Mesh(mesh.vertices + np.array(centre), mesh.faces)
 
 
-def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS) -> list[Part]:
+def tool_parts(
+    tool: Tool | None = None, kind: str = "", radius: float = RADIUS, blade_width: float = BLADE
+) -> list[Part]:
     """The tool in T, by its kind; for an unknown one a rod to its tip.
 
     Args:
         tool: where its tip is; the default tool if left out.
         kind: 'squeegee', 'pen', 'torque_driver', 'peg', 'ball', 'round_peg', 'plug'; its name says it if left out.
         radius: [m] of the handle between the bubbles.
+        blade_width: [m] of a squeegee's blade.
     """
     held = tool or Tool()
     name, X = kind or held.name, held.X_Ttip
@@ -85,8 +88,8 @@ def tool_parts(tool: Tool | None = None, kind: str = "", radius: float = RADIUS)
     shaft = Part("shaft", "T", cylinder(0.5 * radius, 0.03 * along, mid), STEEL)
     match name:
         case "squeegee":
-            bar = _rounded((0.016, BLADE + 0.006, 0.018), (0.0, 0.0, -0.027)).moved(X)
-            blade = box((0.004, BLADE, 0.024), (0.0, 0.0, -0.012)).moved(X)
+            bar = _rounded((0.016, blade_width + 0.006, 0.018), (0.0, 0.0, -0.027)).moved(X)
+            blade = box((0.004, blade_width, 0.024), (0.0, 0.0, -0.012)).moved(X)
             shaft = Part("shaft", "T", cylinder(0.6 * radius, 0.03 * along, tip - 0.025 * X[:3, 2]), STEEL)
             return [handle, shaft, Part("bar", "T", bar, STEEL), Part("blade", "T", blade, RUBBER)]
         case "pen" | "marker":

@@ -17,6 +17,8 @@ _UNITS = (
     ("tenths of a millimetre", 1e4),
 )  # of depth; how many a metre has
 Frame = Mapping[str, TactileImages]  # images of one time by finger
+IMAGES = "TactileImages(depth, brightness, stamp)"
+FRAME = f"give {{'left': {IMAGES}, 'right': ...}}"
 SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
 
 
@@ -26,15 +28,23 @@ class EstimatorError(SeedError):
 
 def frame_problem(frame: Frame, cameras: Mapping[str, PinholeCamera], p: EstimatorParameters) -> str:
     """Why the images of one time cannot be used, or ''; cameras: of the full images, by finger."""
+    if not isinstance(frame, Mapping):
+        return _no_frame(frame)
     missing = [f for f in cameras if f not in frame]
     if missing:
         return f"no image of the {' and '.join(missing)} finger: is the camera running?"
     problem = next(filter(None, (image_problem(f, frame[f], cameras[f].shape, p) for f in cameras)), "")
+    if problem:
+        return problem
     stamps = [frame[f].stamp for f in cameras]
     skew = max(stamps) - min(stamps)
-    if not problem and not skew <= p.max_skew:
+    if not skew <= p.max_skew:
         return f"images of left and right are {skew:.3f} s apart (at most {p.max_skew:g} s)"
-    return problem
+    return ""
+
+
+def _no_frame(frame: object) -> str:
+    return f"the images of one time are a {type(frame).__name__}: {FRAME}"
 
 
 def usable_images(
@@ -48,7 +58,9 @@ def usable_images(
     good, problem = [], "no images"
     for frame in frames:
         problem = f"no image of the {finger} finger"
-        if finger in frame:
+        if not isinstance(frame, Mapping):
+            problem = _no_frame(frame)
+        elif finger in frame:
             problem = image_problem(finger, frame[finger], camera.shape, p)
             good += [] if problem else [frame[finger]]
     if not good:
@@ -58,6 +70,8 @@ def usable_images(
 
 def image_problem(finger: str, images: TactileImages, shape: tuple[int, int], p: EstimatorParameters) -> str:
     """Why one finger's images cannot be used, or ''; shape: (H, W) of its camera."""
+    if not isinstance(images, TactileImages):
+        return f"{finger}: its images are a {type(images).__name__}: give {IMAGES}"
     for image in (images.depth, images.ir):
         if not isinstance(image, np.ndarray) or image.dtype.kind not in "fui":
             return f"{finger}: an image is no array of numbers"

@@ -65,7 +65,7 @@ class Plant:
             raise FailedError("the simulated cell needs Drake: pip install drake==1.51.1") from error
         self.scenario, self.welded = scenario, welded
         self.hand, self.tool = scenario.hand, scenario.tool
-        shape = shape_of(scenario.tool_kind, scenario.tool)
+        shape = shape_of(scenario.tool_kind, scenario.tool, scenario.blade_width)
         rng = np.random.default_rng([seed, 1])
         self.surface = draw_surface(scenario.table, X_W_work, rng, shape.touching, seed)
         self.hole = None  # what the tool is put into, if the scenario has one

@@ -2,13 +2,15 @@
 """Shapes and inertia of the simulated tools, all in the tool's frame T."""
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
 from seed_core.hand import Tool
 from seed_core.spatial import Array, skew
 
-BLADE = 0.2  # [m] length of the squeegee's blade, along y_C
+BLADE = 0.2  # [m] width of the squeegee's blade, along y_C
+BLADE_SHARE = 0.8  # of the squeegee's mass that lies along the blade
 POINTS = 5  # contact points of the blade
 POINT_RADIUS = 1e-3  # [m] of a contact sphere; its lowest point is the contact point
 BALL_RADIUS = 8e-3  # [m] of the ball's tip
@@ -37,14 +39,15 @@ class ToolShape:
         return int(np.isclose(self.points[:, 2], self.points[:, 2].max()).sum())
 
 
-def shape_of(kind: str, tool: Tool) -> ToolShape:
-    """Shape of a tool of the given kind whose tip frame is tool.T_tip."""
+def shape_of(kind: str, tool: Tool, blade: float = BLADE) -> ToolShape:
+    """Shape of a tool of the given kind whose tip frame is tool.T_tip; blade: [m] width of a squeegee's."""
     x, y, z = tool.T_tip.position
-    along_blade = [(0.0, s * BLADE, 0.0) for s in np.linspace(-0.5, 0.5, POINTS)]
+    along_blade = [(0.0, s * blade, 0.0) for s in np.linspace(-0.5, 0.5, POINTS)]
+    wider = BLADE_SHARE * (blade**2 - BLADE**2) / 12.0
     sides = (-PEG_HALF, PEG_HALF)
     peg_ends = [(a, b, -c) for c in (0.0, PEG_GUIDE) for a in sides for b in sides]
     points, gyration = {
-        "squeegee": (along_blade, (0.062, 0.035, 0.058)),
+        "squeegee": (along_blade, (sqrt(0.062**2 + wider), 0.035, sqrt(0.058**2 + wider))),
         "pen": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.004)),
         "torque_driver": ([(BIT_REACH, 0.0, 0.0), (-BIT_REACH, 0.0, 0.0)], (0.04, 0.04, 0.012)),
         "peg": (peg_ends, (0.04, 0.04, 0.01)),

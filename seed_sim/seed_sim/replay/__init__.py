@@ -29,4 +29,5 @@ def replay_of(plant: Plant, film: Film, model: str = "ur5e") -> str:
         model=model,
         triangles=triangles,
         table=table_mesh(plant.surface),
+        blade_width=scenario.blade_width,
     )

@@ -20,6 +20,7 @@ from seed_core.meshes import (
     WOOD,
     Bubble,
     Mesh,
+    Part,
     SheetBubble,
     arrow,
     hand_parts,
@@ -27,7 +28,7 @@ from seed_core.meshes import (
     tube,
     turning_arrow,
 )
-from seed_core.meshes.hand import STEEL
+from seed_core.meshes.hand import BLADE, STEEL
 from seed_core.meshes.shapes import Colour
 from seed_core.spatial import Array, quaternion_from_rotation
 from seed_sim.plant.arm import ELBOW_UP
@@ -54,6 +55,7 @@ def replay_page(
     model: str = "ur5e",
     triangles: Mapping[str, Array] | None = None,
     table: Mesh | None = None,
+    blade_width: float = BLADE,
 ) -> str:
     """The page.
 
@@ -64,6 +66,7 @@ def replay_page(
         model: of the arm; where a moment has no joint angles, those that reach its pose.
         triangles: of the membranes by finger, where the moments have nodes.
         table: in the frame S; a flat one if left out.
+        blade_width: [m] of a squeegee's blade.
 
     Raises:
         SeedError: there is no moment, or viser is not installed.
@@ -71,7 +74,8 @@ def replay_page(
     if not moments:
         raise FailedError("there is nothing to show yet: no moment was kept")
     with _silent_server() as server:
-        scene = _Stage(server, hand, tool, kind, X_WS, model, triangles or {}, table or table_mesh())
+        held = tool_parts(tool, kind, blade_width=blade_width)
+        scene = _Stage(server, hand, tool, held, X_WS, model, triangles or {}, table or table_mesh())
         for i, mesh in enumerate(fixtures(kind, tool)):
             scene.add(f"/fixture/{i}", mesh.moved(X_WS), STEEL)
         scene.draw_path(moments)
@@ -109,7 +113,7 @@ class _Stage:
         server: Any,
         hand: Hand,
         tool: Tool,
-        kind: str,
+        held: Sequence[Part],
         X_WS: Array,
         model: str,
         triangles: Mapping[str, Array],
@@ -120,7 +124,7 @@ class _Stage:
         self._q: tuple[float, ...] = tuple(ELBOW_UP)
         self._light(server, X_WS, table.moved(X_WS))
         self._frames = {f: self._frame(f"/{f}") for f in ("C", "T", *map(str, range(7)))}
-        for part in (*hand_parts(hand), *tool_parts(tool, kind), *arm_parts(model)):
+        for part in (*hand_parts(hand), *held, *arm_parts(model)):
             self.add(f"/{part.frame}/{part.name.replace(' ', '_')}", part.mesh, part.colour)
         self._dome = {f: Bubble(f, rings=_RINGS, sectors=_SECTORS) for f in FINGERS}
         self._sheets = {f: SheetBubble(t, turn=f == "right") for f, t in triangles.items()}

@@ -10,7 +10,7 @@ ended: the arm, or the controller, may have done the older request after the new
 import threading
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent import futures
 from typing import Any
 
@@ -54,8 +54,15 @@ Said = futures.Future[tuple[bool, str]]  # what came of a button: whether it was
 class CellHands:
     """See Hands of panel.py. `saw` is called with every picture while a page is open."""
 
-    def __init__(self, context: Context, tasks: Sequence[str], namespace: str = "", name: str = "page_hands") -> None:
-        self.tasks = tasks
+    def __init__(
+        self,
+        context: Context,
+        tasks: Sequence[str],
+        namespace: str = "",
+        name: str = "page_hands",
+        tools: Mapping[str, str] | None = None,
+    ) -> None:
+        self.tasks, self.tools = tasks, tools or {}
         self.playing = Playing()
         self.said: Sequence[tuple[bool, str]] = ()
         self._lines: deque[tuple[bool, str]] = deque(maxlen=KEPT)
@@ -105,6 +112,11 @@ class CellHands:
     def tool(self) -> Tool | None:
         """As the controller knows it."""
         return self._held.tool
+
+    @property
+    def begun(self) -> str:
+        """As the simulation knows it."""
+        return self._held.task
 
     @property
     def arm(self) -> str:

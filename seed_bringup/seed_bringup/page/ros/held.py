@@ -23,14 +23,16 @@ class Held:
     Attributes:
         tool: the last that the controller has named, or None.
         arm: model and address of the last that the driver has named, or nothing.
+        task: that the simulated cell was launched with, or nothing.
     """
 
     def __init__(self, node: Node) -> None:
         self.tool: Tool | None = None
-        self.arm = ""
+        self.arm = self.task = ""
         self._questions = (
             _Question(node, "controller", TOOL, self._on_tool),
             _Question(node, "driver", ARM, self._on_arm),
+            _Question(node, "sim", ("task",), self._on_task),
         )
         node.create_timer(LOOK, self._ask)
 
@@ -42,6 +44,9 @@ class Held:
         x, y, z = position.double_array_value
         roll, pitch, yaw = turned.double_array_value
         self.tool = Tool(name.string_value, Frame((x, y, z), (roll, pitch, yaw)))
+
+    def _on_task(self, task: Any) -> None:
+        self.task = task.string_value
 
     def _on_arm(self, model: Any, address: Any) -> None:
         name, at = model.string_value, address.string_value

@@ -20,8 +20,9 @@ from seed_bringup.page.ros.read import PICTURES, TOPICS, fixed_frames, read_stat
 from seed_bringup.page.scene import Scene
 from seed_bringup.page.server import PORT, PageServer
 from seed_bringup.page.state import CellState, History
-from seed_control.tasks import shipped_tasks
+from seed_control.tasks import load_task, shipped_tasks
 from seed_core.config import field
+from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_ros import FixedRateLoop, SeedNode, diagnostics
 from seed_ros.node import run
@@ -58,8 +59,9 @@ class PageNode(SeedNode):
         for topic in TOPICS.keys() - PICTURES:
             self._listen(topic)
         self._pictures: list[Subscription] = []
-        tasks = (*(t for t in settings.tasks if t), *shipped_tasks())
-        self.hands = CellHands(self.context, tasks, self.get_namespace(), f"{name}_hands")
+        own = tuple(t for t in settings.tasks if t)
+        tools = {t: _tool_of(t) for t in (*own, *shipped_tasks())}
+        self.hands = CellHands(self.context, tuple(tools), self.get_namespace(), f"{name}_hands", tools)
         self.server = PageServer(settings.port)
         self.scene = Scene(self.server, settings.model)
         self.panel = Panel(self.server, self.history, self.scene, self.hands)
@@ -111,6 +113,14 @@ class PageNode(SeedNode):
             self.hands.close()
             self.server.stop()
         super().destroy_node()
+
+
+def _tool_of(task: str) -> str:
+    """That it is made for; '' of a task that cannot be read: playing it says why."""
+    try:
+        return load_task(task).tool
+    except SeedError:
+        return ""
 
 
 def serve(namespace: str, port: int, model: str, tasks: Sequence[str]) -> int:
