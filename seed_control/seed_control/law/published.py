@@ -73,7 +73,7 @@ class PublishedLaw:
         self.measured: Measurement | None = None
         self.tool = ToolFilter(parameters, self.p_Ttip, self.smoothed)
         self.contact = ContactDetector(parameters)
-        self.reference = TipReference()
+        self.reference = self._at_rest()
         self.X_W_tip: Array | None = None
         self.lean: float | None = None
         self.estimated_task: Wrench | None = None
@@ -93,9 +93,13 @@ class PublishedLaw:
         if not going_on:
             self.reference.undeflected = as_vector3(np.array(p_WC) + self.tool.R_WT @ self.p_Ttip)
             self.contact.reset()
+            self.reference.forget()
         self.reference.lead(setpoint.X_W_tip, setpoint.velocity)
         self._solve(setpoint, R_W_task, P, normals)
+        references = self.reference.references
         self._follow(setpoint)
+        if going_on:
+            self.reference.change(references)
         self._describe()
 
     def move(self, setpoint: HybridSetpoint) -> None:
@@ -105,9 +109,13 @@ class PublishedLaw:
 
     def release(self) -> None:
         """Follow nothing until the next `adopt`: all that a set-point has brought goes with it."""
-        self.setpoint, self.plan, self.reference = None, Plan(), TipReference()
+        self.setpoint, self.plan, self.reference = None, Plan(), self._at_rest()
         self.contact.reset()
         self._describe()
+
+    def _at_rest(self) -> TipReference:
+        """A reference that follows nothing yet."""
+        return TipReference()
 
     @property
     def regulates_force(self) -> bool:
