@@ -4,15 +4,16 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
+from math import inf
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
-from seed_control.command.limiter import VectorLimiter
+from seed_control.law.force_change import ForceChange
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_normal import SurfaceNormal
 from seed_control.law.surface_observer import SurfaceObserver
-from seed_control.law.tip_reference import HeightReference, TipReference
+from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
@@ -28,7 +29,6 @@ _LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes no
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
 _KNOWN = 3.0  # times as fast as a force is built up in contact, one that has been there may be changed
-_CHANGE, _CHANGE_BANDWIDTH = 1.0, 200.0  # share of the acceleration for such a change, and [rad/s]
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -65,7 +65,7 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
-        self._built = False  # the force has been there since contact was made
+        self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
 
     def image(self, m: Measurement, loop_time: float) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
@@ -80,11 +80,15 @@ class HybridLaw(PublishedLaw):
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
-        self._built = self.contact.made and (self._built or self.settled)
+        self._may_change()
 
-    def _at_rest(self) -> TipReference:
-        p = self.parameters
-        return TipReference(VectorLimiter(p.max_speed, _CHANGE * p.max_acceleration, p.max_jerk, _CHANGE_BANDWIDTH))
+    def _may_change(self) -> None:
+        """Once the force has been there, the way to another is known, until contact is lost."""
+        count, p = len(self.plan.normals), self.parameters
+        if not all(map(self.touches, range(count))):
+            self._changes = []
+        elif self.settled and len(self._changes) != count:
+            self._changes = [ForceChange(p.max_acceleration, p.max_jerk) for _ in range(count)]
 
     def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: Flags, m: Measurement) -> float:
         """Angle [rad] by which the tip trails the gripper along the path, as the tool leans; nothing turned by torque.
@@ -208,11 +212,14 @@ class HybridLaw(PublishedLaw):
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)
         back = self.parameters.max_speed
-        quick = (s.press_speed or _KNOWN * self.parameters.press_speed) if self._built else 0.0
-        known = reference._replace(speed=speed, back=back, pushes=pushes, deflection=deflection, quick=quick)
+        change = self._changes[i] if i < len(self._changes) else None
+        quick = s.press_speed or min(_KNOWN * self.parameters.press_speed, back)
+        known = HeightReference(
+            reference.normal, offset, gradient, speed, inf, back, pushes, rate, deflection, change, quick
+        )
         m, now = self.measured, self._relieved(i, reference.normal)
         if m is None or now is None:
-            return known._replace(offset=offset, gradient=gradient, rate=rate)
+            return known
         # A motion that has just been noticed may be any: nothing is pressed further for what is foretold of it.
         if pushes * (now - offset - dot(gradient, as_vector3(m.tip))) < 0.0:
             offset, gradient, rate = now, ZERO, 0.0

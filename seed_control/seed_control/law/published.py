@@ -73,7 +73,7 @@ class PublishedLaw:
         self.measured: Measurement | None = None
         self.tool = ToolFilter(parameters, self.p_Ttip, self.smoothed)
         self.contact = ContactDetector(parameters)
-        self.reference = self._at_rest()
+        self.reference = TipReference()
         self.X_W_tip: Array | None = None
         self.lean: float | None = None
         self.estimated_task: Wrench | None = None
@@ -93,13 +93,9 @@ class PublishedLaw:
         if not going_on:
             self.reference.undeflected = as_vector3(np.array(p_WC) + self.tool.R_WT @ self.p_Ttip)
             self.contact.reset()
-            self.reference.forget()
         self.reference.lead(setpoint.X_W_tip, setpoint.velocity)
         self._solve(setpoint, R_W_task, P, normals)
-        references = self.reference.references
-        self._follow(setpoint)
-        if going_on:
-            self.reference.change(references)
+        self._follow(setpoint, going_on)
         self._describe()
 
     def move(self, setpoint: HybridSetpoint) -> None:
@@ -109,13 +105,9 @@ class PublishedLaw:
 
     def release(self) -> None:
         """Follow nothing until the next `adopt`: all that a set-point has brought goes with it."""
-        self.setpoint, self.plan, self.reference = None, Plan(), self._at_rest()
+        self.setpoint, self.plan, self.reference = None, Plan(), TipReference()
         self.contact.reset()
         self._describe()
-
-    def _at_rest(self) -> TipReference:
-        """A reference that follows nothing yet."""
-        return TipReference()
 
     @property
     def regulates_force(self) -> bool:
@@ -276,10 +268,11 @@ class PublishedLaw:
         limits.append("max_deflection")
         return d * (bound / size)
 
-    def _follow(self, s: HybridSetpoint) -> None:
-        """What the reference moves along until the next image."""
+    def _follow(self, s: HybridSetpoint, changed: bool = False) -> None:
+        """What the reference moves along until the next image; changed: the set-point is new, the image is not."""
         references = [self._height_reference(s, i) for i in range(len(self.plan.normals))]
-        self.reference.follow(references, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
+        follow = self.reference.change if changed else self.reference.follow
+        follow(references, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
 
     def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
         """Along force direction i to where Algorithm 2 wants the gripper; along the path where nothing is wanted."""

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
-from seed_control.command.limiter import AT_REST, VectorLimiter
+from seed_control.command.limiter import AT_REST
+from seed_control.law.force_change import ForceChange
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus, plus_scaled
 
 _SLOWEST = 1e-3  # [m/s]
-_NOTHING = 1e-14  # [m^2] a change that has come to its end
 
 
 class HeightReference(NamedTuple):
@@ -25,7 +25,8 @@ class HeightReference(NamedTuple):
         pushes: 1 where the force is wanted along the normal, -1 against it, 0 where none is.
         rate: [m/s] at which the wanted height rises since the newest image came.
         deflection: [m] of the grasp along the normal that the wanted force needs.
-        quick: [m/s] at which a change of that may be pressed; 0 where too little is known of the surface.
+        change: how a change of that goes; None: as any other motion.
+        quick: [m/s] at which such a change may press further; it is taken back at `back`.
     """
 
     normal: Vector3
@@ -37,22 +38,19 @@ class HeightReference(NamedTuple):
     pushes: int = 0
     rate: float = 0.0
     deflection: float = 0.0
+    change: ForceChange | None = None
     quick: float = 0.0
 
 
 class TipReference:
     """Moves the undeflected tip along its height references; elsewhere it follows the path.
 
-    A wanted force that changes is no measurement: the deflection that it needs more or less goes past all smoothing.
-
     Attributes:
         undeflected: commanded place of the tip if the grasp were not deflected [m].
         known: the part of its motion that a change of the wanted force has brought.
     """
 
-    def __init__(self, change: VectorLimiter | None = None) -> None:
-        """change: how a change of the wanted force moves the tip; None: as any other motion."""
-        self._change, self._left = change, ZERO  # [m] yet to go for it
+    def __init__(self) -> None:
         self.known = AT_REST
         self.undeflected = self._to_undeflected = self._lever = ZERO
         self._tip = self._velocity = ZERO
@@ -67,11 +65,6 @@ class TipReference:
         """An image has come, from which on rates count."""
         self._since = 0.0
 
-    @property
-    def references(self) -> Sequence[HeightReference]:
-        """What it moves along."""
-        return self._references
-
     def follow(self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3) -> None:
         """What an image settles: a height reference per force direction, and the grasp.
 
@@ -81,34 +74,26 @@ class TipReference:
         """
         self._references, self._lever, self._to_undeflected = references, lever, to_undeflected
 
-    def change(self, before: Sequence[HeightReference]) -> None:
-        """Another force is wanted, for which these were the references until now."""
-        for old, new in zip(before, self._references, strict=True):
-            if old.quick and new.quick and old.pushes * new.pushes > 0:
-                self._left = plus_scaled(self._left, new.deflection - old.deflection, new.normal)
+    def change(
+        self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3
+    ) -> None:
+        """Follow these for another wanted force, with the surface as it was; other words as in `follow`."""
+        for old, new in zip(self._references, references, strict=True):
+            if new.change is not None and old.change is new.change and old.pushes * new.pushes > 0:
+                new.change.left += new.deflection - old.deflection
+        self.follow(references, lever, to_undeflected)
 
     def _changed(self, dt: float) -> Vector3:
-        """Step [m] of the change that is yet to go, renewing what is known of the motion."""
-        change = self._change
-        if change is None or self._left is ZERO:
-            return ZERO
-        speeds = [r.quick if r.pushes * dot(r.normal, self._left) > 0.0 else r.back for r in self._references]
-        if not all(r.quick for r in self._references):
-            self.forget()
-            return ZERO
-        v = change.v
-        step = change.advance(self._left, dt, min(speeds))
-        self._left = minus(self._left, step)
-        self.known = v, change.a
-        if dot(self._left, self._left) + dot(v, v) * dt < _NOTHING:
-            self.forget()
+        """Step [m] of dt [s] by changes of the wanted force, renewing what is known of the motion."""
+        step, (v, a) = ZERO, AT_REST
+        for r in self._references:
+            change = r.change
+            if change is not None and (change.left or change.v):
+                before = change.v
+                went = change.advance(dt, r.quick if r.pushes * change.left > 0.0 else r.back)
+                step, v, a = (plus_scaled(x, y, r.normal) for x, y in ((step, went), (v, before), (a, change.a)))
+        self.known = AT_REST if step is ZERO else (v, a)
         return step
-
-    def forget(self) -> None:
-        """What is left of a change goes as any other motion does."""
-        self._left, self.known = ZERO, AT_REST
-        if self._change is not None:
-            self._change.reset()
 
     def target(self, dt: float, lead: float, loop_time: float, commanded: Vector3) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
@@ -124,12 +109,12 @@ class TipReference:
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
         changed = self._changed(dt)
-        for n, offset, gradient, speed, reach, back, pushes, rate, _, _ in self._references:
+        for n, offset, gradient, speed, reach, back, pushes, rate, _, change, _ in self._references:
             now = dot(n, self.undeflected) + dot(n, changed)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             retreat = max(bound, back * dt)
             low, high = (retreat if pushes > 0 else bound), (retreat if pushes < 0 else bound)
-            wanted = offset + dot(gradient, tip) + rate * self._since - dot(n, self._left)
+            wanted = offset + dot(gradient, tip) + rate * self._since - (change.left if change is not None else 0.0)
             if pushes:
                 ahead = pushes * (dot(n, commanded) + dot(n, self._lever) - now)
                 now += pushes * min(max(ahead, 0.0), max(pushes * (wanted - now), 0.0))

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a change of the wanted force moves the gripper along one direction: at once, and without going too far.
+
+Such a change is no measurement. It has no noise to be smoothed, and its way is known to its end.
+"""
+
+from math import sqrt
+
+_BANDWIDTH = 160.0  # [rad/s] at which the end is neared, twice that of the smoothing
+_SHARE = 0.95  # of the acceleration: what is left corrects the rest of the motion meanwhile
+_BRAKES = 0.8  # share of that on which the braking counts
+_NOTHING = 1e-7  # [m], [m/s] of a change that has come to its end
+
+
+class ForceChange:
+    """A way that is gone with bounded acceleration and jerk.
+
+    Attributes:
+        left: [m] yet to go. v, a: velocity [m/s] and acceleration [m/s^2].
+    """
+
+    def __init__(self, acceleration: float, jerk: float) -> None:
+        """Bounds [m/s^2], [m/s^3]."""
+        self._acceleration, self._jerk = _SHARE * acceleration, jerk
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is left to go."""
+        self.left = self.v = self.a = 0.0
+
+    def advance(self, dt: float, speed: float) -> float:
+        """One step [m] of dt [s], at most at speed [m/s]."""
+        distance, way = abs(self.left), 1.0 if self.left > 0.0 else -1.0
+        if distance + abs(self.v) < _NOTHING:
+            self.forget()
+            return 0.0
+        turning = max(way * self.a + self._acceleration, 0.0) / self._jerk  # [s] until it brakes
+        braking = max(distance - turning * max(way * self.v, 0.0), 0.0)  # [m] that are left then
+        most = min(sqrt(2.0 * _BRAKES * self._acceleration * braking), speed)
+        v = way * min(0.5 * _BANDWIDTH * distance, most)
+        step, a = self.v * dt, (v - self.v) * min(2.0 * _BANDWIDTH, 1.0 / dt)
+        a = min(max(a, -self._acceleration), self._acceleration)
+        self.a += min(max(a - self.a, -self._jerk * dt), self._jerk * dt)
+        self.v += self.a * dt
+        self.left -= step
+        return step
