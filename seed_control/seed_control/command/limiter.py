@@ -54,7 +54,9 @@ class VectorLimiter:
             cap = speed
         goal = scaled(way, gain if wanted <= cap else cap / distance)
         if known is not AT_REST:
-            goal = capped(plus(goal, v), speed)
+            goal = plus(goal, v)
+            if norm(goal) > speed:
+                goal, a = capped(goal, speed), ZERO
         return self._towards(goal, dt, a)
 
     def stopping(self, speed: float) -> float:

@@ -7,8 +7,7 @@ Such a change is no measurement. It has no noise to be smoothed, and its way is 
 from math import sqrt
 
 _BANDWIDTH = 160.0  # [rad/s] at which the end is neared, twice that of the smoothing
-_SHARE = 0.95  # of the acceleration: what is left corrects the rest of the motion meanwhile
-_BRAKES = 0.8  # share of that on which the braking counts
+_BRAKES = 0.7  # share of the acceleration on which the braking counts
 _NOTHING = 1e-7  # [m], [m/s] of a change that has come to its end
 
 
@@ -20,8 +19,8 @@ class ForceChange:
     """
 
     def __init__(self, acceleration: float, jerk: float) -> None:
-        """Bounds [m/s^2], [m/s^3]."""
-        self._acceleration, self._jerk = _SHARE * acceleration, jerk
+        """Nothing is left to go; bounds [m/s^2], [m/s^3]."""
+        self._acceleration, self._jerk = acceleration, jerk
         self.forget()
 
     def forget(self) -> None:
@@ -39,7 +38,10 @@ class ForceChange:
         most = min(sqrt(2.0 * _BRAKES * self._acceleration * braking), speed)
         v = way * min(0.5 * _BANDWIDTH * distance, most)
         step, a = self.v * dt, (v - self.v) * min(2.0 * _BANDWIDTH, 1.0 / dt)
-        a = min(max(a, -self._acceleration), self._acceleration)
+        fastest = self._acceleration
+        if a * self.v > 0.0:  # no more than the jerk can take back before the speed is there
+            fastest = min(fastest, sqrt(self._jerk * max(speed - abs(self.v), 0.0)))
+        a = min(max(a, -fastest), fastest)
         self.a += min(max(a - self.a, -self._jerk * dt), self._jerk * dt)
         self.v += self.a * dt
         self.left -= step

@@ -28,7 +28,7 @@ _LEAST_LEVER = 0.01  # [m] at which a side force counts
 _LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes nowhere that a tip could trail
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
-_KNOWN = 3.0  # times as fast as a force is built up in contact, one that has been there may be changed
+_KNOWN = 3.0  # times `press_speed`, at which a force that has been there may be changed
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -80,7 +80,6 @@ class HybridLaw(PublishedLaw):
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
-        self._may_change()
 
     def _may_change(self) -> None:
         """Once the force has been there, the way to another is known, until contact is lost."""
@@ -108,7 +107,7 @@ class HybridLaw(PublishedLaw):
 
     def release(self) -> None:
         super().release()
-        self._tipping_gain = 1.0
+        self._tipping_gain, self._changes = 1.0, []
         self.normal.release()
 
     def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
@@ -138,6 +137,7 @@ class HybridLaw(PublishedLaw):
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
                 if self._finds(self.setpoint):
                     observer.lie(float(self.normal.x[0]), n, m.undeflected)
+        self._may_change()
         return made
 
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:

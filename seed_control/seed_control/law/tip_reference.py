@@ -78,7 +78,7 @@ class TipReference:
         self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3
     ) -> None:
         """Follow these for another wanted force, with the surface as it was; other words as in `follow`."""
-        for old, new in zip(self._references, references, strict=True):
+        for old, new in zip(self._references, references, strict=False):
             if new.change is not None and old.change is new.change and old.pushes * new.pushes > 0:
                 new.change.left += new.deflection - old.deflection
         self.follow(references, lever, to_undeflected)
