@@ -92,3 +92,18 @@ def test_a_first_contact_is_built_up_at_press_speed() -> None:
     bench.run(2.0)
     v = np.diff([X[2, 3] for X in bench.commands]) / DT
     assert abs(v).max() <= p.press_speed + 2e-3
+
+
+@pytest.mark.parametrize(("frequency", "amplitude"), [(8.0, 0.5), (6.0, 1.0)])
+def test_the_force_follows_small_sines(frequency: float, amplitude: float) -> None:
+    """Gain above 0.71. 1 N at 8 Hz would take 3.2 m/s^2 of the gripper, and more of a command that the arm trails."""
+    bench = settled_at(10.0)
+    start, wanted = len(bench.forces), []
+    for i in range(500):
+        wanted.append(np.exp(2j * np.pi * frequency * i * DT))
+        bench.press(10.0 + amplitude * wanted[-1].imag)
+        bench.step()
+    forces = np.array(bench.forces[start:])[125:]
+    gain = 2.0 * abs(np.mean((forces - forces.mean()) * np.array(wanted[125:]))) / amplitude
+    assert gain > 0.71
+    assert bench.state.mode == "contact"

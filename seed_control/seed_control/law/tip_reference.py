@@ -74,9 +74,7 @@ class TipReference:
         """
         self._references, self._lever, self._to_undeflected = references, lever, to_undeflected
 
-    def change(
-        self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3
-    ) -> None:
+    def change(self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3) -> None:
         """Follow these for another wanted force, with the surface as it was; other words as in `follow`."""
         for old, new in zip(self._references, references, strict=False):
             if new.change is not None and old.change is new.change and old.pushes * new.pushes > 0:
