@@ -33,11 +33,24 @@ def test_a_change_arrives_within_its_bounds_without_going_too_far(way: float) ->
     v = np.diff(path) / DT
     a = np.diff(v) / DT
     assert path[-1] == pytest.approx(way, abs=2e-7)
-    assert max(np.array(path) / way) < 1.05
+    assert max(np.array(path) / way) < 1.07
     assert abs(v).max() <= 0.1 + 1e-9
     assert abs(a).max() <= 2.0 + 1e-9
     assert abs(np.diff(a) / DT).max() <= 200.0 + 1e-6
     assert change.left == change.v == change.a == 0.0
+
+
+def test_an_arm_that_trails_goes_no_further_than_any_change() -> None:
+    """With 15 ms of lag, 0.1 to 15 mm: where the jerk makes the command go too far, it is back before the arm comes."""
+    share = 1.0 - np.exp(-DT / 0.015)
+    for way in (*np.arange(1e-4, 2e-3, 1e-4), *np.arange(2e-3, 0.015, 4e-4)):
+        change, place, arm, furthest = ForceChange(2.0, 200.0), 0.0, 0.0, 0.0
+        change.left = way
+        for _ in range(100):
+            place += change.advance(DT, 0.135)
+            arm += share * (place - arm)
+            furthest = max(furthest, arm)
+        assert furthest < 1.001 * way
 
 
 @pytest.mark.parametrize(("before", "after"), [(5.0, 10.0), (10.0, 5.0)])
@@ -94,9 +107,9 @@ def test_a_first_contact_is_built_up_at_press_speed() -> None:
     assert abs(v).max() <= p.press_speed + 2e-3
 
 
-@pytest.mark.parametrize(("frequency", "amplitude"), [(8.0, 0.5), (6.0, 1.0)])
+@pytest.mark.parametrize(("frequency", "amplitude"), [(5.0, 1.0), (6.0, 0.5)])
 def test_the_force_follows_small_sines(frequency: float, amplitude: float) -> None:
-    """Gain above 0.71. 1 N at 8 Hz would take 3.2 m/s^2 of the gripper, and more of a command that the arm trails."""
+    """Gain above 0.71. At 8 Hz 1 N would take 3.2 m/s^2 of the gripper, and more of a command that the arm trails."""
     bench = settled_at(10.0)
     start, wanted = len(bench.forces), []
     for i in range(500):

@@ -6,7 +6,7 @@ Such a change is no measurement. It has no noise to be smoothed, and its way is 
 
 from math import sqrt
 
-_BANDWIDTH = 160.0  # [rad/s] at which the end is neared, twice that of the smoothing
+_NEARS, _ANSWERS = 50.0, 160.0  # [1/s] at which the end is neared, and at which a wanted velocity is
 _BRAKES = 0.7  # share of the acceleration on which the braking counts
 _NOTHING = 1e-7  # [m], [m/s] of a change that has come to its end
 
@@ -36,8 +36,8 @@ class ForceChange:
         turning = max(way * self.a + self._acceleration, 0.0) / self._jerk  # [s] until it brakes
         braking = max(distance - turning * max(way * self.v, 0.0), 0.0)  # [m] that are left then
         most = min(sqrt(2.0 * _BRAKES * self._acceleration * braking), speed)
-        v = way * min(0.5 * _BANDWIDTH * distance, most)
-        step, a = self.v * dt, (v - self.v) * min(2.0 * _BANDWIDTH, 1.0 / dt)
+        v = way * min(_NEARS * distance, most)
+        step, a = self.v * dt, (v - self.v) * min(_ANSWERS, 1.0 / dt)
         fastest = self._acceleration
         if a * self.v > 0.0:  # no more than the jerk can take back before the speed is there
             fastest = min(fastest, sqrt(self._jerk * max(speed - abs(self.v), 0.0)))
