@@ -15,6 +15,7 @@ import numpy as np
 
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
+from seed_control.command.limiter import AT_REST
 from seed_control.law.hybrid import HybridLaw
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.pressure_check import PressureCheck
@@ -275,18 +276,18 @@ class Controller:
         if isinstance(setpoint, RelativePoseSetpoint):
             X_WC = gripper_pose(law.tool.X_WT, setpoint.X_TC)
             command.turn_to(X_WC[:3, :3])
-            p_WC, speed = as_vector3(X_WC[:3, 3]), self.parameters.approach_speed
+            p_WC, speed, known = as_vector3(X_WC[:3, 3]), self.parameters.approach_speed, AT_REST
         else:
             lead = command.lead
             p_WC = law.reference.target(dt, lead, lead + t - m.stamp + 0.02, command.p_WC)
-            speed, met = self.parameters.max_speed, law.plan.limits
+            speed, met, known = self.parameters.max_speed, law.plan.limits, law.reference.known
         if not command.accepts(p_WC):
             self._guard.hold(
                 "the control law came to a target that is no number; a recording of this run helps to mend it"
             )
             command.stop(dt)
             return ()
-        return met + command.towards(p_WC, dt, speed)
+        return met + command.towards(p_WC, dt, speed, known)
 
     def _unobserved(self, estimate: RelativePoseEstimate) -> str:
         """What the set-point controls that the estimate does not observe: it would count as undeflected."""

@@ -5,7 +5,7 @@ from math import isfinite
 
 import numpy as np
 
-from seed_control.command.limiter import PoseLimiter, VectorLimiter
+from seed_control.command.limiter import AT_REST, Motion, PoseLimiter, VectorLimiter
 from seed_control.parameters import ControllerParameters
 from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose
 from seed_core.spatial import Array
@@ -84,11 +84,14 @@ class FlangeCommand:
         """Learn from where the arm is (4, 4), a step of dt [s] later, how far it trails."""
         self._lag.update(self._limiter.p, transformed(X_WE.tolist(), self._p_EC), self._limiter.linear.v, dt)
 
-    def towards(self, p_WC: Vector3, dt: float, speed: float) -> tuple[str, ...]:
-        """One step of dt [s] towards a place of C [m], at most at speed [m/s]; names the limits that it met."""
+    def towards(self, p_WC: Vector3, dt: float, speed: float, known: Motion = AT_REST) -> tuple[str, ...]:
+        """One step of dt [s] towards a place of C [m], at most at speed [m/s]; names the limits that it met.
+
+        known: part of the place's motion that is no noise, and need not be smoothed.
+        """
         limiter = self._limiter
         inside = self._workspace.within(p_WC, self._q_WE)
-        limiter.advance(inside, self._q_WE, dt, speed)
+        limiter.advance(inside, self._q_WE, dt, speed, known if inside is p_WC else AT_REST)
         met: tuple[str, ...] = () if inside is p_WC else ("workspace",)
         if limiter.linear.limited:
             met += ("max_speed",)

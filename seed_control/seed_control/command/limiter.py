@@ -9,7 +9,10 @@ from math import sqrt
 
 from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_towards, turned
 from seed_core.spatial import Array
-from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, scaled, transformed
+from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled, transformed
+
+Motion = tuple[Vector3, Vector3]  # velocity [m/s] as a step begins, and acceleration [m/s^2] during it
+AT_REST: Motion = (ZERO, ZERO)
 
 
 class VectorLimiter:
@@ -33,8 +36,14 @@ class VectorLimiter:
         self.v = self.a = ZERO
         self.limited = False
 
-    def advance(self, way: Vector3, dt: float, speed: float) -> Vector3:
-        """Step (3,) of the point in dt [s] towards a target that lies `way` from it; speed [m/s] bounds it now."""
+    def advance(self, way: Vector3, dt: float, speed: float, known: Motion = AT_REST) -> Vector3:
+        """Step (3,) of the point in dt [s] towards a target that lies `way` from it; speed [m/s] bounds it now.
+
+        known: part of the target's motion that is no noise. It is followed at once, within the same bounds.
+        """
+        v, a = known
+        if known is not AT_REST:
+            way = plus_scaled(way, -dt, v)
         distance, gain = norm(way), 0.5 * self.bandwidth
         wanted = gain * distance
         if self.speed < speed:
@@ -43,7 +52,12 @@ class VectorLimiter:
         cap = sqrt(1.4 * self.acceleration * distance)
         if speed < cap:
             cap = speed
-        return self._towards(scaled(way, gain if wanted <= cap else cap / distance), dt)
+        goal = scaled(way, gain if wanted <= cap else cap / distance)
+        if known is not AT_REST:
+            goal = plus(goal, v)
+            if norm(goal) > speed:
+                goal, a = capped(goal, speed), ZERO
+        return self._towards(goal, dt, a)
 
     def stopping(self, speed: float) -> float:
         """Way [m], at most, in which the point comes to rest from a speed [m/s] at which it may yet be gaining speed.
@@ -59,11 +73,14 @@ class VectorLimiter:
         """Step (3,) of the point in dt [s] while it comes to rest."""
         return self._towards(ZERO, dt)
 
-    def _towards(self, v: Vector3, dt: float) -> Vector3:
-        """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds."""
+    def _towards(self, v: Vector3, dt: float, known: Vector3 = ZERO) -> Vector3:
+        """Change the velocity towards a wanted one at rate 2 w, acceleration and jerk within bounds.
+
+        known: (3,) acceleration [m/s^2] that the wanted velocity is known to have.
+        """
         gain = min(2.0 * self.bandwidth, 1.0 / dt)
-        (x, y, z), (ux, uy, uz), (ax, ay, az) = v, self.v, self.a
-        x, y, z = capped(((x - ux) * gain, (y - uy) * gain, (z - uz) * gain), self.acceleration)
+        (x, y, z), (ux, uy, uz), (ax, ay, az), (kx, ky, kz) = v, self.v, self.a, known
+        x, y, z = capped(((x - ux) * gain + kx, (y - uy) * gain + ky, (z - uz) * gain + kz), self.acceleration)
         x, y, z = capped((x - ax, y - ay, z - az), self.jerk * dt)
         self.a = ax, ay, az = ax + x, ay + y, az + z
         self.v = ux, uy, uz = ux + ax * dt, uy + ay * dt, uz + az * dt
@@ -88,9 +105,12 @@ class PoseLimiter:
         self.linear.reset()
         self.angular.reset()
 
-    def advance(self, p: Vector3, q: Quaternion, dt: float, speed: float) -> None:
-        """One step of dt [s] towards the point's place p [m] and rotation q; speed [m/s] bounds it now."""
-        self.p = plus(self.p, self.linear.advance(minus(p, self.p), dt, speed))
+    def advance(self, p: Vector3, q: Quaternion, dt: float, speed: float, known: Motion = AT_REST) -> None:
+        """One step of dt [s] towards the point's place p [m] and rotation q; speed [m/s] bounds it now.
+
+        known: part of the motion of p that is no noise.
+        """
+        self.p = plus(self.p, self.linear.advance(minus(p, self.p), dt, speed, known))
         self.q = turned(self.q, self.angular.advance(turn_towards(q, self.q), dt, self.angular.speed))
 
     def stop(self, dt: float) -> None:

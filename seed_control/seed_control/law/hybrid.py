@@ -4,10 +4,12 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
+from math import inf
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
+from seed_control.law.force_change import ForceChange
 from seed_control.law.published import PublishedLaw
 from seed_control.law.surface_normal import SurfaceNormal
 from seed_control.law.surface_observer import SurfaceObserver
@@ -26,6 +28,7 @@ _LEAST_LEVER = 0.01  # [m] at which a side force counts
 _LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes nowhere that a tip could trail
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
+_KNOWN = 3.0  # times `press_speed`, at which a force that has been there may be changed
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -62,6 +65,7 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
+        self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
 
     def image(self, m: Measurement, loop_time: float) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
@@ -76,6 +80,14 @@ class HybridLaw(PublishedLaw):
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time)
+
+    def _may_change(self) -> None:
+        """Once the force has been there, the way to another is known, until contact is lost."""
+        count, p = len(self.plan.normals), self.parameters
+        if not all(map(self.touches, range(count))):
+            self._changes = []
+        elif self.settled and len(self._changes) != count:
+            self._changes = [ForceChange(p.max_acceleration, p.max_jerk) for _ in range(count)]
 
     def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: Flags, m: Measurement) -> float:
         """Angle [rad] by which the tip trails the gripper along the path, as the tool leans; nothing turned by torque.
@@ -95,7 +107,7 @@ class HybridLaw(PublishedLaw):
 
     def release(self) -> None:
         super().release()
-        self._tipping_gain = 1.0
+        self._tipping_gain, self._changes = 1.0, []
         self.normal.release()
 
     def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
@@ -125,6 +137,7 @@ class HybridLaw(PublishedLaw):
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
                 if self._finds(self.setpoint):
                     observer.lie(float(self.normal.x[0]), n, m.undeflected)
+        self._may_change()
         return made
 
     def _solve(self, s: HybridSetpoint, R_W_task: Array, P: Array, normals: Array) -> None:
@@ -199,13 +212,18 @@ class HybridLaw(PublishedLaw):
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)
         back = self.parameters.max_speed
+        change = self._changes[i] if i < len(self._changes) else None
+        quick = s.press_speed or min(_KNOWN * self.parameters.press_speed, back)
+        known = HeightReference(
+            reference.normal, offset, gradient, speed, inf, back, pushes, rate, deflection, change, quick
+        )
         m, now = self.measured, self._relieved(i, reference.normal)
         if m is None or now is None:
-            return HeightReference(reference.normal, offset, gradient, speed, back=back, pushes=pushes, rate=rate)
+            return known
         # A motion that has just been noticed may be any: nothing is pressed further for what is foretold of it.
         if pushes * (now - offset - dot(gradient, as_vector3(m.tip))) < 0.0:
             offset, gradient, rate = now, ZERO, 0.0
-        return HeightReference(reference.normal, offset, gradient, 0.0, back=back, pushes=pushes, rate=rate)
+        return known._replace(offset=offset, gradient=gradient, rate=rate, speed=0.0)
 
     def _relieved(self, i: int, n: Vector3) -> float | None:
         """Height [m] of the undeflected tip that takes back what the newest image's force is above the wanted one.

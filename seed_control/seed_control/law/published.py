@@ -95,7 +95,7 @@ class PublishedLaw:
             self.contact.reset()
         self.reference.lead(setpoint.X_W_tip, setpoint.velocity)
         self._solve(setpoint, R_W_task, P, normals)
-        self._follow(setpoint)
+        self._follow(setpoint, going_on)
         self._describe()
 
     def move(self, setpoint: HybridSetpoint) -> None:
@@ -268,10 +268,11 @@ class PublishedLaw:
         limits.append("max_deflection")
         return d * (bound / size)
 
-    def _follow(self, s: HybridSetpoint) -> None:
-        """What the reference moves along until the next image."""
+    def _follow(self, s: HybridSetpoint, changed: bool = False) -> None:
+        """What the reference moves along until the next image; changed: the set-point is new, the image is not."""
         references = [self._height_reference(s, i) for i in range(len(self.plan.normals))]
-        self.reference.follow(references, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
+        follow = self.reference.change if changed else self.reference.follow
+        follow(references, as_vector3(self.plan.lever), as_vector3(self.plan.to_undeflected))
 
     def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
         """Along force direction i to where Algorithm 2 wants the gripper; along the path where nothing is wanted."""

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
+from seed_control.command.limiter import AT_REST
+from seed_control.law.force_change import ForceChange
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus, plus_scaled
 
@@ -22,6 +24,9 @@ class HeightReference(NamedTuple):
         back: [m/s], at most, against the force that is wanted; no less than `speed`.
         pushes: 1 where the force is wanted along the normal, -1 against it, 0 where none is.
         rate: [m/s] at which the wanted height rises since the newest image came.
+        deflection: [m] of the grasp along the normal that the wanted force needs.
+        change: how a change of that goes; None: as any other motion.
+        quick: [m/s] at which such a change may press further; it is taken back at `back`.
     """
 
     normal: Vector3
@@ -32,6 +37,9 @@ class HeightReference(NamedTuple):
     back: float = 0.0
     pushes: int = 0
     rate: float = 0.0
+    deflection: float = 0.0
+    change: ForceChange | None = None
+    quick: float = 0.0
 
 
 class TipReference:
@@ -39,9 +47,11 @@ class TipReference:
 
     Attributes:
         undeflected: commanded place of the tip if the grasp were not deflected [m].
+        known: the part of its motion that a change of the wanted force has brought.
     """
 
     def __init__(self) -> None:
+        self.known = AT_REST
         self.undeflected = self._to_undeflected = self._lever = ZERO
         self._tip = self._velocity = ZERO
         self._references: Sequence[HeightReference] = ()
@@ -64,6 +74,25 @@ class TipReference:
         """
         self._references, self._lever, self._to_undeflected = references, lever, to_undeflected
 
+    def change(self, references: Sequence[HeightReference], lever: Vector3, to_undeflected: Vector3) -> None:
+        """Follow these for another wanted force, with the surface as it was; other words as in `follow`."""
+        for old, new in zip(self._references, references, strict=False):
+            if new.change is not None and old.change is new.change and old.pushes * new.pushes > 0:
+                new.change.left += new.deflection - old.deflection
+        self.follow(references, lever, to_undeflected)
+
+    def _changed(self, dt: float) -> Vector3:
+        """Step [m] of dt [s] by changes of the wanted force, renewing what is known of the motion."""
+        step, (v, a) = ZERO, AT_REST
+        for r in self._references:
+            change = r.change
+            if change is not None and (change.left or change.v):
+                before = change.v
+                went = change.advance(dt, r.quick if r.pushes * change.left > 0.0 else r.back)
+                step, v, a = (plus_scaled(x, y, r.normal) for x, y in ((step, went), (v, before), (a, change.a)))
+        self.known = AT_REST if step is ZERO else (v, a)
+        return step
+
     def target(self, dt: float, lead: float, loop_time: float, commanded: Vector3) -> Vector3:
         """Wanted gripper position p_WC [m] for this step of dt [s].
 
@@ -77,12 +106,13 @@ class TipReference:
         """
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
-        for n, offset, gradient, speed, reach, back, pushes, rate in self._references:
-            now = dot(n, self.undeflected)
+        changed = self._changed(dt)
+        for n, offset, gradient, speed, reach, back, pushes, rate, _, change, _ in self._references:
+            now = dot(n, self.undeflected) + dot(n, changed)
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             retreat = max(bound, back * dt)
             low, high = (retreat if pushes > 0 else bound), (retreat if pushes < 0 else bound)
-            wanted = offset + dot(gradient, tip) + rate * self._since
+            wanted = offset + dot(gradient, tip) + rate * self._since - (change.left if change is not None else 0.0)
             if pushes:
                 ahead = pushes * (dot(n, commanded) + dot(n, self._lever) - now)
                 now += pushes * min(max(ahead, 0.0), max(pushes * (wanted - now), 0.0))
