@@ -165,7 +165,8 @@ class Supervisor:
         if m is None or not (estimate.valid and self.guard.following and law.regulates_force):
             return ""
         known = self._wrench_estimator
-        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
+        k, turning, normals = known.mean_stiffness, known.turning_stiffness, law.plan.normals
+        why = self._jumped.check(estimate, m, self._inputs.history, k, turning, normals)
         self.grasp_check.doubt(self._jumped.newest)
         return why
 
