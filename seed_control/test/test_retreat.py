@@ -96,7 +96,7 @@ def test_a_hold_that_gives_way_turns_no_further() -> None:
     while bench.state.mode != "holding":
         bench.step()
     X_WE, turn = bench.commands[-1], rotation_from_rpy((0.0, 0.3, 0.0))
-    bench.controller._command.turn_to(X_WE[:3, :3] @ turn)  # noqa: SLF001
+    bench.controller._command.turn_to(X_WE[:3, :3] @ turn)
     bench.run(0.5)
     assert bench.commands[-1][2, 3] > X_WE[2, 3] + 2e-3
     assert_allclose(bench.commands[-1][:3, :3], X_WE[:3, :3], atol=1e-6)

@@ -8,7 +8,6 @@ some before and after are compared, and a motion that goes on for longer (a tabl
 
 from collections import deque
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,14 +21,6 @@ _DRIFTS = 0.4  # share of the step, by which the height may change in the same s
 _SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: what it would be off by
 
 
-class _Image(NamedTuple):
-    """Height [m] of T along the force, places (2, 3) [m] of the gripper and of its tip, variance [m^2] of the height."""
-
-    height: float
-    places: Array
-    variance: float
-
-
 class PoseStep:
     """Along one force direction. `update` with each image in which the tool touches, `clear` with any other.
 
@@ -39,10 +30,10 @@ class PoseStep:
 
     def __init__(self) -> None:
         self.warning, self._largest = "", 0.0
-        self._recent: deque[_Image] = deque(maxlen=2 * _IMAGES)
+        self._recent: deque[tuple[Array, float]] = deque(maxlen=2 * _IMAGES)  # places, and variance of a height [m^2]
 
     def clear(self) -> None:
-        """It does not touch, or another direction counts."""
+        """It does not touch."""
         self._recent.clear()
 
     def update(self, m: Measurement, n: Array, wanted: float, p_Ttip: Array, stiffness: float) -> None:
@@ -51,34 +42,42 @@ class PoseStep:
         Args:
             n: (3,) unit vector of the force in W. wanted: force along it [N]. stiffness: of the grasp [N/m].
         """
-        places = np.stack((m.X_WC[:3, 3], m.X_WC[:3, :3] @ p_Ttip + m.X_WC[:3, 3]))
-        self._recent.append(_Image(float(m.X_WT[:3, 3] @ n), places, m.variance))
+        gripper = m.X_WC[:3, 3]
+        places = np.stack((m.X_WT[:3, 3], gripper, gripper + m.X_WC[:3, :3] @ p_Ttip))  # of T, C, and the tip by C
+        self._recent.append((places, m.variance))
         if len(self._recent) < 2 * _IMAGES:
             return
-        step, deviation = self._step(n)
-        force = stiffness * abs(step)
-        told = abs(step) > _CERTAIN * deviation and force > max(_SHARE * abs(wanted), _LEAST, self._largest)
-        if told and self._sudden(step):
+        seen = np.array([places for places, _ in self._recent])
+        step = _step(seen[:, 0] @ n, seen[:, 1] @ n)
+        deviation, force = sqrt(sum(v for _, v in self._recent)) / _IMAGES, stiffness * abs(step)
+        if abs(step) <= _CERTAIN * deviation or force <= max(_SHARE * abs(wanted), _LEAST, self._largest):
+            return
+        if _stands(seen[:, 1:], n) and _sudden(seen[:, 0] @ n, step):
             self._largest = force
             self.warning = (
                 f"the tool has moved by {1e3 * abs(step):.1f} mm along the force at once, though the gripper stood: "
                 f"unless something pushed it, poses are wrong since, and the force is off by {force:.1f} N"
             )
 
-    def _step(self, n: Array) -> tuple[float, float]:
-        """By how much the mean height changed [m] beyond what the gripper's way at the step explains, and its deviation [m]."""
-        images = list(self._recent)
-        before, after = images[:_IMAGES], images[_IMAGES:]
-        ways = np.sum([i.places for i in after], axis=0) / _IMAGES - np.sum([i.places for i in before], axis=0) / _IMAGES
-        if min(float(way @ way) - float(way @ n) ** 2 for way in ways) > _STANDS**2:
-            return 0.0, 0.0
-        along = float((after[1].places[0] - before[-2].places[0]) @ n)  # before the gripper answers the step
-        step = (sum(i.height for i in after) - sum(i.height for i in before)) / _IMAGES
-        step -= min(max(step, min(along, 0.0)), max(along, 0.0))  # a soft surface gives way to the gripper
-        return step, sqrt(sum(i.variance for i in images)) / _IMAGES
 
-    def _sudden(self, step: float) -> bool:
-        """Whether it lies between two images: neither half of those before nor of those after differs by much of it."""
-        heights, half = [i.height for i in self._recent], _IMAGES // 2
-        a, b, c, d = (sum(heights[i : i + half]) / half for i in range(0, 2 * _IMAGES, half))
-        return max((b - a) / step, (d - c) / step) < _DRIFTS
+def _step(heights: Array, gripper: Array) -> float:
+    """By how much the mean height (N,) changed [m], beyond what the gripper's (N,) does while it changed.
+
+    A soft surface gives way to the gripper; to a step the gripper answers some images later.
+    """
+    step = float(heights[_IMAGES:].mean() - heights[:_IMAGES].mean())
+    along = float(gripper[_IMAGES + 1] - gripper[_IMAGES - 2])
+    return step - min(max(step, min(along, 0.0)), max(along, 0.0))
+
+
+def _stands(places: Array, n: Array) -> bool:
+    """Whether one of some places (N, 2, 3) stayed across n (3,): a gripper may turn about its tip, or turn the tip."""
+    ways = places[_IMAGES:].mean(axis=0) - places[:_IMAGES].mean(axis=0)
+    across = ways - np.outer(ways @ n, n)
+    return float((across * across).sum(axis=1).min()) <= _STANDS**2
+
+
+def _sudden(heights: Array, step: float) -> bool:
+    """Whether it lies between two images: neither half of those before nor of those after differs by much of it."""
+    a, b, c, d = heights.reshape(4, _IMAGES // 2).mean(axis=1).tolist()
+    return max((b - a) / step, (d - c) / step) < _DRIFTS
