@@ -13,7 +13,7 @@ _MOVED = 5e-4, 3e-3  # [m], and of a rotation matrix: so far the arm goes before
 _TOLD = 7.0  # deviations of a component, from which on a jump is told
 _LONG = 0.5  # [s] of poses that are the same, which is told
 _NOISE = 8.5  # deviations of a component (six of a difference) that a jump stands out by
-_STOOD = 0.1, 1e-3, 0.02  # [s], in which a gripper that stands goes less than that [m] across the force, and turns [1]
+_STOOD = 0.1, 1e-3, 0.02  # [s], in which a gripper that stands goes less than that [m], and turns less [1]
 
 
 class Frozen:
@@ -112,7 +112,7 @@ class Jumped:
             moved = norm(now[:3, 3] - before[:3, 3])
             turned = norm(so3_log(before[:3, :3].T @ now[:3, :3]))
         moved, turned = max(moved, p.press_speed * dt), max(turned, p.max_angular_speed * dt)
-        if before is not None and now is not None and _stands(history, estimate.stamp, now, before, m.tip, normals):
+        if before is not None and now is not None and _stands(history, estimate.stamp, now, before, m.tip):
             along = normals @ m.X_WC[:3, :3] @ (estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
             if norm(along) > _TOLD * noise + moved:
                 bounds = min(bounds[0], _TOLD * noise), bounds[1]
@@ -142,8 +142,8 @@ class Jumped:
             self._largest, self.warning = size, self.newest
 
 
-def _stands(history: PoseHistory, stamp: float, now: Array, then: Array, tip: Array, normals: Array) -> bool:
-    """Whether flange or tip are hardly moved across the force directions (m, 3), and turn as little.
+def _stands(history: PoseHistory, stamp: float, now: Array, then: Array, tip: Array) -> bool:
+    """Whether the flange hardly moves, or turns about the tip as it rolls a tool upright.
 
     Args:
         now: flange pose (4, 4) at stamp [s]. then: at the image that had the tip at `tip` (3,) [m].
@@ -153,8 +153,7 @@ def _stands(history: PoseHistory, stamp: float, now: Array, then: Array, tip: Ar
         return False
     change = (now - since)[:3]
     ways = change[:, 3], change[:, :3] @ then[:3, :3].T @ (tip - then[:3, 3]) + change[:, 3]
-    across = min(norm(way - normals.T @ (normals @ way)) for way in ways)
-    return across <= _STOOD[1] and float(abs(change[:, :3]).max()) <= _STOOD[2]
+    return min(map(norm, ways)) <= _STOOD[1] and float(abs(change[:, :3]).max()) <= _STOOD[2]
 
 
 def _share(X_CT: Array, other: Array, most: tuple[float, float]) -> float:

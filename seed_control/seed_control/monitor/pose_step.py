@@ -15,7 +15,7 @@ from seed_control.wrench.estimate import Measurement
 from seed_core.spatial import Array
 
 _IMAGES = 8  # before, and after
-_STANDS = 1e-3  # [m] that gripper or tip go across the force, at most, from before to after
+_STANDS = 1e-3  # [m] that the gripper goes along the force until then, and gripper or tip across from before to after
 _CERTAIN = 6.0  # deviations of the difference of the means
 _DRIFTS = 0.4  # share of the step, by which the height may change in the same sense before it, and after it
 _SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: what it would be off by
@@ -71,7 +71,9 @@ def _step(heights: Array, gripper: Array) -> float:
 
 
 def _stands(places: Array, n: Array) -> bool:
-    """Whether one of some places (N, 2, 3) stayed across n (3,): a gripper may turn about its tip, or turn the tip."""
+    """Whether gripper and tip, (N, 2, 3), did: not pressed on, nor both across n (3,); it may turn about either."""
+    if float(np.ptp(places[: _IMAGES + 1, 0] @ n)) > _STANDS:  # a peg that sticks slips on as it is pressed
+        return False
     ways = places[_IMAGES:].mean(axis=0) - places[:_IMAGES].mean(axis=0)
     across = ways - np.outer(ways @ n, n)
     return float((across * across).sum(axis=1).min()) <= _STANDS**2
