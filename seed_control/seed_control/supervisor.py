@@ -125,6 +125,7 @@ class Supervisor:
             guard.hold(self.references.why_hold)
         self.watch.update(m, law, self._inputs.history)
         guard.hold(self.watch.reason)
+        self.grasp_check.doubt(self.watch.stepped)
         self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
         if guard.following and law.regulates_force:
             guard.hold(self.grasp_check.reason)
@@ -165,8 +166,7 @@ class Supervisor:
         if m is None or not (estimate.valid and self.guard.following and law.regulates_force):
             return ""
         known = self._wrench_estimator
-        k, turning, normals = known.mean_stiffness, known.turning_stiffness, law.plan.normals
-        why = self._jumped.check(estimate, m, self._inputs.history, k, turning, normals)
+        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
         self.grasp_check.doubt(self._jumped.newest)
         return why
 

@@ -44,11 +44,11 @@ def test_a_force_that_is_off_is_told(kind: str, seed: int, told: str) -> None:
     assert told in outcome.reason
 
 
-def test_poses_that_jump_by_4_mm_hold_where_the_gripper_stands() -> None:
+def test_poses_that_step_by_4_mm_hold_where_the_gripper_stands() -> None:
     """They once made 20 N of 13.4 N: in a lean that was not seen, and that the hold itself went on turning."""
     outcome = run_fault("wrong masks", 74)
-    assert "has jumped" in outcome.held
-    assert outcome.norm < 1.0
+    assert "though the gripper stood" in outcome.held
+    assert outcome.norm < 2.5
 
 
 def test_a_run_is_its_seeds_alone() -> None:

@@ -13,7 +13,6 @@ _MOVED = 5e-4, 3e-3  # [m], and of a rotation matrix: so far the arm goes before
 _TOLD = 7.0  # deviations of a component, from which on a jump is told
 _LONG = 0.5  # [s] of poses that are the same, which is told
 _NOISE = 8.5  # deviations of a component (six of a difference) that a jump stands out by
-_STOOD = 0.1, 1e-3, 0.02  # [s], in which a gripper that stands goes less than that [m], and turns less [1]
 
 
 class Frozen:
@@ -66,8 +65,7 @@ class Jumped:
 
     In contact the deflection goes no further than the gripper, in free air it stays. What jumps is a contact that is
     lost at once, a slide, or a wrong pose, none of which force may be controlled with; a small jump may be a step of
-    the surface, and is told. A gripper that stands crosses no step. A pose that stays where one has just jumped to is
-    the same jump: time does not mend it.
+    the surface, and is told. A pose that stays where one has just jumped to is the same jump: time does not mend it.
 
     Attributes:
         warning: the largest jump since it was enabled that does not hold; '' for none. newest: of the newest estimate.
@@ -83,19 +81,13 @@ class Jumped:
         self._to: tuple[Array, tuple[float, float]] | None = None  # pose that was jumped to; [m], [rad] allowed then
 
     def check(
-        self,
-        estimate: RelativePoseEstimate,
-        m: Measurement,
-        history: PoseHistory,
-        stiffness: float,
-        turning: float,
-        normals: Array,
+        self, estimate: RelativePoseEstimate, m: Measurement, history: PoseHistory, stiffness: float, turning: float
     ) -> str:
         """Why an estimate does not go on from the newest measurement; '' if it does.
 
         Args:
             history: of the flange. stiffness: of the grasp [N/m].
-            turning: force at the tip that turns the grasp [N/rad]. normals: (m, 3) force directions in W.
+            turning: force at the tip that turns the grasp [N/rad].
         """
         p, noise, self.newest = self._parameters, m.variance**0.5, ""
         size = norm(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
@@ -112,10 +104,6 @@ class Jumped:
             moved = norm(now[:3, 3] - before[:3, 3])
             turned = norm(so3_log(before[:3, :3].T @ now[:3, :3]))
         moved, turned = max(moved, p.press_speed * dt), max(turned, p.max_angular_speed * dt)
-        if before is not None and now is not None and _stands(history, estimate.stamp, now, before, m.tip):
-            along = normals @ m.X_WC[:3, :3] @ (estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
-            if norm(along) > _TOLD * noise + moved:
-                bounds = min(bounds[0], _TOLD * noise), bounds[1]
         most = bounds[0] + moved, bounds[1] + turned
         if self._to is not None and _share(estimate.X_CT, *self._to) < max(size / most[0], turn / most[1]):
             most = self._to[1]
@@ -140,20 +128,6 @@ class Jumped:
         )
         if size > self._largest:
             self._largest, self.warning = size, self.newest
-
-
-def _stands(history: PoseHistory, stamp: float, now: Array, then: Array, tip: Array) -> bool:
-    """Whether the flange hardly moves, or turns about the tip as it rolls a tool upright.
-
-    Args:
-        now: flange pose (4, 4) at stamp [s]. then: at the image that had the tip at `tip` (3,) [m].
-    """
-    since = history.at(stamp - _STOOD[0])
-    if since is None:
-        return False
-    change = (now - since)[:3]
-    ways = change[:, 3], change[:, :3] @ then[:3, :3].T @ (tip - then[:3, 3]) + change[:, 3]
-    return min(map(norm, ways)) <= _STOOD[1] and float(abs(change[:, :3]).max()) <= _STOOD[2]
 
 
 def _share(X_CT: Array, other: Array, most: tuple[float, float]) -> float:

@@ -19,18 +19,21 @@ _STANDS = 1e-3  # [m] that the gripper goes along the force until then, and grip
 _CERTAIN = 6.0  # deviations of the difference of the means
 _DRIFTS = 0.4  # share of the step, by which the height may change in the same sense before it, and after it
 _SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: what it would be off by
+_LARGE = 7.0  # deviations of an image, from which on it holds
+_PRESSES = 0.3  # of the wanted force: with less after the step, contact was lost at once
 
 
 class PoseStep:
     """Along one force direction. `update` with each image in which the tool touches, `clear` with any other.
 
     Attributes:
-        warning: the largest step since it was enabled; '' for none.
+        warning: the largest step since it was enabled; '' for none. reason: the same where it makes the arm hold.
     """
 
     def __init__(self) -> None:
-        self.warning, self._largest = "", 0.0
-        self._recent: deque[tuple[Array, float]] = deque(maxlen=2 * _IMAGES)  # places, and variance of a height [m^2]
+        self.warning = self.reason = ""
+        self._largest = 0.0  # [N]
+        self._recent: deque[tuple[Array, float]] = deque(maxlen=2 * _IMAGES)  # see `update`
 
     def clear(self) -> None:
         """It does not touch."""
@@ -42,22 +45,25 @@ class PoseStep:
         Args:
             n: (3,) unit vector of the force in W. wanted: force along it [N]. stiffness: of the grasp [N/m].
         """
-        gripper = m.X_WC[:3, 3]
-        places = np.stack((m.X_WT[:3, 3], gripper, gripper + m.X_WC[:3, :3] @ p_Ttip))  # of T, C, and the tip by C
-        self._recent.append((places, m.variance))
+        gripper, force = m.X_WC[:3, 3], m.on_environment.force
+        # Places of T, C, and the tip by C [m], the force [N]; and the variance of a place [m^2].
+        self._recent.append((np.stack((m.X_WT[:3, 3], gripper, gripper + m.X_WC[:3, :3] @ p_Ttip, force)), m.variance))
         if len(self._recent) < 2 * _IMAGES:
             return
-        seen = np.array([places for places, _ in self._recent])
+        seen = np.array([rows for rows, _ in self._recent])
         step = _step(seen[:, 0] @ n, seen[:, 1] @ n)
-        deviation, force = sqrt(sum(v for _, v in self._recent)) / _IMAGES, stiffness * abs(step)
-        if abs(step) <= _CERTAIN * deviation or force <= max(_SHARE * abs(wanted), _LEAST, self._largest):
+        deviation, off = sqrt(sum(v for _, v in self._recent)) / _IMAGES, stiffness * abs(step)
+        if abs(step) <= _CERTAIN * deviation or off <= max(_SHARE * abs(wanted), _LEAST, self._largest):
             return
-        if _stands(seen[:, 1:], n) and _sudden(seen[:, 0] @ n, step):
-            self._largest = force
+        presses = float((seen[_IMAGES:, 3] @ n).mean()) * wanted >= _PRESSES * wanted * wanted
+        if presses and _stands(seen[:, 1:3], n) and _sudden(seen[:, 0] @ n, step):
+            self._largest = off
             self.warning = (
                 f"the tool has moved by {1e3 * abs(step):.1f} mm along the force at once, though the gripper stood: "
-                f"unless something pushed it, poses are wrong since, and the force is off by {force:.1f} N"
+                f"unless something pushed it, poses are wrong since, and the force is off by {off:.1f} N"
             )
+            if abs(step) > _LARGE * sqrt(m.variance):
+                self.reason = self.warning
 
 
 def _step(heights: Array, gripper: Array) -> float:

@@ -47,13 +47,18 @@ class ContactWatch:
     @property
     def reason(self) -> str:
         """Why to hold; '' while all is well."""
-        return self.force.reason or self.late.reason or next((s.reason for s in self._swings if s.reason), "")
+        found = (one.reason for one in (*self._steps, *self._swings) if one.reason)
+        return self.force.reason or self.late.reason or next(found, "")
 
     @property
     def warning(self) -> str:
         """What is worth telling though it does not hold; '' for nothing."""
-        steps = (step.warning for step in self._steps)
-        return self.force.warning or self.late.warning or next(filter(None, steps), "")
+        return self.force.warning or self.late.warning or self.stepped
+
+    @property
+    def stepped(self) -> str:
+        """That poses have stepped while the gripper stood; '' if not."""
+        return next((step.warning for step in self._steps if step.warning), "")
 
     def update(self, m: Measurement, law: PublishedLaw, history: PoseHistory) -> None:
         """Take in an image; law: as it is after it; history: flange poses."""
