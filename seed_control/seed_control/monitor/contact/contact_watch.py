@@ -94,8 +94,9 @@ class ContactWatch:
         plan, stiffness = law.plan, law.wrench_estimator.mean_stiffness
         if len(self._steps) != len(plan.normals):
             self._steps = [PoseStep() for _ in plan.normals]
+        seen = m.estimate is None or all(m.estimate.observed)  # an axis that is not counts as undeflected
         for i, (step, n, wanted) in enumerate(zip(self._steps, plan.normals, plan.wanted.tolist(), strict=True)):
-            if wanted and law.touches(i):
+            if seen and wanted and law.touches(i):
                 step.update(m, n, wanted, law.p_Ttip, stiffness)
             else:
                 step.clear()
