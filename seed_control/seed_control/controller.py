@@ -267,9 +267,10 @@ class Controller:
         command, law, setpoint, m = self._command, self.law, self._setpoint, self.law.measured
         if not self._guard.following or setpoint is None or m is None:
             back = self.supervisor.retreat(command.p_WC)
-            if back is not None:
-                return command.towards(back, dt, self.parameters.max_speed)
-            command.stop(dt)
+            if back is None:
+                command.stop(dt)
+            else:
+                command.give_way(back, dt, self.parameters.max_speed)
             return ()
         command.compare(self._inputs.history.newest(), dt)
         met: tuple[str, ...] = ()

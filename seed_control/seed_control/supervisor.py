@@ -125,6 +125,7 @@ class Supervisor:
             guard.hold(self.references.why_hold)
         self.watch.update(m, law, self._inputs.history)
         guard.hold(self.watch.reason)
+        self.grasp_check.doubt(self.watch.stepped)
         self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
         if guard.following and law.regulates_force:
             guard.hold(self.grasp_check.reason)

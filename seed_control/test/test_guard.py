@@ -49,6 +49,23 @@ def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     assert "the tool slides in the grasp" in reason
 
 
+def test_friction_that_reaches_the_force_for_a_moment_is_not_the_force() -> None:
+    """A tip that rubs and slips: 0.2 s of each second with nine tenths of the wanted force. It is told all along."""
+    travel, told = still(BOUND), []
+    for k in range(2000):
+        if k % 5 == 0:
+            rubs = k % 250 < 50
+            travel.image([0.9 if rubs else 0.2], [rubs], [0.01], [0.9], ZERO, ZERO)
+        assert travel.step(ZERO, UP, 0.004) == ""
+        told.append("has not been reached" in travel.warning)
+    assert told == sorted(told)
+    assert told[-1]
+    for _ in range(200):
+        travel.image([0.95], [True], [0.01], [0.9], ZERO, ZERO)
+        travel.step(ZERO, UP, 0.004)
+    assert travel.warning == ""
+
+
 def test_a_tool_that_lags_as_it_is_enabled_may_come_after() -> None:
     """It rubs on something, and hangs 4 mm behind; what is left to go is less by that much, let go or not."""
     free, lagging = (0.0, 0.0, 0.12), (0.0, 0.0, 0.116)

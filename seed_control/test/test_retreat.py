@@ -3,11 +3,13 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from quasi_static import Bench
 
 from seed_control.command.relief import Relief
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference, TipReference
+from seed_core.spatial import rotation_from_rpy
 from seed_core.vector3 import ZERO, Vector3
 
 PRESS = np.array((0.0, 0.0, -10.0))  # N, of the tool on the environment
@@ -83,3 +85,18 @@ def test_a_force_that_is_too_large_is_taken_back_whatever_is_foretold(monkeypatc
     bench.run(4.5 / bench.image_rate)
     assert bench.state.mode == "contact"
     assert bench.commands[-1][2, 3] > now + 1.5e-3
+
+
+def test_a_hold_that_gives_way_turns_no_further() -> None:
+    """Whatever the law would like to turn to: a tool that is pressed leans, and uprighting goes on for as long."""
+    bench = Bench(noise=1e-5).enabled()
+    bench.press(5.0)
+    bench.run(1.5)
+    bench.table = 6e-3  # at once, under a gripper that stands
+    while bench.state.mode != "holding":
+        bench.step()
+    X_WE, turn = bench.commands[-1], rotation_from_rpy((0.0, 0.3, 0.0))
+    bench.controller._command.turn_to(X_WE[:3, :3] @ turn)
+    bench.run(0.5)
+    assert bench.commands[-1][2, 3] > X_WE[2, 3] + 2e-3
+    assert_allclose(bench.commands[-1][:3, :3], X_WE[:3, :3], atol=1e-6)

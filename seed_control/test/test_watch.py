@@ -8,12 +8,14 @@ import pytest
 from quasi_static import DT, Bench
 
 from seed_control.monitor.contact.contact_motion import ContactMotion
+from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contact.late_stamps import LateStamps
 from seed_control.monitor.contact.swing import LEGS, Swing
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.history import PoseHistory
 from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.spatial import make_pose
+from seed_core.spatial import Wrench, make_pose
 
 NOISE = 3e-4  # [m]
 
@@ -146,3 +148,32 @@ def test_legs_that_are_large_regular_and_do_not_fade_are_suspected(
     period: float, sizes: list[float], swings: bool
 ) -> None:
     assert legs(period, sizes).suspected == swings
+
+
+def test_a_force_that_is_off_by_turns_stays_told_until_it_is_well_within() -> None:
+    """A table that moves at 0.6 Hz: over a second the error is a little more, and a little less, than a fifth."""
+    watch, told = ForceWatch(3.0), []
+    for k in range(45 * 8):
+        t = k / 45.0
+        error = (2.0 + 0.25 * np.sin(2.0 * np.pi * 0.6 * t)) if t < 6.0 else 0.5
+        watch.update(t, [-10.0 + error], [-10.0], 0.05, True)
+        told.append("the force is off" in watch.warning)
+    since = told.index(True)
+    assert since < 2 * 45
+    assert all(told[since : 6 * 45])
+    assert not told[-1]
+
+
+def test_a_direction_that_touches_is_watched_while_another_is_sought() -> None:
+    """Pressed on a table and towards a wall that is not there, with a table that moves as nobody foretells."""
+    bench = Bench(noise=NOISE).enabled()
+    force, along = Wrench(np.zeros(3), np.array((0.0, -4.0, -3.0))), np.diag((0.0, 1.0, 1.0))
+    bench.controller.set_setpoint(HybridSetpoint(bench.start, force, along, approach_speed=0.02), bench.t)
+    bench.run(1.35)
+    told = False
+    while bench.t < 3.1 and not told:
+        bench.table = 1.2e-3 * sum(np.sin(2.0 * np.pi * f * (bench.t - 1.6)) for f in (1.7, 2.9))
+        bench.step()
+        told = "the force is off" in bench.controller.supervisor.watch.warning
+    assert bench.state.mode == "approach", bench.state.reason
+    assert told

@@ -80,6 +80,10 @@ class FlangeCommand:
         """One step of dt [s] of coming to rest."""
         self._limiter.stop(dt)
 
+    def give_way(self, p_WC: Vector3, dt: float, speed: float) -> None:
+        """One step of dt [s] towards a place of C [m] while it holds: it turns no more, whatever a law asks for."""
+        self._limiter.shift(self._workspace.within(p_WC, self._limiter.q), dt, speed)
+
     def compare(self, X_WE: Array, dt: float) -> None:
         """Learn from where the arm is (4, 4), a step of dt [s] later, how far it trails."""
         self._lag.update(self._limiter.p, transformed(X_WE.tolist(), self._p_EC), self._limiter.linear.v, dt)

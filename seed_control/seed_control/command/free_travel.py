@@ -21,7 +21,8 @@ _UNSEEN = 1.5e-3  # [m] of the tip's way that noise and lean as contact ended ma
 _RUBS = 1.0  # friction, at most, that a force across a direction may make along it
 _FOLLOWS = 0.3  # share of a change of the tip's place that one image is believed
 _SEEN = 0.25  # [s] by which the filtered force of an image may be older than the command
-_LONG = 2.0  # [s] without the wanted force, which is told
+_LONG = 2.0  # [s] without the wanted force, which is told ...
+_STAYS = 0.5, 0.7  # [s], and share of them, for which the force has to be there until that is over
 _LEAST = 1e-3  # [m] of motion between steps that is a new start, not a motion
 
 
@@ -32,7 +33,8 @@ class _Way:
         self.starts = start, start  # the two ends of where the command was when the force was last there
         self.best, self.last, self.along = 0.0, start, along
         self.share = 0.0  # of the wanted force, in the last image
-        self.time = 0.0  # [s] since the start
+        self.reached, self.stays = False, 0.0  # whether that is the wanted force, and for which part of `_STAYS` it was
+        self.time = 0.0  # [s] without the wanted force: friction of a tip that slips reaches it for a moment
         self.tip: Vector3 | None = None  # [m] from the gripper to the tip, at the start
         self.deflection = 0.0  # [m] now, by what is in the way
 
@@ -40,7 +42,12 @@ class _Way:
         """From one of these places on the way is counted, with the tip there [m] as the gripper sees it."""
         along = partial(dot, self.along)
         self.starts = min(places, key=along), max(places, key=along)
-        self.time, self.tip = 0.0, tip
+        self.tip = tip
+
+    def wait(self, dt: float) -> None:
+        """A step of dt [s] on."""
+        self.stays += min(dt / _STAYS[0], 1.0) * (self.reached - self.stays)
+        self.time = 0.0 if self.stays >= _STAYS[1] else self.time if self.reached else self.time + dt
 
 
 class FreeTravel:
@@ -98,7 +105,8 @@ class FreeTravel:
             risen = share >= _REACHED and share > way.best + _RISE
             if risen:
                 way.best = share
-            if risen or (there and share >= _REACHED):  # below 0.6 N no force at all is near the wanted one
+            way.reached = risen or (there and share >= _REACHED)
+            if way.reached:  # below 0.6 N no force at all is near the wanted one
                 way.begin([place for _, place in self._recent], self._tip)
 
     def step(self, p_WC: Vector3, normals: Array, dt: float) -> str:
@@ -129,7 +137,7 @@ class FreeTravel:
             bound, pressed = self._bound, self._bound + way.deflection
             if not all(abs(g + lets_go) <= pressed and abs(g + tip) <= bound for g in reached):  # nor what is no number
                 return self._reason(_words(along), way.share)
-            way.time += dt
+            way.wait(dt)
             if way.time > _LONG:
                 self.warning = (
                     f"the wanted force along {_words(along)} of the base has not been reached for {way.time:.0f} s and "

@@ -113,6 +113,11 @@ class PoseLimiter:
         self.p = plus(self.p, self.linear.advance(minus(p, self.p), dt, speed, known))
         self.q = turned(self.q, self.angular.advance(turn_towards(q, self.q), dt, self.angular.speed))
 
+    def shift(self, p: Vector3, dt: float, speed: float) -> None:
+        """One step of dt [s] towards the point's place p [m], while the rotation comes to rest."""
+        self.p = plus(self.p, self.linear.advance(minus(p, self.p), dt, speed))
+        self.q = turned(self.q, self.angular.stop(dt))
+
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
         self.p = plus(self.p, self.linear.stop(dt))

@@ -2,6 +2,7 @@
 """What a contact shows while force is controlled: whether images are dated right, and whether the force swings."""
 
 from functools import partial
+from itertools import compress
 from math import inf
 
 from seed_control.law.published import PublishedLaw
@@ -9,6 +10,7 @@ from seed_control.monitor.contact.contact_motion import ContactMotion
 from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contact.late_stamps import LateStamps
 from seed_control.monitor.contact.swing import Swing
+from seed_control.monitor.pose_step import PoseStep
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.history import PoseHistory
@@ -31,25 +33,32 @@ class ContactWatch:
         self._motion = ContactMotion(p_EC)
         self.late, self.force = LateStamps(parameters), ForceWatch(parameters.max_excess_force)
         self._swings: list[Swing] = []
+        self._steps: list[PoseStep] = []
         self._wanted: list[float] = []
         self._looked = -inf  # [s]
 
     def restart(self) -> None:
         """Everything is to be seen anew: the controller was enabled."""
         self._motion.clear()
-        self._swings = []
+        self._swings, self._steps = [], []
         self.late.restart()
         self.force.clear()
 
     @property
     def reason(self) -> str:
         """Why to hold; '' while all is well."""
-        return self.force.reason or self.late.reason or next((s.reason for s in self._swings if s.reason), "")
+        found = (one.reason for one in (*self._steps, *self._swings) if one.reason)
+        return self.force.reason or self.late.reason or next(found, "")
 
     @property
     def warning(self) -> str:
         """What is worth telling though it does not hold; '' for nothing."""
-        return self.force.warning or self.late.warning
+        return self.force.warning or self.late.warning or self.stepped
+
+    @property
+    def stepped(self) -> str:
+        """That poses have stepped while the gripper stood; '' if not."""
+        return next((step.warning for step in self._steps if step.warning), "")
 
     def update(self, m: Measurement, law: PublishedLaw, history: PoseHistory) -> None:
         """Take in an image; law: as it is after it; history: flange poses."""
@@ -62,8 +71,10 @@ class ContactWatch:
         if other:
             self._wanted = wanted
             self.force.again()
-        if law.contact.once and any(wanted):
-            self.force.update(m.stamp, along, wanted, deviation, law.settled)
+        self._look_for_steps(m, law)
+        held = [law.contact.once or law.touches(i) for i in range(len(wanted))]
+        if any(w and on for w, on in zip(wanted, held, strict=True)):
+            self.force.update(m.stamp, [*compress(along, held)], [*compress(wanted, held)], deviation, law.settled)
         else:
             self.force.clear()
         if not law.contact.made or not any(wanted):
@@ -78,6 +89,17 @@ class ContactWatch:
         if m.stamp >= self._looked + _EVERY or m.stamp < self._looked:
             self._looked = m.stamp
             self._look(plan.normals, history)
+
+    def _look_for_steps(self, m: Measurement, law: PublishedLaw) -> None:
+        plan, stiffness = law.plan, law.wrench_estimator.mean_stiffness
+        if len(self._steps) != len(plan.normals):
+            self._steps = [PoseStep() for _ in plan.normals]
+        seen = m.estimate is None or all(m.estimate.observed)  # an axis that is not counts as undeflected
+        for i, (step, n, wanted) in enumerate(zip(self._steps, plan.normals, plan.wanted.tolist(), strict=True)):
+            if seen and wanted and law.touches(i):
+                step.update(m, n, wanted, law.p_Ttip, stiffness)
+            else:
+                step.clear()
 
     def _look(self, normals: Array, history: PoseHistory) -> None:
         for n, swing in zip(normals, self._swings, strict=True):

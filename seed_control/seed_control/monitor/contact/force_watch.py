@@ -8,7 +8,8 @@ from collections import deque
 from math import inf, sqrt
 
 _SPAN = 1.0  # [s] over which the error counts
-_SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: an error that is told
+_SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: an error that is told ...
+_RIGHT = 0.7  # ... until it is less than so much of that: one that comes and goes stays told
 _NOISE = 4.0  # deviations of the estimated force
 _IMAGES = 3  # in a row beyond the bound
 _BUILDS = 0.7  # [s] that the force may take to be built up
@@ -84,6 +85,6 @@ class ForceWatch:
         self.warning = (
             f"the force is off by {error:.1f} N (wanted {size:.1f} N): the surface moves, or is rougher than can be "
             "followed at this speed"
-            if error > max(_SHARE * size, _LEAST)
+            if error > max(_SHARE * size, _LEAST) * (_RIGHT if self.warning else 1.0)
             else ""
         )
