@@ -33,10 +33,17 @@ def difference(shown: Demonstration, played: Demonstration, settings: TeachSetti
     one, other = shown.even(), played.even()
     X_W, _ = work_frame(one, _touched(one, settings))
     (p, f), (q, g) = (_pressed(d, X_W, settings) for d in (one, other))
-    there, at = cKDTree(p).query(q)
-    back, _ = cKDTree(q).query(p)
-    away = np.concatenate((there, back))
+    _, at = cKDTree(p).query(q)
+    away = np.concatenate((_away(q, p), _away(p, q)))
     return Difference(float(np.sqrt(np.mean(away**2))), float(away.max()), float(np.sqrt(np.mean((g - f[at]) ** 2))))
+
+
+def _away(points: Array, path: Array) -> Array:
+    """Distance (n,) [m] of points (n, 2) from a path (m, 2) through its samples, not from the samples alone."""
+    a, along = path[:-1], np.diff(path, axis=0)
+    size = np.maximum(np.sum(along**2, axis=1), 1e-18)
+    share = np.clip(np.sum((points[:, None] - a) * along, axis=2) / size, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points[:, None] - a - share[..., None] * along, axis=2).min(axis=1))
 
 
 def _touched(d: Demonstration, settings: TeachSettings) -> list[tuple[int, int]]:
