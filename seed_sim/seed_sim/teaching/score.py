@@ -40,7 +40,7 @@ class Replay(NamedTuple):
 def shown(case: Case, estimator: str = "noisy") -> Shown:
     """The demonstration."""
     task = case.task()
-    demonstration = Shown(task, TOOLS[case.tool], case.seed, case.seed, estimator)
+    demonstration = Shown(task, TOOLS[case.tool], task.frame.pose, case.seed, case.seed, estimator)
     if case.kind.startswith("led"):
         demonstration.led(case.path, case.forces, case.speed)
     else:
@@ -50,7 +50,8 @@ def shown(case: Case, estimator: str = "noisy") -> Shown:
 
 def again(case: Case, task: Task, estimator: str = "noisy") -> tuple[Shown, str]:
     """The task in the same cell, with other noise; and how it ended, '' for well."""
-    replay = Shown(task, TOOLS[case.tool], case.seed, case.seed + _OTHER, estimator)
+    table = case.task().frame.pose
+    replay = Shown(task, TOOLS[case.tool], table, case.seed, case.seed + _OTHER, estimator)
     recording = play(task, replay.plant, replay)
     return replay, "" if recording.finished else recording.message or "it did not end"
 

@@ -25,13 +25,21 @@ _WAVERS = 0.04  # share of the force at 0.6 Hz
 class Shown:
     """Steers as SEED does, and remembers: `measured` is what `./seed teach` hears, `true` is the plant's."""
 
-    def __init__(self, task: Task, scenario: str, seed: int, noise: int, estimator: str) -> None:
-        """seed: of table and arm; noise: of the estimates."""
+    def __init__(self, task: Task, scenario: str, table: Array, seed: int, noise: int, estimator: str) -> None:
+        """The cell of a seed, at rest above the task's start.
+
+        Args:
+            task: that is played, or whose start is above where a hand leads.
+            scenario: by its name.
+            table: X_W (4, 4) about which the seed tilts and shifts the table: one table, whatever frame is taught.
+            seed: of table and arm. noise: seed of the estimates' noise.
+            estimator: by its name.
+        """
         cell = load_scenario(scenario)
         # by its weight a tool that moves along a table seems to hang free, where no controller presses it
         cell = replace(cell, reference=replace(cell.reference, correct=False))
         self.start = start_pose(cell, task)
-        self.plant = Plant(cell, seed, task.frame.pose, self.start)
+        self.plant = Plant(cell, seed, table, self.start)
         self.steering = SeedSteering(self.plant, cell, "seed", estimator, noise)
         self.rate, self._measured, self._true = self.steering.rate, Recorder(), Recorder()
 
