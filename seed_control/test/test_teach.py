@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task
 from seed_control.tasks.steps import steps_of
 from seed_control.teach import Demonstration, Recorder, TeachError, TeachSettings, task_text, taught
-from seed_control.teach.pieces import corners, levels, speed_of
+from seed_control.teach.compare import difference
+from seed_control.teach.pieces import corners, levels, rested, speed_of
 from seed_core.config import ConfigError, load_text
 from seed_core.spatial import make_pose
 
@@ -65,8 +67,10 @@ def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_
     assert max(far) < 1e-3
     for corner in CORNERS[1:]:  # both are passed
         assert np.linalg.norm(places[:, :2] - corner, axis=1).min() < 2e-3
-    moving = [s for s in wiped if s.points]
-    assert sum(s.expected_time for s in moving) == pytest.approx(0.16 / SPEED, rel=0.2)
+    steps = steps_of(made.task)
+    ways = [(s.phase, np.array([before.points[-1], *s.points])) for before, s in pairwise(steps) if s in wiped]
+    times = [np.linalg.norm(np.diff(way, axis=0), axis=1).sum() / phase.speed for phase, way in ways]
+    assert sum(times) == pytest.approx(0.16 / SPEED, rel=0.2)
     assert len(path) <= 12
     tip = X[:3, :3] @ Rotation.from_euler("xyz", made.task.tip_rpy, degrees=True).as_matrix()
     assert np.linalg.norm(tip[:, 2] + SURFACE[:3, 2]) < 0.02  # the tool points into the surface
@@ -75,6 +79,45 @@ def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_
 def _away(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
     s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     return float(np.linalg.norm(q - a - s * (b - a)))
+
+
+def test_a_tool_that_touches_while_it_stands_comes_down_where_it_presses() -> None:
+    """Friction keeps a tip where it lands, so what is off there is off until the tip slides."""
+    d = shown(seed=3)
+    touched = np.flatnonzero(np.linalg.norm(d.forces, axis=1) > 1.0)[:4]
+    X = d.X_W_tip.copy()
+    X[touched, :3, 3] += 0.0015 * SURFACE[:3, 1]  # it skids by 1.5 mm as it comes down
+    task = taught(Demonstration(d.stamps, X, d.forces), "mine", "").task
+    landing = next(p for p in task.phases if p.name == "approach").to
+    assert landing is not None
+    place = SURFACE[:3, :3].T @ (task.frame.pose @ np.append(landing, 1.0) - np.append(SURFACE[:3, 3], 0.0))[:3]
+    np.testing.assert_allclose(place[:2], CORNERS[0], atol=7e-4)
+
+
+def test_a_blade_that_gives_way_to_friction_aims_by_as_much_further() -> None:
+    """Across its path it gives way by F / side_stiffness; a pen, which torque does not turn, does not."""
+    d = shown(noise=0.0)
+    steps = {tool: steps_of(taught(d, "mine", tool, TeachSettings(resists=axes)).task) for tool, axes in TOOLS.items()}
+    X = taught(d, "mine", "").task.frame.pose
+    ends = {t: [X @ np.append(s.points[-1], 1.0) for s in of if s.phase.name == "wipe 2"][-1] for t, of in steps.items()}
+    further = SURFACE[:3, :3].T @ (ends["squeegee"] - ends["pen"])[:3]
+    expected = FRICTION * FORCES[1] / ControllerParameters().side_stiffness
+    np.testing.assert_allclose(further, (0.0, expected, 0.0), atol=0.15 * expected)
+
+
+TOOLS: dict[str, tuple[str, ...]] = {"squeegee": ("x",), "pen": ()}
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.005, 0.05])
+def test_a_tip_that_stands_is_at_one_place_and_one_that_moves_slowly_stays_on_its_path(speed: float) -> None:
+    t = np.arange(100) * 0.02
+    noise = 3e-4 * np.random.default_rng(0).standard_normal((100, 2))
+    path = np.column_stack((speed * t, 0.0 * t))
+    out = rested(path + noise, 0.0015, 15)
+    assert np.abs(out[:, 1]).max() <= np.abs(noise[:, 1]).max()
+    if not speed:
+        assert np.ptp(out, axis=0).max() == 0.0
+    assert np.linalg.norm(out - path, axis=1).max() < 0.0025
 
 
 def test_the_file_says_what_the_task_is() -> None:
@@ -210,3 +253,20 @@ def test_corners_without_an_end_are_refused() -> None:
     text = "name: a\nphases: [{name: b, through: [[0, 0, 0]]}]\n"
     with pytest.raises(ConfigError, match="through needs to"):
         load_text(text, Task, "a.yaml")
+
+
+def test_paths_are_compared_between_their_samples_too() -> None:
+    """The same way with other samples is no distance away; one that lies 2 mm aside is 2 mm away, both ways."""
+    d = shown(noise=0.0)
+    assert difference(d, _changed(_later)).path < 5e-5
+    aside = difference(d, _changed(_aside))
+    assert aside.path == pytest.approx(0.002, rel=0.2)
+    assert aside.force < 0.05
+
+
+def _later(t: np.ndarray, *_: np.ndarray) -> None:
+    t += 0.0137
+
+
+def _aside(_: np.ndarray, X: np.ndarray, *__: np.ndarray) -> None:
+    X[:, :3, 3] += 0.002 * SURFACE[:3, 1]
