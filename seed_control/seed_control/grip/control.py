@@ -130,7 +130,7 @@ class GripControl:
         )  # fmt: skip
 
     def slipped(self, t: float, stamp: float) -> None:
-        """The tool slides in an image of stamp [s], and nobody can tell the load any more: a third more grip than then."""
+        """The tool slides in an image of stamp [s], and nobody can tell the load: a third more grip than then."""
         self._at(t)
         if not self._sliding and isfinite(self._force):
             slid = next((force for then, force in reversed(self._forces) if then <= stamp), self._force)

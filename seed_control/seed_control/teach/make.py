@@ -150,8 +150,9 @@ class _Maker:
         if b - a < 2:
             return
         way = list(self._way((a, b), name, None, self._settings.path))
-        if landing is not None and way:  # straight down: friction keeps a tip where it lands
-            way[-1] = replace(way[-1], through=(*way[-1].through, way[-1].to), to=_vector((*landing, CLEAR)))
+        if landing is not None and way and (end := way[-1].to) is not None:  # friction keeps a tip where it lands
+            over = _vector(np.array((*landing, CLEAR)))
+            way[-1] = replace(way[-1], through=(*way[-1].through, end), to=over)
         yield from way
 
     # contact

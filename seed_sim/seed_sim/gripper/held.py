@@ -124,7 +124,7 @@ class HeldTool:
         return np.asarray(np.linalg.lstsq(body, lag.T.ravel(), rcond=None)[0])
 
     def _lags(self) -> tuple[Array, Array, Array]:
-        """Of the nodes that touched at first, along the patches: places, what they lag behind, the tool's motion [m]."""
+        """Nodes that touched at first, along the patches: places, what they lag behind, the tool's motion [m]."""
         places, lags, moves = [], [], []
         for finger in SIDES:
             held = self._rest.bubbles[finger].touching

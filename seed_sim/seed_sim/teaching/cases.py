@@ -41,9 +41,7 @@ class Case:
     def task(self) -> Task:
         """That plays it."""
         resists = self.settings.resists
-        x, y = self.path[0]
-        start, end = (float(x), float(y)), tuple(float(v) for v in self.path[-1])
-        phases = [Phase("approach", (*start, 0.015), speed=0.1)]
+        phases = [Phase("approach", _on(self.path[0], 0.015), speed=0.1)]
         parts = np.split(np.arange(len(self.path)), np.flatnonzero(np.diff(self.forces)) + 1)
         for number, part in enumerate(parts, start=1):
             control = Control((0.0, 0.0, -float(self.forces[part[0]])), torque_axes=resists, contact_resists=resists)
@@ -53,13 +51,13 @@ class Case:
             )
             way = tuple(_on(p) for p in self.path[part[1:]])
             phases.append(Phase(f"wipe {number}", way[-1], through=way[:-1], speed=self.speed, control=control))
-        phases.append(Phase("lift", (*end, 0.04), speed=0.03))
+        phases.append(Phase("lift", _on(self.path[-1], 0.04), speed=0.03))
         frame = WorkFrame((0.45, 0.0, 0.0), (0.0, 0.0, 0.0))
         return Task(name="shown", tool=self.tool, frame=frame, tip_rpy=(180.0, 0.0, 0.0), phases=tuple(phases))
 
 
-def _on(p: Array) -> tuple[float, float, float]:
-    return round(float(p[0]), 6), round(float(p[1]), 6), 0.0
+def _on(p: Array, height: float = 0.0) -> tuple[float, float, float]:
+    return round(float(p[0]), 6), round(float(p[1]), 6), height
 
 
 def draw(seed: int) -> Case:

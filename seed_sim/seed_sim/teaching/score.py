@@ -110,5 +110,7 @@ def table(result: dict[str, dict[str, Any]]) -> str:
             for key in ("path_mm", "path_max_mm", "force")
         )
         lines.append(f"{kind:16} {row['replays']:5d}  {figures}")
-    lines += [f"seed {seed}: {why}" for kind, row in result.items() for seed, why in row["ended"].items() if kind == ALL]
+    lines += [
+        f"seed {seed}: {why}" for kind, row in result.items() for seed, why in row["ended"].items() if kind == ALL
+    ]
     return "\n".join(lines)

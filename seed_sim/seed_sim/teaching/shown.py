@@ -15,6 +15,8 @@ from seed_sim.plant.plant import Plant
 from seed_sim.scenario import load_scenario
 
 STEP = 0.004  # [s]
+_PRESSES = 3.0  # [s] in which a hand comes down and presses, before it leads on
+_LIFT, _LIFTS = 0.05, 0.03  # [m], [m/s] at the end
 _DOWN = 0.02  # [m/s] of a hand towards the surface, at most
 _FEELS = 0.2  # [N] that tells a hand of the surface
 _GIVES = 0.003  # [m/s] per newton: how fast a hand answers a force that is not the one it means
@@ -78,23 +80,24 @@ class Shown:
         """
         self.steering._enabled = True  # it is not to enable itself
         along = np.concatenate(((0.0,), np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
-        steps = max(round(along[-1] / speed / STEP), 1)
-        rest, press = round(SETTLE / STEP), round(3.0 / STEP)
-        share = np.concatenate((np.zeros(rest + press), np.arange(1, steps + 1) / steps, np.ones(round(0.3 / STEP))))
-        way = share * along[-1]
+        steps, rest = max(round(along[-1] / speed / STEP), 1), round((SETTLE + _PRESSES) / STEP)
+        way = along[-1] * np.concatenate((np.zeros(rest), np.arange(1, steps + 1) / steps, np.ones(round(0.3 / STEP))))
         over = np.column_stack([np.interp(way, along, column) for column in path.T]) - path[0]
         wanted = np.interp(way, along, forces)
         z = 0.0
-        for k in range(len(share)):
+        for k in range(len(way)):
             t = k * STEP
-            if k >= rest:
-                felt = float(np.linalg.norm(self.plant.contact_wrench.force * (0.0, 0.0, 1.0)))
-                meant = wanted[k] * (1.0 + _WAVERS * np.sin(2.0 * np.pi * 0.6 * t))
-                z -= STEP * (_DOWN if felt < _FEELS and k < rest + press else float(np.clip(_GIVES * (meant - felt), -_DOWN, _DOWN)))
+            if t >= SETTLE:
+                z -= STEP * self._hand(wanted[k] * (1.0 + _WAVERS * np.sin(2.0 * np.pi * 0.6 * t)), k < rest)
             self._lead(t, (*over[k], z + _TREMBLES * np.sin(2.0 * np.pi * 9.0 * t)))
-        for k in range(round(0.05 / 0.03 / STEP)):
-            z += 0.03 * STEP
-            self._lead((len(share) + k) * STEP, (*over[-1], z))
+        for k in range(round(_LIFT / _LIFTS / STEP)):
+            z += _LIFTS * STEP
+            self._lead((len(way) + k) * STEP, (*over[-1], z))
+
+    def _hand(self, meant: float, comes: bool) -> float:
+        """Speed [m/s] downwards of a hand that means a force [N]; comes: it may not have touched yet."""
+        felt = abs(float(self.plant.contact_wrench.force[2]))
+        return _DOWN if comes and felt < _FEELS else float(np.clip(_GIVES * (meant - felt), -_DOWN, _DOWN))
 
     def _lead(self, t: float, moved: tuple[float, ...]) -> None:
         self.sense(t)
