@@ -13,7 +13,6 @@ from seed_control.teach.pieces import levels, touches
 from seed_control.teach.settings import TeachSettings
 from seed_core.spatial import Array, inverse_pose
 
-
 SAME_PLACE = 0.001  # [m]
 
 
