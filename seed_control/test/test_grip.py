@@ -213,7 +213,7 @@ def test_a_load_that_the_grasp_cannot_bear_is_named_and_the_grip_stays_firm() ->
 def test_a_tool_that_slides_is_gripped_more_firmly_and_never_released() -> None:
     control = GripControl(SETTINGS)
     control.heard(0.0, 0.02, 5.0)
-    control.slipped(0.1)
+    control.slipped(0.1, 0.1)
     assert control.command(0.1).force > 6.0
     for i in range(300):
         t = 0.2 + i * FRAME
@@ -226,6 +226,25 @@ def test_a_tool_that_slides_is_gripped_more_firmly_and_never_released() -> None:
         control.heard(t, 0.02, control.wanted)
         control.image(margin_of(0.1, t), t)
     assert control.command(t).force == pytest.approx(SETTINGS.least_force, rel=0.05)
+
+
+def test_what_let_the_tool_slide_is_the_grip_at_that_image_not_the_one_that_came_since() -> None:
+    control = GripControl(SETTINGS)
+    for t, force in ((0.00, 5.0), (0.02, 6.0), (0.05, 10.0)):
+        control.heard(t, 0.02, force)
+    control.slipped(0.06, 0.025)
+    assert control.command(0.06).force == pytest.approx(1.3 * 6.0)
+
+
+def test_a_load_that_is_told_with_noise_does_not_wind_the_grip_up() -> None:
+    """5 % of white noise on 9 N: what is kept stays within 5 % of what they need."""
+    control, rng = GripControl(SETTINGS), np.random.default_rng(0)
+    control.heard(0.0, 0.02, 3.0)
+    for i in range(90):
+        t = i * FRAME
+        control.heard(t, 0.02, control.wanted)
+        control.image(margin_of(9.0 + (0.45 * rng.normal() if t > 0.5 else 0.0), t), t)
+    assert control._kept < 1.05 * 9.0 * 0.625 / 0.75
 
 
 def test_settings_that_contradict_each_other_are_refused() -> None:

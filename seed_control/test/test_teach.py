@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task
 from seed_control.tasks.steps import steps_of
 from seed_control.teach import Demonstration, Recorder, TeachError, TeachSettings, task_text, taught
-from seed_control.teach.pieces import corners, levels, speed_of
+from seed_control.teach.compare import _away as away_from
+from seed_control.teach.compare import difference, force_at
+from seed_control.teach.make import _Maker
+from seed_control.teach.pieces import corners, levels, rested, speed_of
 from seed_core.config import ConfigError, load_text
 from seed_core.spatial import make_pose
 
@@ -65,8 +69,10 @@ def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_
     assert max(far) < 1e-3
     for corner in CORNERS[1:]:  # both are passed
         assert np.linalg.norm(places[:, :2] - corner, axis=1).min() < 2e-3
-    moving = [s for s in wiped if s.points]
-    assert sum(s.expected_time for s in moving) == pytest.approx(0.16 / SPEED, rel=0.2)
+    steps = steps_of(made.task)
+    ways = [(s.phase, np.array([before.points[-1], *s.points])) for before, s in pairwise(steps) if s in wiped]
+    times = [np.linalg.norm(np.diff(way, axis=0), axis=1).sum() / phase.speed for phase, way in ways]
+    assert sum(times) == pytest.approx(0.16 / SPEED, rel=0.2)
     assert len(path) <= 12
     tip = X[:3, :3] @ Rotation.from_euler("xyz", made.task.tip_rpy, degrees=True).as_matrix()
     assert np.linalg.norm(tip[:, 2] + SURFACE[:3, 2]) < 0.02  # the tool points into the surface
@@ -75,6 +81,44 @@ def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_
 def _away(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
     s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     return float(np.linalg.norm(q - a - s * (b - a)))
+
+
+def test_a_tool_that_touches_while_it_stands_comes_down_where_it_presses() -> None:
+    """Friction keeps a tip where it lands, so what is off there is off until the tip slides."""
+    d = shown(seed=3)
+    touched = np.flatnonzero(np.linalg.norm(d.forces, axis=1) > 1.0)[:4]
+    X = d.X_W_tip.copy()
+    X[touched, :3, 3] += 0.0015 * SURFACE[:3, 1]  # it skids by 1.5 mm as it comes down
+    task = taught(Demonstration(d.stamps, X, d.forces), "mine", "").task
+    landing = next(p for p in task.phases if p.name == "approach").to
+    assert landing is not None
+    place = SURFACE[:3, :3].T @ (task.frame.pose @ np.append(landing, 1.0) - np.append(SURFACE[:3, 3], 0.0))[:3]
+    np.testing.assert_allclose(place[:2], CORNERS[0], atol=7e-4)
+
+
+def test_a_blade_that_gives_way_to_friction_aims_by_as_much_further() -> None:
+    """Across its axis it gives way by F / side_stiffness; a pen, which torque does not turn, does not."""
+    d = shown(noise=0.0)
+    further = {}
+    for tool, axes in (("squeegee", ("x",)), ("pen", ())):
+        maker = _Maker(d.even(), TeachSettings(resists=axes))
+        further[tool] = SURFACE[:3, :3].T @ maker._X_W[:3, :3] @ (maker._aim - maker._p).T
+    expected = FRICTION * FORCES[1] / ControllerParameters().side_stiffness  # on the second leg, along y
+    assert further["squeegee"][1].max() == pytest.approx(expected, rel=0.1)
+    assert np.abs(further["squeegee"][[0, 2]]).max() < 0.05 * expected
+    assert not further["pen"].any()
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.005, 0.05])
+def test_a_tip_that_stands_is_at_one_place_and_one_that_moves_slowly_stays_on_its_path(speed: float) -> None:
+    t = np.arange(100) * 0.02
+    noise = 3e-4 * np.random.default_rng(0).standard_normal((100, 2))
+    path = np.column_stack((speed * t, 0.0 * t))
+    out = rested(path + noise, 0.0015, 15)
+    assert np.abs(out[:, 1]).max() <= np.abs(noise[:, 1]).max()
+    if not speed:
+        assert np.ptp(out, axis=0).max() == 0.0
+    assert np.linalg.norm(out - path, axis=1).max() < 0.0025
 
 
 def test_the_file_says_what_the_task_is() -> None:
@@ -210,3 +254,27 @@ def test_corners_without_an_end_are_refused() -> None:
     text = "name: a\nphases: [{name: b, through: [[0, 0, 0]]}]\n"
     with pytest.raises(ConfigError, match="through needs to"):
         load_text(text, Task, "a.yaml")
+
+
+def test_paths_are_compared_between_their_samples_too() -> None:
+    """A path 2 mm aside is 2 mm away, wherever the samples of both happen to lie."""
+    path = np.column_stack((np.arange(0.0, 0.1, 0.01), np.zeros(10)))
+    np.testing.assert_allclose(away_from(path[:-1] + np.array((0.0033, 0.002)), path), 0.002)
+
+
+def _gap_of(apart: float) -> float:
+    d = shown(noise=0.0)
+    X = d.X_W_tip.copy()
+    X[:, :3, 3] += apart * SURFACE[:3, 1]
+    return difference(d, Demonstration(d.stamps, X, d.forces)).path_max
+
+
+def test_the_difference_is_that_of_a_leg_shifted_aside() -> None:
+    assert _gap_of(0.0) == 0.0
+    assert _gap_of(0.002) == pytest.approx(0.002, rel=0.15)
+
+
+def test_where_a_tip_stands_any_force_that_it_pressed_with_there_is_the_force_of_that_place() -> None:
+    """A tip that stood for a second has no one sample nearest to a place: their mean counts."""
+    p, f = np.zeros((50, 2)), np.concatenate((np.full(5, 7.0), np.full(45, 9.0)))
+    np.testing.assert_allclose(force_at(p, f, np.array(((1e-5, 0.0), (0.003, 0.0)))), np.mean(f))

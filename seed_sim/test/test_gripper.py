@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.spatial import inverse_pose
 from seed_sim.gripper.gripper import GripperSection, SimulatedGripper
 from seed_sim.gripper.held import DT, HeldTool, TornError
-from seed_sim.gripper.pulls import KINDS, draw
+from seed_sim.gripper.pulls import KINDS, RADIUS, draw
 from seed_sim.gripper.score import Case, summary, table
-from seed_sim.gripper.trial import Outcome, holds, run
+from seed_sim.gripper.trial import Outcome, _material, holds, run
 
 SECTION = GripperSection(speed=0.1, latency=0.02, max_force=10.0)
 SPRING = 800.0  # [N/m] of the push per closed metre
@@ -77,6 +79,19 @@ def test_the_answer_holds_what_a_grip_that_stays_loses() -> None:
     assert answer.slid < 0.002
     assert answer.more - answer.onset <= 0.05
     assert answer.reason == ""
+
+
+def test_a_load_is_told_by_how_the_material_has_moved() -> None:
+    """A patch turns further on its membrane than it shifts: one share of slip for both told 1.6 times this load."""
+    pull = replace(draw("pull", 601), strength=0.9, stay=0.2)
+    held = HeldTool(pull, start=pull.begins)
+    (stiffness, _), *_ = held.stiffness_at([held.first])
+    while held.t < pull.begins + pull.rise + 0.1:
+        held.advance()
+    X_CT = _material(held.X_CT, held.lag(), 0.0)
+    told = Bushing(Stiffness.from_vector(stiffness)).wrench(inverse_pose(X_CT)).rotated(X_CT[:3, :3])
+    size = [float(np.linalg.norm((w.force[0], w.force[2], w.torque[1] / RADIUS))) for w in (told, held.spring)]
+    assert size[0] == pytest.approx(size[1], rel=0.2)
 
 
 def test_a_gripper_too_weak_for_the_pull_is_named() -> None:

@@ -6,6 +6,7 @@ answered, need and load with one standard deviation to the safe side. Whatever i
 it is or tightened, never relaxed; `hold` says why the arm has to hold, too.
 """
 
+from collections import deque
 from math import exp, hypot, inf, isfinite, nan
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from seed_control.grip.margin import Margin
 from seed_control.grip.settings import GripSettings
 
 _TRUST, _TRUST_RATE = 0.7, 0.35  # gains of the filter of the load and of its rate, per image
-_MEAN = 0.08  # [s] of the load that is there to stay
+_MEAN = 0.16  # [s] of the load that is there to stay
 _FRAME = 0.022  # [s] between images, about
 _MOST_AHEAD = 1.0  # by this share of itself a load is foretold to rise at most
 _GAP = 0.2  # of 100 ms between images: longer ones tell no rate
@@ -21,7 +22,8 @@ _NEAR, _NEAR_SHARE = 0.4, 0.2  # [N], [1] within which a command counts as answe
 _AT_AN_END = 2e-4  # [m] from min_width or max_width
 _REST = 0.02  # share by which a need may fall short without being less
 _SET_BACK = 0.5  # [s] by which time goes back only where a clock was set
-_GIVEN_BACK = 0.08  # [s] in which a grip for a load that did not come decays by e
+_GIVEN_BACK = 0.05  # [s] in which a grip for a load that did not come decays by e
+_FORCES = 200  # that were heard last: the images of a slip come later than they
 _AFTER_SLIP = 1.3  # times the grip that let the tool slide
 
 
@@ -50,6 +52,7 @@ class GripControl:
         self.wanted = nan
         self._width = self._force = nan
         self._heard = -inf  # [s]
+        self._forces: deque[tuple[float, float]] = deque(maxlen=_FORCES)  # [s], [N]
         self._answered = inf  # [s] when the gripper was near the command last
         self._load = self._rate = self._mean = 0.0  # [N], [N/s], [N]
         self._stamp = -inf
@@ -66,6 +69,7 @@ class GripControl:
                 min(then, t) for then in (self._heard, self._answered, self._needed, self._relaxed, self._told)
             )
             self._now = t
+            self._forces.clear()
         self._now = max(t, self._now)
 
     def heard(self, t: float, width: float, force: float) -> None:
@@ -74,6 +78,7 @@ class GripControl:
         if not (isfinite(width) and isfinite(force)):
             return
         self._width, self._force, self._heard = width, force, t
+        self._forces.append((t, force))
         if not isfinite(self.wanted):
             self.wanted = self._kept = self._bounded(force)
         if abs(self.wanted - force) <= max(_NEAR, _NEAR_SHARE * self.wanted) or self._at_an_end():
@@ -124,10 +129,12 @@ class GripControl:
             "that is rougher or lighter"
         )  # fmt: skip
 
-    def slipped(self, t: float) -> None:
-        """The tool slides, and nobody can tell the load any more: half as much grip again."""
+    def slipped(self, t: float, stamp: float) -> None:
+        """The tool slides in an image of stamp [s], and nobody can tell the load: a third more grip than then."""
+        self._at(t)
         if not self._sliding and isfinite(self._force):
-            self._want(_AFTER_SLIP * max(self._force, self.settings.least_force), t)
+            slid = next((force for then, force in reversed(self._forces) if then <= stamp), self._force)
+            self._want(_AFTER_SLIP * max(slid, self.settings.least_force), t)
             self.wanted = max(self.wanted, self._kept)
         self._sliding = True
 

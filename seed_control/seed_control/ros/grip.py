@@ -56,7 +56,7 @@ class GripAnswer:
             self._margin.restart()
             self._kept.restart()
         elif estimate.gross_slip:
-            self._control.slipped(self._node.now())
+            self._control.slipped(self._node.now(), estimate.stamp)
         elif estimate.valid:
             self._control.sticks()
 

@@ -13,6 +13,8 @@ from seed_control.teach.pieces import levels, touches
 from seed_control.teach.settings import TeachSettings
 from seed_core.spatial import Array, inverse_pose
 
+SAME_PLACE = 0.001  # [m]
+
 
 class Difference(NamedTuple):
     """Of a run from its demonstration.
@@ -33,10 +35,27 @@ def difference(shown: Demonstration, played: Demonstration, settings: TeachSetti
     one, other = shown.even(), played.even()
     X_W, _ = work_frame(one, _touched(one, settings))
     (p, f), (q, g) = (_pressed(d, X_W, settings) for d in (one, other))
-    there, at = cKDTree(p).query(q)
-    back, _ = cKDTree(q).query(p)
-    away = np.concatenate((there, back))
-    return Difference(float(np.sqrt(np.mean(away**2))), float(away.max()), float(np.sqrt(np.mean((g - f[at]) ** 2))))
+    away, off = np.concatenate((_away(q, p), _away(p, q))), g - force_at(p, f, q)
+    return Difference(float(np.sqrt(np.mean(away**2))), float(away.max()), float(np.sqrt(np.mean(off**2))))
+
+
+def force_at(p: Array, f: Array, q: Array) -> Array:
+    """Force [N] at places q (m, 2): the mean of f (n,) over those of p (n, 2) that are next to q, within SAME_PLACE.
+
+    A tip that stands has many samples at one place, and noise alone tells which of them is the nearest.
+    """
+    tree = cKDTree(p)
+    nearest, _ = tree.query(q)
+    near = tree.query_ball_point(q, nearest + SAME_PLACE)
+    return np.array([np.mean(f[indices]) for indices in near])
+
+
+def _away(points: Array, path: Array) -> Array:
+    """Distance (n,) [m] of points (n, 2) from a path (m, 2) through its samples, not from the samples alone."""
+    a, along = path[:-1], np.diff(path, axis=0)
+    size = np.maximum(np.sum(along**2, axis=1), 1e-18)
+    share = np.clip(np.sum((points[:, None] - a) * along, axis=2) / size, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points[:, None] - a - share[..., None] * along, axis=2).min(axis=1))
 
 
 def _touched(d: Demonstration, settings: TeachSettings) -> list[tuple[int, int]]:

@@ -7,12 +7,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
+from seed_control.parameters import ControllerParameters
 from seed_control.tasks.task import Control, Phase, Task, Vector, WorkFrame
-from seed_control.teach.demonstration import STEP, Demonstration, TeachError
-from seed_control.teach.frame import work_frame
-from seed_control.teach.pieces import Span, corners, levels, moves, speed_of, touches
+from seed_control.teach.demonstration import STEP, TURNING, Demonstration, TeachError
+from seed_control.teach.frame import MOVING, work_frame
+from seed_control.teach.pieces import Level, Span, corners, levels, moves, rested, speed_of, touches
 from seed_control.teach.settings import TeachSettings
 from seed_core.spatial import Array, inverse_pose
 
@@ -26,6 +28,10 @@ PAUSE = 0.8  # [s] from which standing is a part of what was shown
 LEVEL = 0.5  # [s] from which a force is one that was meant
 SHORTEST = 0.3  # [s] of a touch
 ACCELERATION = 0.2  # [m/s^2]
+STANDS = 0.0015  # [m] around their mean, within which what is left of noise leaves the samples of a tip that stands
+STAYED = 0.003  # [m] between touching and pressing, within which a tip has come down in one place
+LEVER = 0.5  # length of a torque axis that lies across both tool and normal, from which on it counts as a lever's
+SIDE_STIFFNESS = ControllerParameters().side_stiffness  # [N/m]
 
 
 class Taught(NamedTuple):
@@ -66,8 +72,11 @@ class _Maker:
         X_W, self._uneven = work_frame(shown, self._touched)
         X = inverse_pose(X_W) @ shown.X_W_tip
         self._X_W, self._p = X_W, X[:, :3, 3]
+        for a, b in self._touched:
+            self._p[a:b] = rested(self._p[a:b], STANDS, round(SHORTEST / STEP))
         self._press = -(shown.forces @ X_W[:3, 2])  # [N] into the surface
         self._R = self._held(Rotation.from_matrix(X[:, :3, :3]))
+        self._aim = self._aimed(shown)
         self._tilt = Rotation.identity()  # of the tip so far, relative to the task's
         self._forces: list[float] = []
         self._length, self._corners = 0.0, 0
@@ -80,18 +89,35 @@ class _Maker:
         turns[:, ["xyz".index(axis) for axis in self._settings.resists]] = 0.0
         return Rotation.from_rotvec(turns)
 
+    def _aimed(self, shown: Demonstration) -> Array:
+        """Where the reference of a controlled path has to be (n, 3) [m] for the tip to go as it was shown.
+
+        Across its path a tool that torque turns gives way to a side force, here friction, by `side_stiffness`.
+        """
+        aim, R = self._p.copy(), self._X_W[:3, :3].T @ shown.X_W_tip[:, :3, :3]
+        speed = np.linalg.norm(np.gradient(aim[:, :2], STEP, axis=0), axis=1, keepdims=True)
+        slides = shown.forces @ self._X_W[:3, :3] * (speed > MOVING)  # a tip that sticks may press aside by chance
+        force = uniform_filter1d(slides, round(TURNING / STEP), axis=0, mode="nearest")
+        for axis in self._settings.resists:
+            side = np.cross(R[:, :, "xyz".index(axis)], R[:, :, 2]) * (1.0, 1.0, 0.0)
+            size = np.linalg.norm(side, axis=1, keepdims=True)
+            e = np.where(size > LEVER, side / np.maximum(size, LEVER), 0.0)
+            aim += np.sum(force * e, axis=1, keepdims=True) * e / SIDE_STIFFNESS
+        return aim
+
     def task(self, name: str, tool: str) -> Taught:
         """All phases."""
         phases: list[Phase] = []
         before = 0
         for number, (a, b) in enumerate(self._touched, start=1):
             suffix = f" {number}" if len(self._touched) > 1 else ""
-            phases += self._free((before, a), f"approach{suffix}", "end")
-            phases += self._contact((a, b), suffix)
+            pieces = levels(self._press[a:b], self._settings.force, round(LEVEL / STEP))
+            phases += self._free((before, a), f"approach{suffix}", "end", self._landing(a, pieces[0]))
+            phases += self._contact(a, pieces, suffix)
             x, y, _ = phases[-1].to or self._p[b - 1]
             phases.append(self._phase(f"release{suffix}", (b - 1, b), (x, y, ABOVE), RELEASE))
             before = b
-        phases += self._free((before, len(self._p)), "leave" if self._touched else "move", "start")
+        phases += self._free((before, len(self._p)), "leave" if self._touched else "move", "start", None)
         if not phases:
             raise TeachError("the tip neither moved nor touched anything: there is nothing to play")
         first = phases[0]
@@ -108,26 +134,34 @@ class _Maker:
         return Taught(task, tuple(self._forces), self._length, self._corners, self._uneven)
 
     # free ways
-    def _free(self, span: Span, name: str, near: str) -> Iterator[Phase]:
-        """Without contact; near: which end of it is at the surface, from which it keeps clear."""
+    def _free(self, span: Span, name: str, near: str, landing: Array | None = None) -> Iterator[Phase]:
+        """Without contact; near: which end of it is at the surface, from which it keeps clear; landing: (2,) there."""
         a, b = span
         if self._touched:
             low = CLEAR if near == "end" else ABOVE
             clear = np.flatnonzero(self._p[a:b, 2] > low) + a
             a, b = (int(clear[0]), int(clear[-1]) + 1) if len(clear) else (a, a)
         if near == "end" and b - a < 2:  # it was shown from the surface on
-            x, y = self._p[span[1]][:2] if span[1] < len(self._p) else self._p[-1][:2]
+            x, y = landing if landing is not None else self._p[-1][:2]
             yield self._phase(name, (span[1], span[1] + 1), (x, y, ABOVE), FREE)
             return
         if near == "end" and a == 0:
             yield self._phase("begin", (a, a + 1), _vector(self._p[a]), FREE)
-        if b - a >= 2:
-            yield from self._way((a, b), name, None, self._settings.path)
+        if b - a < 2:
+            return
+        way = list(self._way((a, b), name, None, self._settings.path))
+        if landing is not None and way and (end := way[-1].to) is not None:  # friction keeps a tip where it lands
+            over = _vector(np.array((*landing, CLEAR)))
+            way[-1] = replace(way[-1], through=(*way[-1].through, end), to=over)
+        yield from way
 
     # contact
-    def _contact(self, span: Span, suffix: str) -> Iterator[Phase]:
-        a, b = span
-        pieces = levels(self._press[a:b], self._settings.force, round(LEVEL / STEP))
+    def _landing(self, a: int, first: Level) -> Array:
+        """Where (2,) the tip comes down that touches at sample a: where it presses, if it stayed there."""
+        touch, there = self._p[a, :2], self._p[a + first.there, :2]
+        return there if np.linalg.norm(there - touch) < STAYED else touch
+
+    def _contact(self, a: int, pieces: list[Level], suffix: str) -> Iterator[Phase]:
         for number, (i, there, j, size) in enumerate(pieces, start=1):
             if size <= 0.0:
                 raise TeachError(
@@ -144,7 +178,7 @@ class _Maker:
         """On from the touch until the force is there."""
         a, b = span
         b = max(b, a + 1)
-        path = self._p[a:b] * (1.0, 1.0, 0.0)
+        path = self._aim[a:b] * (1.0, 1.0, 0.0)
         speed = self._speed(path, PRESSING)
         yield replace(self._phase(name, (a, b), _vector(path[-1]), speed), control=control, until="settled", dwell=0.15)
 
@@ -155,8 +189,7 @@ class _Maker:
     # ways
     def _way(self, span: Span, name: str, control: Control | None, tolerance: float) -> Iterator[Phase]:
         """A path with its pauses, cut where the tip turns."""
-        flat = (1.0, 1.0, 0.0) if control is not None else (1.0, 1.0, 1.0)
-        points = self._p[span[0] : span[1]] * flat
+        points = self._p[span[0] : span[1]] if control is None else self._aim[span[0] : span[1]] * (1.0, 1.0, 0.0)
         for (i, j), moving in moves(points, STEP, SLOW, round(PAUSE / STEP)):
             a, b = span[0] + i, span[0] + j
             if not moving:

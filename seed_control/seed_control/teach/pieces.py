@@ -101,6 +101,24 @@ def levels(force: Array, band: float, least: int) -> list[Level]:
     return [Level(a, int(f[0]), int(f[1]), f[2]) for a, f in zip(starts, found, strict=True)]
 
 
+def rested(points: Array, reach: float, least: int) -> Array:
+    """A path (n, d) [m] on which a tip that stands is at one place: the mean of samples that stay within reach of it.
+
+    reach: [m]. least: samples of a stand.
+    """
+    out, a = points.copy(), 0
+    while a < len(points):
+        b = a + 1
+        while b < len(points) and np.linalg.norm(points[b] - points[a:b].mean(axis=0)) < reach:
+            b += 1
+        if b - a >= least:
+            out[a:b] = points[a:b].mean(axis=0)
+            a = b
+        else:
+            a += 1
+    return out
+
+
 def moves(points: Array, step: float, slow: float, least: int) -> list[tuple[Span, bool]]:
     """Stretches of a path (n, d) [m] in turn, and whether it moves there: faster than slow [m/s], or but briefly not.
 

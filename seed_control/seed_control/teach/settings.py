@@ -10,7 +10,7 @@ from seed_core.config import ConfigError, field
 class TeachSettings:
     """Tolerances of the simplification, bounds of the check."""
 
-    path: float = field(0.0008, unit="m", low=1e-5, high=0.01, doc="by which the path may be simplified")
+    path: float = field(0.0003, unit="m", low=1e-5, high=0.01, doc="by which the path may be simplified")
     turn: float = field(
         6.0, unit="deg", low=0.2, high=30.0, doc="by which the tip's rotation may be simplified: a soft grasp leans"
     )

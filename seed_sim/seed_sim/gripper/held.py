@@ -108,19 +108,31 @@ class HeldTool:
 
     def creep(self) -> Creep:
         """How far both membranes do not follow the tool since the grasp."""
-        lags, moves, edges = [], [], []
-        for finger in SIDES:
-            held = self._rest.bubbles[finger].touching
-            p0 = self._rest.bubbles[finger].nodes[held]
-            moves.append((p0 @ self.X_CT[:3, :3].T + self.X_CT[:3, 3] - p0)[:, ::2])
-            lags.append(moves[-1] - (self.state.bubbles[finger].nodes[held] - p0)[:, ::2])
-            edges.append(self._edges[finger])
-        lag, move, edge = np.concatenate(lags), np.concatenate(moves), np.concatenate(edges)[:, None]
+        _, lag, move = self._lags()
+        edge = np.concatenate([self._edges[finger] for finger in SIDES])[:, None]
         size, at_edge = float((move**2).sum()), float(((edge * move) ** 2).sum())
         if size < len(move) * 1e-4**2:
             return Creep(0.0, 0.0, 0.0)
         slid = float(np.sqrt(np.square(lag).sum(axis=1).mean()))
         return Creep(float((lag * move).sum()) / size, float((lag * edge * move).sum()) / max(at_edge, 1e-12), slid)
+
+    def lag(self) -> Array:
+        """Turn about y [rad] and shift along x and z (3,) [m] in which both membranes, as one body, do not follow."""
+        places, lag, _ = self._lags()
+        x, z, one, zero = places[:, 0], places[:, 1], np.ones(len(lag)), np.zeros(len(lag))
+        body = np.concatenate((np.column_stack((z, one, zero)), np.column_stack((-x, zero, one))))
+        return np.asarray(np.linalg.lstsq(body, lag.T.ravel(), rcond=None)[0])
+
+    def _lags(self) -> tuple[Array, Array, Array]:
+        """Nodes that touched at first, along the patches: places, what they lag behind, the tool's motion [m]."""
+        places, lags, moves = [], [], []
+        for finger in SIDES:
+            held = self._rest.bubbles[finger].touching
+            p0 = self._rest.bubbles[finger].nodes[held]
+            moves.append((p0 @ self.X_CT[:3, :3].T + self.X_CT[:3, 3] - p0)[:, ::2])
+            lags.append(moves[-1] - (self.state.bubbles[finger].nodes[held] - p0)[:, ::2])
+            places.append(p0[:, ::2])
+        return np.concatenate(places), np.concatenate(lags), np.concatenate(moves)
 
     @property
     def spring(self) -> Wrench:

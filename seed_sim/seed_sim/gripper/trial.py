@@ -95,7 +95,7 @@ class _Eyes:
         creep = held.creep()
         slip, incipient = (max(c + m.creep * float(rng.normal()), 0.0) for c in creep[:2])
         noise = make_pose(so3_exp(m.rotation * rng.normal(size=3)), m.position * rng.normal(size=3))
-        X_CT = _material(held.X_CT @ noise, slip)
+        X_CT = _material(held.X_CT @ noise, held.lag(), slip - creep.slip)
         stiffness = Stiffness.from_vector(
             np.array([np.interp(width, self._widths, self._stiffness[:, i]) for i in range(6)])
         )
@@ -106,10 +106,19 @@ class _Eyes:
         return spring, covariance, SlipSigns(slip, incipient, creep.slid > m.alarm)
 
 
-def _material(X_CT: Array, slip: float) -> Array:
-    """How the membranes' material has moved (4, 4), of which the load comes: they do not follow the share slip."""
-    share = 1.0 - min(slip, 1.0)
-    return make_pose(so3_exp(share * so3_log(X_CT[:3, :3])), share * X_CT[:3, 3])
+def _material(X_CT: Array, lag: Array, share: float) -> Array:
+    """How the membranes' material has moved (4, 4), of which the load comes, as MembraneMotion tells it.
+
+    Args:
+        X_CT: of the tool. lag: HeldTool's, which the material does not follow: a patch turns further than it shifts.
+        share: of the motion by which that is told wrong.
+    """
+    turn, shift = so3_log(X_CT[:3, :3]), X_CT[:3, 3]
+    about_y, along_x, along_z = lag
+    return make_pose(
+        so3_exp((1.0 - share) * turn - np.array((0.0, about_y, 0.0))),
+        (1.0 - share) * shift - np.array((along_x, 0.0, along_z)),
+    )
 
 
 def holds(pull: Pull, squeeze: float) -> bool:
@@ -183,7 +192,7 @@ def run(
             told = now.value
             control.image(now, t)
             if signs.gross:
-                control.slipped(t)
+                control.slipped(t, stamp)
         command = control.command(t)
         reason = reason or command.hold
         if isfinite(command.force):

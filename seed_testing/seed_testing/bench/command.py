@@ -30,6 +30,7 @@ LONG = {  # commands with arguments of their own
     "page": "seed_testing.live.page_cost",
     "fuzz": "seed_testing.bench.fuzz",
     "law": "seed_testing.bench.campaigns.law",
+    "teach": "seed_testing.bench.campaigns.teach",
     "insertion": "seed_testing.bench.campaigns.insertion",
     "hosts": "seed_testing.two_hosts.command",
 }
