@@ -68,6 +68,14 @@ def test_a_run_that_was_cut_short_is_all_error() -> None:
     assert scores_of(recording, 10.0)["rms"] == 10.0
 
 
+def test_each_step_of_the_force_is_a_phase_of_its_own() -> None:
+    """Steps that share a name share a row of the score: those down were left out."""
+    for case in CASES:
+        names = [p.name for p in case.task().phases]
+        assert len(set(names)) == len(names)
+        assert sum(name.startswith("step ") for name in names) == len(case.steps)
+
+
 def test_bumps_have_their_height() -> None:
     bumps = Bumps(size=1e-3, length=0.02, every=0.05)
     assert_allclose([bumps.height(x) for x in (0.01, 0.06, 0.005, 0.03)], (1e-3, 1e-3, 0.5e-3, 0.0))

@@ -71,7 +71,8 @@ class Case:
         ]
         if self.steps:
             phases += [
-                Phase(f"step {f:g} N", control=control.scaled_to(f), until="arrived", dwell=1.5) for f in self.steps
+                Phase(f"step {i} to {f:g} N", control=control.scaled_to(f), until="arrived", dwell=1.5)
+                for i, f in enumerate(self.steps, start=1)
             ]
             end = start
         else:
