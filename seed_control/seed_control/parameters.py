@@ -50,7 +50,13 @@ class ControllerParameters(MotionLimits):
     workspace_high: Vector3 = inherited(MotionLimits, "workspace_high", (1.3, 1.3, 1.6))
     # contact
     approach_speed: float = field(0.03, unit="m/s", low=0.001, high=0.1, doc="towards contact")
-    press_speed: float = field(0.045, unit="m/s", low=0.001, high=0.25, doc="building up the force, in contact; three times that for changing one that has been there")
+    press_speed: float = field(
+        0.045,
+        unit="m/s",
+        low=0.001,
+        high=0.25,
+        doc="building up the force, in contact; three times that for changing one that has been there",
+    )
     max_free_travel: float = field(0.06, unit="m", low=0.005, high=0.5, doc="of an approach without contact")
     contact_share: float = field(0.3, low=0.05, high=0.9, doc="of the wanted force that counts as contact")
     lost_share: float = field(0.05, low=0.0, high=0.5, doc="of the wanted force below which contact is lost")
