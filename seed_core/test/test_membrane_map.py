@@ -188,7 +188,7 @@ def test_beyond_the_identified_range_it_says_so() -> None:
         in MembraneMap(file).spring(stuck(pose_from_rpy((0, 0, 0), (0.010, 0, 0)))).reason
     )
     assert (
-        "these motions were not identified together (x+ is 0.004 of 0.006, the largest)"
+        "motions were not identified together (x+ is 0.004 of 0.006, the largest)"
         in MembraneMap(replace(file, leverage=1e-3)).spring(stuck(pose_from_rpy((0, 0, 0), (0.004, 0, 0)))).reason
     )
 

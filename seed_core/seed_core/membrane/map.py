@@ -39,9 +39,7 @@ from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
-GRASPED = (
-    0.02  # share of each load by which the slope of a grasp may be off: its band is found a pixel or two elsewhere
-)
+GRASPED = 0.02  # share of each load by which a grasp's slope may be off: its band is found a pixel or two elsewhere
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
@@ -197,9 +195,7 @@ class MembraneMap:
             told = f"{NAMES[worst]} is {value:.3g}, identified up to {most:.3g}"
             return f"beyond the range of the membrane map: {told} {advice}"
         if leverage > BEYOND**2 * self.file.leverage:
-            told = (
-                f"these motions were not identified together ({NAMES[worst]} is {value:.3g} of {most:.3g}, the largest)"
-            )
+            told = f"motions were not identified together ({NAMES[worst]} is {value:.3g} of {most:.3g}, the largest)"
             return f"beyond the range of the membrane map: {told} {advice}"
         return ""
 
