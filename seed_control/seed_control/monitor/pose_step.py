@@ -88,4 +88,4 @@ def _stands(places: Array, n: Array) -> bool:
 def _sudden(heights: Array, step: float) -> bool:
     """Whether it lies between two images: neither half of those before nor of those after differs by much of it."""
     a, b, c, d = heights.reshape(4, _IMAGES // 2).mean(axis=1).tolist()
-    return max((b - a) / step, (d - c) / step) < _DRIFTS
+    return bool(max((b - a) / step, (d - c) / step) < _DRIFTS)

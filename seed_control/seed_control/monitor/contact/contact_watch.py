@@ -47,8 +47,8 @@ class ContactWatch:
     @property
     def reason(self) -> str:
         """Why to hold; '' while all is well."""
-        found = (one.reason for one in (*self._steps, *self._swings) if one.reason)
-        return self.force.reason or self.late.reason or next(found, "")
+        found = [step.reason for step in self._steps] + [swing.reason for swing in self._swings]
+        return self.force.reason or self.late.reason or next(filter(None, found), "")
 
     @property
     def warning(self) -> str:
