@@ -39,14 +39,15 @@ from seed_core.wrench_model import SpringWrench
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
-GRASPED = 0.02  # share of each load by which a grasp's slope may be off: its band is found a pixel or two elsewhere
+# By which a new grasp is off, since its band is found a pixel or two elsewhere: share of each load, and lever [m]
+GRASPED, LEVER = 0.02, 0.0007
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
 FOLLOWED = 0.04  # share by which the pressures at the grasp follow in each estimate at rest: a new grasp creeps
 OFF_PRESSURE = 0.03  # a pressure off the identified ones by more than this share is of another grip, membrane or unit
 RIGID_INDICES = [i for i, name in enumerate(NAMES) if name[:-1] in RIGID]
-_DIAGONAL = np.diag_indices(6)
+_DIAGONAL, _TORQUE = np.diag_indices(6), np.diag_indices(3)
 PRESSURES = [i for i, name in enumerate(NAMES) if name.startswith("pressure")]
 _PRESSURE_SIGMAS, _LEAST_RISE = 6.0, 0.25  # off by more than both, in deviations and in scales, is a contradiction
 _AMBIENT, _UNITS = 1013.25, (("Pa", 0.01), ("kPa", 10.0), ("bar", 1000.0), ("psi", 68.948))
@@ -119,6 +120,7 @@ class MembraneMap:
         squared = float(leverage @ leverage)
         covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
         covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared) + (GRASPED * w_C) ** 2
+        covariance[_TORQUE] += LEVER**2 * float(w_C[3:] @ w_C[3:])
         X_TC = inverse_pose(estimate.X_CT)
         self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)
