@@ -60,7 +60,7 @@ def test_a_hold_is_told_with_its_reason_and_what_to_do(reason: str, remedy: str)
     assert "Enable" in found.todo
 
 
-def test_the_next_button_leads_from_reference_to_grasp_to_enable() -> None:
+def test_the_next_button_leads_from_reference_to_grasp_to_enable_to_play() -> None:
     off = control("disabled", enabled=False)
     nothing = Grasp(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
     empty = Grasp(
@@ -68,7 +68,7 @@ def test_the_next_button_leads_from_reference_to_grasp_to_enable() -> None:
     )
     steps = [words.next_button(CellState(now=1.0, control=off, grasp=g)) for g in (nothing, empty, HELD)]
     assert steps == ["Reference", "Grasp", "Enable"]
-    assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == ""
+    assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == words.PLAY
 
 
 def test_tasks_for_another_tool_are_not_offered_and_the_note_names_it() -> None:

@@ -106,7 +106,7 @@ class Panel:
             self._note = gui.add_html("")
             self._force = gui.add_number("Force [N]", OWN_FORCE, min=0.0, max=50.0, step=0.5, hint=FORCE_HINT)
             gui.add_html(style.note(FORCE_HINT))
-            self._play = gui.add_button("Play task", icon=viser.Icon.PLAYER_PLAY)
+            self._play = gui.add_button(words.PLAY, icon=viser.Icon.PLAYER_PLAY, color="gray")
             self._play.on_click(lambda _: hands.play(self._task.value, self._force.value or None))
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._phase = gui.add_html("")
@@ -145,7 +145,7 @@ class Panel:
 
     def _show_hands(self, hands: Hands, next_button: str) -> None:
         playing = hands.playing
-        for name, button in self._buttons.items():
+        for name, button in (*self._buttons.items(), (words.PLAY, self._play)):
             if (button.color is None) != (name == next_button):
                 button.color = None if name == next_button else "gray"
         if self._buttons["Release"].visible != hands.simulated:

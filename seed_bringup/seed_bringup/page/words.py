@@ -31,6 +31,7 @@ MODES = {
 
 
 STOPPED = "Nothing is wrong. Press Enable when the arm may move again."
+PLAY = "Play task"  # name of the button
 SLIPPED = "The tool moves in the fingers. Take it again (Release, Grasp), press less or grip firmer; then Enable."
 # Words of a reason, and what helps against it. The first that is found counts; Enable ends every hold.
 REMEDIES = (
@@ -98,11 +99,14 @@ def headline(state: CellState, live: bool = True) -> Headline:
     return found._replace(text=_sentence(control.reason) or found.text)
 
 
+
 def next_button(state: CellState) -> str:
     """The button that leads on from here; empty: none."""
     control, grasp = state.control, state.grasp
-    if not state.alive or control is None or (control.enabled and control.mode != "holding"):
+    if not state.alive or control is None:
         return ""
+    if control.enabled and control.mode != "holding":
+        return PLAY
     lacks = " ".join((*state.missing.values(), grasp.reason if grasp is not None else ""))
     if "no reference" in lacks:
         return "Reference"

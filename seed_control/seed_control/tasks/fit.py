@@ -35,7 +35,7 @@ def check_tool(task: Task, tool: Tool) -> None:
         raise TaskError(
             f"task '{task.name}' is made for the tool '{task.tool}', and the hand holds '{tool.name}', with whose "
             "weight and tip forces are computed: take that tool and describe it under tool: in the hand file "
-            "(simulated: in a scenario file), or give the task this one's name"
+            "(simulated: launch with a scenario that holds it, such as scenario:=pen), or give the task this one's name"
         )
 
 

@@ -32,7 +32,9 @@ def frame_problem(frame: Frame, cameras: Mapping[str, PinholeCamera], p: Estimat
         return _no_frame(frame)
     missing = [f for f in cameras if f not in frame]
     if missing:
-        return f"no image of the {' and '.join(missing)} finger: is the camera running?"
+        other = [repr(f) for f in frame if f not in cameras]
+        has = f"; it has {', '.join(other)}: the keys must be {' and '.join(map(repr, cameras))}" if other else ""
+        return f"no image of the {' and '.join(missing)} finger{has or ': is the camera running?'}"
     problem = next(filter(None, (image_problem(f, frame[f], cameras[f].shape, p) for f in cameras)), "")
     if problem:
         return problem
@@ -74,7 +76,7 @@ def image_problem(finger: str, images: TactileImages, shape: tuple[int, int], p:
         return f"{finger}: its images are a {type(images).__name__}: give {IMAGES}"
     for image in (images.depth, images.ir):
         if not isinstance(image, np.ndarray) or image.dtype.kind not in "fui":
-            return f"{finger}: an image is no array of numbers"
+            return f"{finger}: an image is no array of numbers: give numpy arrays (H, W)"
     problem = _depth_problem(images.depth, shape, p) or _ir_problem(images.ir, shape, p.saturation)
     return f"{finger}: {problem}" if problem else ""
 
@@ -103,7 +105,8 @@ def _other_unit(depth: Image, p: EstimatorParameters) -> str:
 
 def _ir_problem(ir: Image, shape: tuple[int, int], saturation: float) -> str:
     if ir.ndim != 2 or ir.shape != shape:
-        return f"infrared image has shape {ir.shape}; the camera's calibration says {shape}"
+        grey = "; make it grey" if ir.ndim == 3 and ir.shape[:2] == shape else ""
+        return f"infrared image has shape {ir.shape}; the camera's calibration says {shape}{grey}"
     some = np.ascontiguousarray(ir[::4, ::4], np.float32)
     total, largest = float(some.sum()), float(some.max())
     if not isfinite(total):

@@ -90,7 +90,9 @@ class Gathering:
             return
         if wanted.outcome is None:
             why = self._node.counters.last or "no images arrive"
-            self._finish(wanted, False, f"{len(wanted.images)} of {wanted.count} images within {TIMEOUT:g} s; {why}")
+            came = f"{len(wanted.images)} of {wanted.count} images within {TIMEOUT:g} s"
+            started = "; a cell that has only just started needs some seconds: call again" if not wanted.images else ""
+            self._finish(wanted, False, f"{came}; {why}{started}")
         self._give_answer()  # no pose may come any more
 
     def _finish(self, wanted: _Wanted, success: bool, words: str) -> None:

@@ -216,7 +216,7 @@ class SimNode(SeedNode):
             raise PlantError("the tool is in the grasp already: call sim/release first")
         self.holder.grasp()
         wrong = f"; {self._told_wrong}" if self._told_wrong else ""
-        return f"grasped the {self.scenario.tool_kind}; its holder lets go when the arm moves{wrong}"
+        return f"grasped the {self.scenario.tool.name}; its holder lets go when the arm moves{wrong}"
 
     def _release(self) -> str:
         self.holder.release()
