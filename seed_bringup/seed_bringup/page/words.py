@@ -99,7 +99,6 @@ def headline(state: CellState, live: bool = True) -> Headline:
     return found._replace(text=_sentence(control.reason) or found.text)
 
 
-
 def next_button(state: CellState) -> str:
     """The button that leads on from here; empty: none."""
     control, grasp = state.control, state.grasp
