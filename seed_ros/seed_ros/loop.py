@@ -66,8 +66,6 @@ class _Polled(CallbackGroup):
 class OthersExecutor(SingleThreadedExecutor):
     """Tells whether there was something to do, so that an idle look costs one wait set and no more."""
 
-    _sigint_gc = None  # what the base's __del__ looks for also where an interrupt came while it was being made
-
     def run_some(self, most: int = CALLBACKS) -> bool:
         """Run the callbacks that are ready now, a few at most; whether one was more than a timer's."""
         called = False

@@ -205,6 +205,18 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         The exit code.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    starting = True
+
+    def interrupt(*_: object) -> None:
+        if starting:
+            raise KeyboardInterrupt
+
+    def complain(what: Any) -> None:
+        if rclpy.ok():
+            sys.__unraisablehook__(what)
+
+    sys.unraisablehook = complain  # what rclpy was making when its context ended is half made, and its __del__ fails
+    signal.signal(signal.SIGINT, interrupt)  # rclpy ends the context before; the loop looks for that, so need not break
     try:
         rclpy.init(args=argv)
     except RuntimeError as error:  # a file of parameters that cannot be read, a remapping that is none
@@ -215,6 +227,7 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         node = create()
         inspect.getframeinfo(sys._getframe())  # each logger's first line looks up all modules' files, 0.1 s: do it now
         gc.freeze()  # what was loaded so far stays: the collector need not walk it in a control loop
+        starting = False
         node.loop.run()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -228,8 +241,9 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C comes twice below `ros2 launch`: the node is ending
+        starting = False  # Ctrl-C comes twice below `ros2 launch`: the node is ending
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Python's own end would let it kill
     return 0

@@ -22,7 +22,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
 from seed_ros import QUEUE, Diagnostics, FixedRateLoop, SeedNode, diagnostics
-from seed_ros.loop import OthersExecutor
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -154,10 +153,6 @@ def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace() -> None:
         time.sleep(0.005)
     _, errors = process.communicate(timeout=10.0)
     assert (process.returncode, errors) == (0, "")
-
-
-def test_an_executor_that_was_interrupted_while_it_was_made_goes_without_a_trace() -> None:
-    OthersExecutor.__new__(OthersExecutor).__del__()
 
 
 def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path: Path) -> None:
