@@ -164,6 +164,18 @@ def test_a_force_that_is_off_by_turns_stays_told_until_it_is_well_within() -> No
     assert not told[-1]
 
 
+@pytest.mark.parametrize(("short_by", "told"), [(0.0, False), (4.0, True)])
+def test_a_force_is_watched_though_another_one_is_wanted_all_the_time(short_by: float, told: bool) -> None:
+    """Streamed set-points change more often than a force is built up."""
+    watch = ForceWatch(3.0)
+    for k in range(45 * 4):
+        t = k / 45.0
+        wanted = 10.0 if t % 0.6 < 0.3 else 8.0
+        lagging = 10.0 if (t - 0.15) % 0.6 < 0.3 else 8.0
+        watch.update(t, [short_by - lagging], [-wanted], 0.05, False)
+    assert ("the force is off" in watch.warning) == told
+
+
 def test_a_direction_that_touches_is_watched_while_another_is_sought() -> None:
     """Pressed on a table and towards a wall that is not there, with a table that moves as nobody foretells."""
     bench = Bench(noise=NOISE).enabled()

@@ -70,7 +70,6 @@ class ContactWatch:
         )
         if other:
             self._wanted = wanted
-            self.force.again()
         self._look_for_steps(m, law)
         held = [law.contact.once or law.touches(i) for i in range(len(wanted))]
         if any(w and on for w, on in zip(wanted, held, strict=True)):

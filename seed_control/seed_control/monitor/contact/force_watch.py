@@ -12,7 +12,7 @@ _SHARE, _LEAST = 0.2, 0.5  # of the wanted force, and [N]: an error that is told
 _RIGHT = 0.7  # ... until it is less than so much of that: one that comes and goes stays told
 _NOISE = 4.0  # deviations of the estimated force
 _IMAGES = 3  # in a row beyond the bound
-_BUILDS = 0.7  # [s] that the force may take to be built up
+_BUILDS = 0.7  # [s] that the force may take to be built up, or to follow another one that is wanted
 _FALLS = 15.0  # [N/s] at which a force may fall to a smaller one that is wanted
 
 
@@ -32,18 +32,19 @@ class ForceWatch:
         self._over = 0  # images in a row
         self._since: float | None = None  # [s] when contact began
         self._built = False
+        self._wanted: deque[tuple[float, list[float]]] = deque()  # [s], [N] by direction: when the last ones came
         self._allowed: list[float] = []  # [N] by direction
         self._stamp = inf  # [s] of the image before
 
-    def again(self) -> None:
-        """Another force is wanted."""
-        self._errors.clear()
-        self.warning, self._since, self._built = "", None, False
-
     def clear(self) -> None:
         """Contact is over, or the controller was enabled anew."""
-        self.again()
+        self._begin()
         self.reason, self._over, self._allowed, self._stamp = "", 0, [], inf
+
+    def _begin(self) -> None:
+        self._errors.clear()
+        self._wanted.clear()
+        self.warning, self._since, self._built = "", None, False
 
     def update(self, stamp: float, along: list[float], wanted: list[float], deviation: float, settled: bool) -> None:
         """Take in an image in contact.
@@ -55,9 +56,11 @@ class ForceWatch:
         if stamp < self._stamp:  # the first, or the clock was set back
             self.clear()
             self._stamp = stamp
+        if self._wanted and len(self._wanted[-1][1]) != len(wanted):  # another direction touches
+            self._begin()
         if self._since is None:
             self._since = stamp
-        errors = [f - w for f, w in zip(along, wanted, strict=True)]
+        errors = self._errors_of(stamp, along, wanted)
         fall, sizes = _FALLS * (stamp - self._stamp), [abs(w) for w in wanted]
         # What other directions bore before they were to carry force has to fall, too.
         before = self._allowed if len(self._allowed) == len(sizes) else [abs(f) for f in along]
@@ -88,3 +91,11 @@ class ForceWatch:
             if error > max(_SHARE * size, _LEAST) * (_RIGHT if self.warning else 1.0)
             else ""
         )
+
+    def _errors_of(self, stamp: float, along: list[float], wanted: list[float]) -> list[float]:
+        """[N] by direction: beyond all that was wanted lately, so that one which changes all the time is watched as well."""
+        if not self._wanted or wanted != self._wanted[-1][1]:
+            self._wanted.append((stamp, wanted))
+        while len(self._wanted) > 1 and self._wanted[1][0] <= stamp - _BUILDS:
+            self._wanted.popleft()
+        return [f - min(max(f, min(ws)), max(ws)) for f, *ws in zip(along, *(w for _, w in self._wanted), strict=True)]
