@@ -93,7 +93,7 @@ class ForceWatch:
         )
 
     def _errors_of(self, stamp: float, along: list[float], wanted: list[float]) -> list[float]:
-        """[N] by direction: beyond all that was wanted lately, so that one which changes all the time is watched as well."""
+        """[N] by direction: beyond all that was wanted lately, as streamed set-points change all the time."""
         if not self._wanted or wanted != self._wanted[-1][1]:
             self._wanted.append((stamp, wanted))
         while len(self._wanted) > 1 and self._wanted[1][0] <= stamp - _BUILDS:
