@@ -5,11 +5,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
+from seed_core.errors import SeedError
 from seed_core.spatial import Wrench, make_pose, so3_exp, so3_log
 from seed_sim.membrane import BubbleState, GraspState
 from seed_sysid.membrane.terms import MODELS
+from seed_testing.validation.maps import band
 from seed_testing.validation.maps.membrane_run import NOISE_SHIFT, NOISE_TURN, Watcher, combined_motion, poses
 from seed_testing.validation.maps.score import OF_POSE, score_membranes, table
 
@@ -44,7 +47,27 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
     expected = np.sqrt(np.diag(told[0].covariance))
     assert_allclose(errors.std(axis=0), expected, rtol=0.1)
     assert_allclose(expected[:3], NOISE_TURN, rtol=1e-6)
-    assert expected[3] > NOISE_SHIFT  # a turn about the patch shifts the origin
+    assert expected[3] > NOISE_SHIFT[0]  # a turn about the patch shifts the origin
+
+
+def test_what_the_estimator_tells_of_a_band_is_near_to_what_its_nodes_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(band, "DURATION", 1.0)
+    result = band.scores([5610], 1)
+    assert result["scored"] == 1
+    rms = np.array(result["rms"])
+    assert (rms > 0.0).all()
+    assert (rms[:3] < 0.3).all()  # degrees
+    assert (rms[3:] < 0.1).all()  # mm
+    assert (np.array(result["quick"]) < rms).all()
+    assert f"{rms[0]:.3f}" in band.table(result)
+
+
+def test_a_membrane_that_cannot_be_measured_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise SeedError("it is too small")
+
+    monkeypatch.setattr(band, "renderer_of", refuse)
+    assert "membrane 3 failed: it is too small" in band.table(band.scores([3], 1))
 
 
 def test_the_motion_starts_at_the_grasp_and_has_its_size() -> None:

@@ -8,6 +8,7 @@ seed validate slip --seed 7 [--json]
 seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
 seed validate gel --draws 20 --seed 100 [--jobs 2] [--json]
 seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
+seed validate band --membranes 10 --seed 1 [--jobs 2] [--json]
 seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--out FILE] [--jobs 2] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
 """
@@ -35,7 +36,7 @@ from seed_sim.gripper.pulls import KINDS as PULLS
 from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import gel, run, slip, worlds
 from seed_testing.validation.figure import draw
-from seed_testing.validation.maps import score
+from seed_testing.validation.maps import band, score
 from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
 
@@ -51,7 +52,7 @@ def main(argv: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="seed validate", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|faults|surfaces|gel")
+    commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|band|faults|surfaces|gel")
     one = commands.add_parser("estimator", help="accuracy, honesty and cost of an estimator over a trajectory")
     one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help=METHOD_HELP)
     one.add_argument(
@@ -100,7 +101,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     three.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
     three.add_argument(
-        "--noise", type=number(0.0, "1"), default=0.0, help="of the features: share of 0.07 mm and 0.3 degrees an image"
+        "--noise",
+        type=number(0.0, "1"),
+        default=0.0,
+        help="errors of the membranes' motion, as a share of the estimator's, which validate band measures",
     )
     three.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
     three.set_defaults(run=_map)
@@ -125,7 +129,10 @@ def _parser() -> argparse.ArgumentParser:
     seven = commands.add_parser("gel", help="two GelSight-class gels, and one alone, over drawn tools and poses")
     seven.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
     seven.set_defaults(run=_gel)
-    for either in (one, two, three, four, five, six, seven):
+    eight = commands.add_parser("band", help="how far off the estimator's motion of the membranes is, on their images")
+    eight.add_argument("--membranes", type=whole(1), default=10, help="how many, the first drawn from --seed")
+    eight.set_defaults(run=_band)
+    for either in (one, two, three, four, five, six, seven, eight):
         either.add_argument(
             "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
         )
@@ -182,6 +189,12 @@ def _grip(options: argparse.Namespace) -> int:
     each = {"seed": options.seed, **result, "each": pulled.told(cases)}
     print(to_json(each) if options.json else pulled.table(result))
     return 0
+
+
+def _band(options: argparse.Namespace) -> int:
+    result = band.scores(range(options.seed, options.seed + options.membranes), options.jobs)
+    print(to_json(result) if options.json else band.table(result))
+    return 0 if result["scored"] else 1
 
 
 def _map(options: argparse.Namespace) -> int:
