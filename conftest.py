@@ -60,6 +60,24 @@ def bench() -> Iterator[Any]:
         bench.close()
 
 
+def against_the_clock(file: Path) -> bool:
+    """Whether a file has tests against the clock, by what it says: the process that hands out files sees no marks."""
+    return "node" in file.stem.split("_") or "mark.realtime" in file.read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Each file goes to one worker, and all files with tests against the clock to the same one: they cannot overlap."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class OneClock(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file: str = super()._split_scope(nodeid)
+            return "the clock" if against_the_clock(config.rootpath / file) else file
+
+    return OneClock(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests of nodes run against the clock, whether or not they say so.
 
@@ -79,19 +97,18 @@ def _locks(run: str) -> list[Path]:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """With several workers, a realtime test has the machine to itself: others share a lock that it holds alone.
+    """With several workers, one test at a time runs against the clock, and none beside one that must be alone.
 
-    One that bears a neighbour shares the machine with tests that are not against the clock.
+    Others share a lock that such a one holds for itself.
     """
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
     if run is None:
         return (yield)
-    realtime, bears = (item.get_closest_marker(name) is not None for name in ("realtime", "neighbourly"))
-    alone = realtime and not bears
+    realtime, alone = (item.get_closest_marker(name) is not None for name in ("realtime", "alone"))
     # Whoever waits for the machine stands in the gate, so that the others cannot overtake it for ever.
     with contextlib.ExitStack() as stack:
         clock, gate, lock = (stack.enter_context(file.open("w")) for file in _locks(run))
-        if realtime and bears:
+        if realtime and not alone:
             fcntl.flock(clock, fcntl.LOCK_EX)
         fcntl.flock(gate, fcntl.LOCK_EX)
         fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)

@@ -14,7 +14,7 @@ from seed_core.errors import FailedError
 from seed_core.hand import Hand
 from seed_estimation.calibration import calibrate, file
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 
 def test_a_capture_before_simulated_cameras_calibrates(tmp_path: Path, capsys: Any) -> None:

@@ -56,7 +56,6 @@ def playing(*words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.neighbourly
 def test_a_task_without_a_cell_is_told_what_starts_one() -> None:
     for words in (("play", "squeegee"), ("cancel",)):
         done = seed(*words, "--domain", "229")  # nobody's
@@ -111,7 +110,6 @@ def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled
     assert cell.poll() is None
 
 
-@pytest.mark.neighbourly
 def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     until = time.monotonic() + 60.0
     while "/controller/enable on|off\n" not in (listed := seed("call")).stdout:
@@ -130,7 +128,6 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     assert cell.poll() is None
 
 
-@pytest.mark.neighbourly
 @pytest.mark.usefixtures("cell")
 def test_a_topic_is_watched_without_a_ros_installation() -> None:
     listed = seed("watch").stdout

@@ -14,7 +14,7 @@ import yaml
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.process import without_interrupts
 
-pytestmark = [pytest.mark.realtime, pytest.mark.neighbourly]
+pytestmark = pytest.mark.realtime
 PROGRAMS = {
     "sleeper": "trap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",

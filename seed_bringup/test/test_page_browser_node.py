@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 pytestmark = [
     pytest.mark.ros,
+    pytest.mark.alone,
     pytest.mark.skipif(BROWSER is None, reason=f"none of {', '.join(BROWSERS)} is here: apt-get install chromium"),
 ]
 SLOW = 60_000.0  # [ms] that a browser that draws by software may take

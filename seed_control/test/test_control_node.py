@@ -36,7 +36,7 @@ from seed_ros.conversions import (
 from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_ros.testing import Bench
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 DOWN = rotation_from_rpy((math.pi, 0.0, 0.0))
 X_W_TIP = make_pose(DOWN, (0.45, 0.0, 0.1))

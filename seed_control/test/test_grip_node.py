@@ -16,7 +16,7 @@ from test_control_node import Cell
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 FRICTION, PULL, STIFFNESS = 0.8, 6.0, 800.0  # [1], [N], [N/m]
 

@@ -25,7 +25,7 @@ from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import COMMAND, LATCHED
 from seed_ros.testing import Bench
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 LIFTED = 0.04  # [m], of the task's lift of 0.05
 
 

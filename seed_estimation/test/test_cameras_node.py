@@ -28,7 +28,7 @@ except SeedError as missing:
 
 from seed_estimation.realsense.software import SoftwareCamera
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 LENS = PinholeCamera(64, 64, np.array(((60.0, 0.0, 32.0), (0.0, 61.0, 31.0), (0.0, 0.0, 1.0))))
 
 

@@ -31,7 +31,7 @@ from seed_ros.images.arrays import image_message
 from seed_ros.qos import COMMAND, SENSOR
 from seed_ros.testing import Bench
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
 
 PERIOD = 0.04  # [s] between two pictures: leaves time to a busy test machine

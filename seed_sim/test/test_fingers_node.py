@@ -14,7 +14,7 @@ from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
 from seed_sim.ros.node import SimNode
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 
 def test_a_force_is_reached_at_the_grippers_speed_and_nonsense_is_refused() -> None:

@@ -26,7 +26,7 @@ from seed_sim.ros.node import SimNode
 from seed_sim.ros.tactile_cameras import TactileCamerasNode
 from seed_sim.scenario import load_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 EXPOSED = 12.0  # [s]
 

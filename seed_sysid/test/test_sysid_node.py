@@ -29,7 +29,7 @@ from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
 from seed_sysid.run.procedure import Command, average  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.neighbourly]
+pytestmark = pytest.mark.ros
 
 LEFT = 4  # poses that the node has to visit itself
 SENSOR = {"sensor__position": [0.0, 0.0, 0.06], "sensor__rpy_deg": [180.0, 0.0, 30.0]}

@@ -34,7 +34,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.realtime]  # half a
 PATIENT = Limits(pose_rate=50.0, pose_age=0.2, stop_within=0.9)  # a test machine may be loaded
 
 
-@pytest.mark.neighbourly
 def test_our_driver_keeps_every_clause() -> None:
     with StandIn() as robot:
         command = [sys.executable, "-m", "seed_driver.ros.node", "--ros-args", "-p", f"robot_ip:={robot.host}"]
@@ -92,7 +91,6 @@ def reckless_arm(listens_to: str):
         rclpy.shutdown(context=context)
 
 
-@pytest.mark.neighbourly
 def test_an_arm_that_obeys_everything_is_found_out() -> None:
     clauses = [
         contract_clauses.targets_are_reached,
@@ -115,7 +113,6 @@ def test_the_guard_refuses_a_limit_that_it_does_not_have() -> None:
         GuardNode(context=context, parameter_overrides=[Parameter("max_sped", value=0.1)])
 
 
-@pytest.mark.neighbourly
 def test_the_guard_makes_it_keep_the_contract() -> None:
     guard = subprocess.Popen([sys.executable, "-m", "seed_driver.ros.target_guard"])
     try:
@@ -128,7 +125,6 @@ def test_the_guard_makes_it_keep_the_contract() -> None:
     assert len(verdicts) == 10
 
 
-@pytest.mark.neighbourly
 @pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
 def test_the_arm_of_the_tutorial_keeps_the_contract_behind_the_guard(tmp_path: Path) -> None:
     """As the page has it: its arm, a copy of its launch file with the limits that it begins with, its topics."""

@@ -14,7 +14,7 @@ try:
 except SeedError as missing:
     pytest.skip(str(missing), allow_module_level=True)
 
-pytestmark = [pytest.mark.ros, pytest.mark.realtime]
+pytestmark = [pytest.mark.ros, pytest.mark.realtime, pytest.mark.alone]
 
 
 def test_both_cameras_come_whole_at_30_hz_and_one_that_was_unplugged_returns() -> None:

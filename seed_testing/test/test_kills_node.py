@@ -12,7 +12,7 @@ pytest.importorskip("pydrake", reason="needs Drake")
 from seed_testing.live.ros.fault_cell import FaultCell
 from seed_testing.live.verdict import faults_of
 
-pytestmark = [pytest.mark.ros, pytest.mark.realtime]
+pytestmark = [pytest.mark.ros, pytest.mark.realtime, pytest.mark.alone]
 
 
 @pytest.fixture

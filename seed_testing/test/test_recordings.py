@@ -16,7 +16,6 @@ PRESS = recordings.folder() / recordings.PRESS
 
 @pytest.mark.ros
 @pytest.mark.realtime  # large images may be lost on a busy machine
-@pytest.mark.neighbourly  # every image waits for the node's answer
 @pytest.mark.slow
 @pytest.mark.skipif(not PRESS.exists(), reason=f"no recorded press at {PRESS}; set SEED_DATA")
 def test_the_node_finds_and_holds_a_recorded_press(capsys: pytest.CaptureFixture[str]) -> None:
