@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grasp that was taken under load, told by a controller that sees no image of it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -83,10 +84,10 @@ def test_a_grasp_taken_anew_while_pressed_must_not_press_again(force: float, noi
     assert max(bench.forces) < force + 2.0
 
 
-def shifted(along: tuple[float, float, float]) -> Bench:
-    """A bench that presses with 5 N as all poses become wrong by so many metres."""
+def shifted(along: tuple[float, float, float], force: float = 5.0) -> Bench:
+    """A bench that presses as all poses become wrong by so many metres."""
     bench = Bench(noise=NOISE).enabled()
-    bench.press(5.0)
+    bench.press(force)
     bench.run(2.0)
 
     def told(estimate: RelativePoseEstimate) -> RelativePoseEstimate:
@@ -115,6 +116,17 @@ def test_a_jump_is_not_forgotten_by_enable_until_free_air_shows_the_zero() -> No
     bench.controller.enable(bench.t)
     bench.press(5.0)
     assert bench.run(2.0).mode == "contact", bench.state.reason
+
+
+def test_a_jump_that_leaves_most_of_the_force_is_not_forgotten_by_enable() -> None:
+    """5.3 mm across of a grasp that is pressed with 15 N: a quarter of the force is wrong from then on."""
+    bench = shifted((5.3e-3, 0.0, 0.0), 15.0)
+    assert bench.state.mode == "holding"
+    bench.run(1.0)
+    bench.controller.enable(bench.t)
+    bench.press(15.0)
+    assert bench.run(0.5).mode == "holding"
+    assert re.search(r"has jumped, and \d\.\d of 1\d\.\d N are gone since.* has not hung free", bench.state.reason)
 
 
 def test_time_does_not_make_a_jump_likelier() -> None:

@@ -49,6 +49,15 @@ def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     assert "the tool slides in the grasp" in reason
 
 
+def test_a_gripper_that_gives_way_to_a_force_that_does_not_fall_is_told_of_wrong_poses() -> None:
+    travel = still(BOUND)
+    reason = went(travel, (0.0, 0.0, 0.08))
+    for k in range(1, 90):
+        travel.image([1.44], [False], [0.01], [0.0], ZERO, ZERO)
+        reason = reason or went(travel, (0.0, 0.0, 0.08 - 9e-4 * k))
+    assert "the force stays at 144% of the wanted one though the gripper gave way over max_free_travel" in reason
+
+
 def test_friction_that_reaches_the_force_for_a_moment_is_not_the_force() -> None:
     """A tip that rubs and slips: 0.2 s of each second with nine tenths of the wanted force. It is told all along."""
     travel, told = still(BOUND), []

@@ -17,6 +17,7 @@ _REACHED = 0.7  # share of the wanted force from which on a rise shows that the 
 _RISE = 0.1  # share by which it has to rise
 _OVER = 0.2  # share below which contact is over, and a rise is to be seen anew
 _PRESSES = 0.4  # share from which on something is in the way, and gives way
+_TOO_MUCH = 1.2  # share from which on it goes back
 _UNSEEN = 1.5e-3  # [m] of the tip's way that noise and lean as contact ended may hide
 _RUBS = 1.0  # friction, at most, that a force across a direction may make along it
 _FOLLOWS = 0.3  # share of a change of the tip's place that one image is believed
@@ -151,6 +152,11 @@ class FreeTravel:
         if share < _PRESSES:
             start = "start nearer to the surface, or check the force's sign (what the tool does to it) and the estimate"
             return f"no contact within {bound}: {start}"
+        if share > _TOO_MUCH:
+            return (
+                f"the force stays at {share:.0%} of the wanted one though the gripper gave way over {bound}: poses are "
+                "wrong, or the surface follows: initialize the grasp free of load"
+            )
         return (
             f"the force stays at {share:.0%} of the wanted one over {bound}: the tool slides in the grasp, or the "
             "surface gives way: grip more firmly, or ask for less force"

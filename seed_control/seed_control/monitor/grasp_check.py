@@ -70,10 +70,13 @@ class GraspCheck:
         """Enabled anew: an approach is to show again what it has shown, unless it has pressed all along."""
         self._loaded, self._rows = "", _NONE if self._touched is None else None
         if self._doubt:
-            self._doubted = (
-                f"{self._doubt}, and the tool has not hung free since: lift it off by {1e3 * _LIFT:.0f} mm, so that "
-                "free air shows whether forces are right, or initialize the grasp free of load"
-            )
+            self._refuse_doubted()
+
+    def _refuse_doubted(self) -> None:
+        self._doubted = (
+            f"{self._doubt}, and the tool has not hung free since: lift it off by {1e3 * _LIFT:.0f} mm, so that "
+            "free air shows whether forces are right, or initialize the grasp free of load"
+        )
 
     def let_go(self) -> None:
         """The gripper held nothing: whatever the tool bore then, the next grasp owes it nothing."""
@@ -139,6 +142,9 @@ class GraspCheck:
         if len(self._gone) >= _AVERAGED:
             self._before = ()
         if gone <= max(_LEAST, _SHARE * size, noise) and angle <= _TURNED * m.rotation_deviation:
+            if not self._before and not self._why and gone > max(_LEAST, noise):
+                self._doubt = f"the tool's pose has jumped, and {gone:.1f} of {size:.1f} N are gone since"
+                self._refuse_doubted()
             return
         self._before = ()
         what = "the grasp was taken anew while the tool was loaded" if self._why else "the tool's pose has jumped"
