@@ -26,6 +26,7 @@ from seed_ros.conversions import stamp_from_seconds
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 Report = tuple[bytes, str, Mapping[str, object]]  # level, message, values
 PERIOD = 1.0  # [s] between two reports, by the machine's clock: a simulated one may stand still
+SELDOM = 600.0  # [s] between two lines of the same words, after they were said twice as seldom each time
 MOST_CAUSES, OTHERS = 60, "others"  # words with numbers in them make many causes, and a node may run for months
 
 
@@ -33,11 +34,11 @@ class Counters:
     """Nothing is dropped silently: counts events by cause, logs each now and then, keeps the last words."""
 
     def __init__(self, node: Node, repeat: float = 5.0) -> None:
-        """repeat: [s] the same cause is not logged earlier."""
+        """repeat: [s] the same cause is not logged earlier; one with the same words each time twice as late."""
         self._node, self._repeat = node, repeat
         self._counts: Counter[str] = Counter()
         self._total = 0
-        self._logged: dict[str, float] = {}  # [s] when each cause was logged last
+        self._logged: dict[str, tuple[float, float, str]] = {}  # by cause: [s] when it was last, [s] until again, words
         self.last = ""
 
     def add(self, cause: str, reason: str) -> None:
@@ -48,8 +49,11 @@ class Counters:
         self._total += 1
         self.last = reason
         now = self._node.get_clock().now().nanoseconds * 1e-9
-        if not 0.0 <= now - self._logged.get(cause, float("-inf")) < self._repeat:
-            self._logged[cause] = now
+        last, pause, words = self._logged.get(cause, (float("-inf"), self._repeat, reason))
+        waited = now - last
+        if waited < 0.0 or waited >= (pause if words == reason else self._repeat):
+            goes_on = words == reason and 0.0 <= waited < 2.0 * pause
+            self._logged[cause] = now, min(2.0 * pause, SELDOM) if goes_on else self._repeat, reason
             self._node.get_logger().warning(reason)
 
     @contextmanager

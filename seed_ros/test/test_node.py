@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -142,6 +143,19 @@ def test_the_total_counts_every_cause_once_per_event(bench: Bench) -> None:
     for i in range(5):
         node.counters.add(f"{i % 2} m off", "off")
     assert node.counters.total() == 5 == sum(node.counters.values().values())
+
+
+def test_the_same_words_are_logged_ever_more_seldom_and_others_at_once() -> None:
+    at, said = [0.0], list[tuple[float, str]]()
+    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=round(1e9 * at[0])))
+    logger = SimpleNamespace(warning=lambda words: said.append((at[0], words)))
+    counters = diagnostics.Counters(SimpleNamespace(get_clock=lambda: clock, get_logger=lambda: logger))
+    for second in range(100):
+        at[0] = float(second)
+        counters.add("pose", "no grasp" if second < 80 else f"{second} mm off")
+    assert [t for t, words in said if words == "no grasp"] == [0.0, 5.0, 15.0, 35.0, 75.0]
+    assert [t for t, words in said if words != "no grasp"] == [80.0, 85.0, 90.0, 95.0]
+    assert counters["pose"] == 100
 
 
 def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace() -> None:
