@@ -28,7 +28,7 @@ RADII = (0.009, 0.016)  # [m] of the round handle that is held
 DWELL, RATE = 4.0, 10.0  # [s] at each pose; [1/s] frames of the motion
 SENSOR_STD = np.repeat([0.003, 0.1], 3) / np.sqrt(6.0)  # of six readings [N m, N]
 FRAME_DEG, FRAME = 3.0, 0.005  # [deg], [m] size of the sensor's unknown offset, direction drawn
-# Errors of the estimator's MembraneMotion, rms on images of ten membranes: ./seed validate band --seed 5610
+# Errors of the estimator's MembraneMotion, rms on ten membranes: 200 frames of ./seed validate band --seed 5610
 NOISE_TURN, NOISE_SHIFT = np.deg2rad([0.19, 0.07, 0.17]), np.array([7e-5, 8e-5, 4e-5])  # [rad], [m] along x, y, z of C
 NOISE_DEFORMATION = 1e-5 * np.array([1.4, 1.7, 0.9, 6.4, 2.2, 5.3, 5.2, 3.5, 1.8])  # [m]
 IMAGES = 9.0  # that a sample averages; errors of dots are independent, those of a membrane's motion hardly change
