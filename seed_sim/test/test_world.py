@@ -266,10 +266,10 @@ def test_one_draw_tells_what_it_does_and_several_are_counted(monkeypatch, capsys
         return run_of(draw_, 0.1) | settings
 
     monkeypatch.setattr(score, "one_draw", one_draw)
-    for draws, shown, told in (([3], True, True), ([3], False, False), ([3, 4], True, False)):
+    for draws, shown, seen in (([3], True, True), ([3], False, False), ([3, 4], True, False)):
         assert len(score_draws({}, draws, shown=shown)["draws"]) == len(draws)
-        assert ("draw 3:  50%" in (said := capsys.readouterr().err)) == told
-        assert ("wipe, 9.4 s simulated" in said) == told
+        assert ("draw 3:  50%" in (said := capsys.readouterr().err)) == seen
+        assert ("wipe, 9.4 s simulated" in said) == seen
 
 
 def test_finding_out_tells_which_procedure_runs_and_how_far_the_identification_is(monkeypatch):
