@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from seed_bringup.command_table import offered
+from seed_bringup.command_table import offered, usage
 from seed_bringup.commands.developer import cores, is_edge
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -233,11 +233,20 @@ def test_every_offered_command_has_its_function() -> None:
     assert offered(checkout=True).keys() >= {"demo", "test", "launch", "evaluate", "bench", "bag", "shell", "lint"}
 
 
+@pytest.mark.parametrize("checkout", [True, False])
+def test_the_help_names_every_command_once_below_a_heading(checkout: bool) -> None:
+    commands = offered(checkout=checkout)
+    blocks = [block.splitlines() for block in usage(commands).split("\n\n") if block.splitlines()[0].endswith(":")]
+    assert len(blocks) == (5 if checkout else 4)
+    assert sorted(line.split()[0] for _, *lines in blocks for line in lines) == sorted(commands)
+    assert all(lines for _, *lines in blocks)
+
+
 def test_help_and_mistakes_need_no_set_up(tmp_path: Path) -> None:
     environment = {"PATH": "/usr/bin:/bin", "SEED_PYTHON": sys.executable, "SEED_HOME": str(tmp_path / "none")}
-    usage = subprocess.run([ROOT / "seed", "--help"], env=environment, capture_output=True, text=True, cwd=tmp_path)
-    assert usage.returncode == 0
-    assert "./seed COMMAND" in usage.stdout
+    shown = subprocess.run([ROOT / "seed", "--help"], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert shown.returncode == 0
+    assert "./seed COMMAND" in shown.stdout
     wrong = subprocess.run([ROOT / "seed", "dmeo"], env=environment, capture_output=True, text=True, cwd=tmp_path)
     assert wrong.returncode == 2
     assert "no command 'dmeo'" in wrong.stderr

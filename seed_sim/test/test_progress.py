@@ -63,6 +63,38 @@ def test_ctrl_c_ends_all_processes_and_one_of_them_tells(after: float, tmp_path:
         time.sleep(0.1)
 
 
+def test_nothing_is_shown_where_it_is_not_wanted_or_there_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for terminal, shown in ((True, False), (False, True)):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        with progress_bar("draw 7", shown=shown) as move:
+            move(0.5, "wipe")
+            move(0.0, "lift")
+    assert capsys.readouterr().err == ""
+
+
+def test_the_time_left_is_that_of_the_stretch(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 0.0
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr("tqdm.std.time", lambda: now)
+    with progress_bar("draw 7", leave=False) as move:
+        for now, share, phase in (  # noqa: B007
+            (0.0, 0.0, "calibrate"),
+            (600.0, 0.0, "identify"),
+            (610.0, 0.5, "identify"),
+            (700.0, 0.0, "start"),
+            (704.0, 0.2, "wipe"),
+        ):
+            move(share, phase)
+    said = capsys.readouterr().err
+    assert "50%" in said
+    assert "00:10 left, identify" in said
+    assert "00:16 left, wipe" in said
+
+
 def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with progress_bar("fig7") as move:

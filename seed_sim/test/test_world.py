@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hidden worlds: what is drawn, what it does to images and force, and what the procedures find of it."""
 
+import re
+import sys
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -11,12 +13,13 @@ from seed_core.program.command_line import to_json
 from seed_core.spatial import make_pose, so3_log
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
+from seed_sim.identification import session
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
-from seed_sim.world import draw, perturb
+from seed_sim.world import draw, perturb, score
 from seed_sim.world.cameras import WorldCameras, true_hand
 from seed_sim.world.cell import true_scenario
-from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, SpringWorld, World
-from seed_sim.world.procedures import membranes
+from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
+from seed_sim.world.procedures import find_out, membranes
 from seed_sim.world.procedures.clocks import motion
 from seed_sim.world.procedures.find_out import Belief, told
 from seed_sim.world.procedures.identify import identify, identify_draws
@@ -171,8 +174,8 @@ def test_the_motion_for_the_clocks_keeps_the_limits_of_the_procedure():
 # -- in closed loop, on exact poses
 
 
-def force_error(world: World, seed: int = 3) -> dict:
-    return run_trial("squeegee", world, seed, estimator="truth", belief=AS_BELIEVED).result
+def force_error(world: World, seed: int = 3, **more) -> dict:
+    return run_trial("squeegee", world, seed, estimator="truth", belief=AS_BELIEVED, **more).result
 
 
 @pytest.fixture(scope="module")
@@ -192,8 +195,15 @@ def test_a_weight_that_nobody_knows_costs_its_own():
     assert result["force_z"]["mean"] == pytest.approx(-10.0 - 0.1 * NOMINAL.tool.mass * 9.81, abs=0.05)
 
 
-def test_a_run_in_a_world_is_the_same_every_time(undisturbed):
-    again = force_error(World())
+def test_a_run_in_a_world_is_the_same_every_time_and_tells_phase_and_simulated_time(undisturbed):
+    said: list[str] = []
+    again = force_error(World(), progress=lambda _, what: said.append(what))
+    phases = dict.fromkeys(what.partition(",")[0] for what in said)
+    looks = ["look", "look tilted", "look upright"]
+    assert list(phases) == ["waiting", "start", *looks, "approach", "press", "wipe", "lift"]
+    times = [float(what.split()[-3]) for what in said if what.endswith(" s simulated")]
+    assert len(times) == len(said)
+    assert times == sorted(times)
     assert to_json(again | {"seconds": 0}) == to_json(undisturbed | {"seconds": 0})
 
 
@@ -245,6 +255,35 @@ def test_belief_is_told_from_truth_and_swing_from_a_slow_error():
     assert out["swing"]["seen"]
     assert out["within"]
     assert [round(r["after"], 1) for r in out["reports"]] == [5.0]
+
+
+def test_one_draw_tells_what_it_does_and_several_are_counted(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+
+    def one_draw(settings, draw_, progress=None):
+        if progress is not None:
+            progress(0.5, "wipe, 9.4 s simulated")
+        return run_of(draw_, 0.1) | settings
+
+    monkeypatch.setattr(score, "one_draw", one_draw)
+    for draws, shown, seen in (([3], True, True), ([3], False, False), ([3, 4], True, False)):
+        assert len(score_draws({}, draws, shown=shown)["draws"]) == len(draws)
+        assert ("draw 3:  50%" in (said := capsys.readouterr().err)) == seen
+        assert ("wipe, 9.4 s simulated" in said) == seen
+
+
+def test_finding_out_tells_which_procedure_runs_and_how_far_the_identification_is(monkeypatch):
+    told_: list[tuple[float, str]] = []
+    monkeypatch.setattr(find_out, "STEPS", {"spring": ("identify",)})
+    monkeypatch.setattr(session, "_SHOW", 0.0)
+    world = World(procedures=ProcedureWorld(run=True))
+    belief = find_out.find_out(NOMINAL, world, 3, progress=lambda share, what: told_.append((share, what)))
+    assert belief.problems == ()
+    assert told_[0] == (0.0, "identify")
+    shares = [share for share, _ in told_]
+    assert shares == sorted(shares)
+    assert shares[-1] > 0.9
+    assert all(re.fullmatch(r"identify: pose \d+ of \d+, \d+ s simulated", what) for _, what in told_[1:])
 
 
 # -- the command

@@ -20,6 +20,9 @@ STEP = 0.01  # [m] the largest motion asked for is twice this
 SETTLE = 1.5  # [s]
 LOOK_BACK = 0.05  # [s] before what is done to a motion: an arm may obey before its next pose
 STILL = 0.3  # [mm] an arm that rests moves by less
+TURN = 0.01  # [rad] from a target that stays, at most
+EARLY = 0.005  # [s] that a stamp may be in the future, for clocks are read one after the other
+AHEAD = 0.01  # [s] that the lag of a fit may be below zero
 
 
 class Limits(NamedTuple):
@@ -33,8 +36,20 @@ class Limits(NamedTuple):
     stop_within: float = 0.6  # [s] after the last target: time-out 0.1 s, braking, lag
     enable: str = "resend_robot_program"  # service that makes it follow again; empty: none needed
 
+    @property
+    def top_speed(self) -> float:
+        """[m/s] that may be measured, from poses whose arrival jitters."""
+        return 1.1 * self.speed
 
-Found = tuple[bool, str]  # whether a clause is kept, and what was measured
+
+class Found(NamedTuple):
+    """What a clause has come to."""
+
+    kept: bool
+    measured: str
+    bound: str  # that the measured values are held to
+
+
 Clause = Callable[[Peer, Limits], Found]
 
 
@@ -47,8 +62,10 @@ def poses_come_often_and_fresh(peer: Peer, limits: Limits) -> Found:
     ages = [t + now - s for (t, _), s in zip(peer.poses, stamps, strict=True)]
     ordered = all(b > a for a, b in pairwise(stamps))
     rate, age = len(stamps) / 2.0, float(np.median(ages)) if ages else math.inf
-    good = rate >= limits.pose_rate and ordered and -0.005 <= age <= limits.pose_age
-    return good, f"{rate:.0f} Hz, stamps {'' if ordered else 'do not '}increase, median age {1e3 * age:.1f} ms"
+    good = rate >= limits.pose_rate and ordered and -EARLY <= age <= limits.pose_age
+    text = f"{rate:.0f} Hz, stamps {'' if ordered else 'do not '}increase, median age {1e3 * age:.1f} ms"
+    bound = f"at least {limits.pose_rate:.0f} Hz, stamps increase, {-1e3 * EARLY:.0f} to {1e3 * limits.pose_age:.0f} ms"
+    return Found(good, text, bound)
 
 
 def poses_are_in_the_base_frame(peer: Peer, limits: Limits) -> Found:  # noqa: ARG001
@@ -56,7 +73,7 @@ def poses_are_in_the_base_frame(peer: Peer, limits: Limits) -> Found:  # noqa: A
     frame = peer.poses[-1][1].header.frame_id
     length = math.hypot(*peer.pose()[1])
     good = frame == peer.base and abs(length - 1.0) < 1e-6
-    return good, f"frame '{frame}', quaternion of length {length:.6f}"
+    return Found(good, f"frame '{frame}', quaternion of length {length:.6f}", f"frame '{peer.base}', length 1")
 
 
 def targets_are_reached(peer: Peer, limits: Limits) -> Found:
@@ -70,7 +87,8 @@ def targets_are_reached(peer: Peer, limits: Limits) -> Found:
         errors.append((math.dist(p, goal[0]), norm(turn_between(q, goal[1]))))
     far, turn = np.max(errors, axis=0)
     text = f"missed by {1e3 * far:.2f} mm and {math.degrees(turn):.3f} degrees at most"
-    return far <= limits.accuracy and turn <= 0.01, text
+    bound = f"at most {1e3 * limits.accuracy:.2f} mm and {math.degrees(TURN):.3f} degrees"
+    return Found(bool(far <= limits.accuracy and turn <= TURN), text, bound)
 
 
 def _between(start: Pose, goal: Pose, t: float) -> Pose:
@@ -88,8 +106,10 @@ def lag_is_small_and_known(peer: Peer, limits: Limits) -> Found:
     basis = np.column_stack((np.ones(len(track)), np.cos(phase), np.sin(phase)))
     _, c, s = np.linalg.lstsq(basis, track[:, 2] - y, rcond=None)[0]
     lag = math.atan2(-s, -c) / rate
-    good = -0.01 <= lag <= limits.lag and _top_speed(track) <= limits.speed * 1.1
-    return good, f"lag {1e3 * lag:.0f} ms, amplitude {1e3 * math.hypot(c, s):.2f} mm"
+    speed = _top_speed(track)
+    good = -AHEAD <= lag <= limits.lag and speed <= limits.top_speed
+    text = f"lag {1e3 * lag:.0f} ms, amplitude {1e3 * math.hypot(c, s):.2f} mm, never above {speed:.3f} m/s"
+    return Found(good, text, f"{-1e3 * AHEAD:.0f} to {1e3 * limits.lag:.0f} ms, at most {limits.top_speed:.3f} m/s")
 
 
 def silence_stops_the_arm(peer: Peer, limits: Limits) -> Found:
@@ -150,7 +170,8 @@ def _stops(peer: Peer, limits: Limits, act: Callable[[], None]) -> Found:
     coast = 1e3 * math.dist(track[-1, 1:], track[0, 1:]) if len(track) else math.inf
     speed = _top_speed(track)
     text = f"coasted {coast:.2f} mm, then moved {moved:.3f} mm, never above {speed:.3f} m/s"
-    return moved < STILL and speed <= limits.speed * 1.1, text
+    bound = f"below {STILL:.3f} mm from {limits.stop_within:g} s on, at most {limits.top_speed:.3f} m/s"
+    return Found(moved < STILL and speed <= limits.top_speed, text, bound)
 
 
 def _ignores(peer: Peer, **how: Any) -> Found:
@@ -164,7 +185,7 @@ def _ignores(peer: Peer, **how: Any) -> Found:
 
 def _stayed(track: Array) -> Found:
     moved = 1e3 * float(np.ptp(track[:, 1:], axis=0).max())
-    return moved < STILL, f"moved {moved:.3f} mm"
+    return Found(moved < STILL, f"moved {moved:.3f} mm", f"below {STILL:.3f} mm")
 
 
 def _track(peer: Peer, since: float) -> Array:

@@ -62,6 +62,7 @@ class Peer:
         while (now := time.monotonic()) < until:
             self.pause, last = max(self.pause, now - last), now
             self.executor.spin_once(timeout_sec=0.01)
+        self.pause = max(self.pause, now - last)
 
     def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> float:
         """Listen until `condition`; the seconds it took. Raises FailedError after `timeout` [s]."""
@@ -98,6 +99,7 @@ class Peer:
             deadline += self.period
             while (left := deadline - time.monotonic()) > 0:
                 self.executor.spin_once(timeout_sec=left)
+        self.pause = max(self.pause, now - last)
 
     def call(self, name: str, kind: Any = Trigger, timeout: float = 10.0, **fields: Any) -> Any:
         """Call a service of the arm; its response."""

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Our driver keeps the contract of an arm, and the check can tell an arm that does not."""
 
+import json
 import math
 import re
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,7 +28,8 @@ from seed_core.config import ConfigError
 from seed_core.errors import FailedError
 from seed_driver.ros.target_guard import GuardNode
 from seed_testing import arm_contract, contract_clauses
-from seed_testing.contract_clauses import Limits
+from seed_testing.contract_clauses import Found, Limits
+from seed_testing.peer import Peer
 from seed_ur.standin_client import StandIn
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,12 +103,52 @@ def test_an_arm_that_obeys_everything_is_found_out() -> None:
         contract_clauses.after_silence_nothing_moves_unasked,
     ]
     with reckless_arm("target_frame"):
-        verdicts = {v.clause: v.kept for v in arm_contract.run("reckless", PATIENT._replace(enable=""), clauses)}
+        found = arm_contract.run("reckless", PATIENT._replace(enable=""), clauses)
+    lines = {v.clause: arm_contract.line(v) for v in found}
+    assert re.match(
+        r"BROKEN  jumps are refused +coasted \d+\.\d\d mm, then moved .*  "
+        r"\(bound: below 0\.300 mm from 0\.9 s on, at most 0\.275 m/s\)$",
+        lines["jumps are refused"],
+    )
+    assert lines["targets are reached"].endswith("(bound: at most 1.00 mm and 0.573 degrees)")
+    verdicts = {v.clause: v.kept for v in found}
     assert verdicts["targets are reached"]
-    assert not verdicts["jumps are refused"]
-    assert not verdicts["old targets are refused"]
-    assert not verdicts["foreign frames are refused"]
-    assert not verdicts["after silence nothing moves unasked"]
+    assert verdicts["jumps are refused"] is False
+    assert verdicts["old targets are refused"] is False
+    assert verdicts["foreign frames are refused"] is False
+    assert verdicts["after silence nothing moves unasked"] is False
+
+
+def stalled(peer: Peer, limits: Limits) -> Found:
+    """A clause during which this program sends no target for 0.2 s."""
+    (x, y, z), q = peer.pose()
+
+    def path(t: float) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+        if t > 0.1:
+            time.sleep(0.2)
+        return (x, y, z), q
+
+    peer.stream(path, 0.15)
+    return Found(peer.poses[-1][1].header.frame_id != "base", "the arm held", f"below {limits.lag:g} s")
+
+
+def test_a_check_that_was_late_itself_does_not_blame_the_arm(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(arm_contract, "CLAUSES", (stalled, contract_clauses.poses_are_in_the_base_frame))
+    words = ["--arm", "reckless", "--enable", ""]
+    with reckless_arm("target_frame"):
+        assert arm_contract.main(words) == 1
+        told = capsys.readouterr()
+        assert arm_contract.main([*words, "--json"]) == 1
+        plain = json.loads(capsys.readouterr().out)["clauses"]
+    late, kept = told.out.splitlines()
+    assert late.startswith("open    stalled  ")
+    assert re.search(r"too busy to tell: the check itself was late by [2-9]\d\d ms \(at most 50 ms\), 4 times", late)
+    assert late.endswith("the arm held  (bound: below 0.2 s)")
+    assert kept.startswith("kept    poses are in the base frame ")
+    assert "say nothing of the arm" in told.err
+    assert [clause["kept"] for clause in plain] == [None, True]
 
 
 def test_the_guard_refuses_a_limit_that_it_does_not_have() -> None:

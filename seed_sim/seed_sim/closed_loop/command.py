@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
 def _one(args: argparse.Namespace) -> int:
     how = {name: getattr(args, name) for name in ("law", "estimator", "force", "seed", "scenario", "membrane")}
     path = None if args.plot is None else _plot_file(args.plot, f"{Path(args.task).stem}-{args.law}-{args.seed}.png")
-    with progress_bar() as progress:
+    with progress_bar(shown=not args.json) as progress:
         run = evaluate(args.task, progress=progress, **how)
     result = run.result
     print(to_json(result) if args.json else _text(result))
@@ -184,14 +184,14 @@ def _draws(args: argparse.Namespace) -> int:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
     load_task(args.task, args.force)  # a mistake here would break every run
     draws = range(args.seed, args.seed + (args.draws or DRAWS))
-    result = score_draws(settings, draws, args.jobs, args.out)
+    result = score_draws(settings, draws, args.jobs, args.out, shown=not args.json)
     print(to_json(result) if args.json else table(result))
     return 1 if result["summary"]["not_finished"] else 0
 
 
 def _perturb(args: argparse.Namespace) -> int:
     given = {name: getattr(args, name) for name in ("law", "estimator", "force", "scenario", "arm_sensor")}
-    rows = perturb.perturbed(args.perturb, args.task, args.seed, **given)
+    rows = perturb.perturbed(args.perturb, args.task, args.seed, **given, shown=not args.json)
     print(to_json(rows) if args.json else perturb.table(rows))
     return 0
 

@@ -70,7 +70,7 @@ def evaluate(
         scenario: name, file or scenario; default: the task's own.
         membrane: draws two membranes with mechanics in place of the scenario's grasp, see `scenario.on_membrane`.
         film: keeps moments of the run to look at, or None.
-        progress: is told the share of the task and the name of its phase.
+        progress: is told the share of the task, the name of its phase and the simulated time.
 
     Returns:
         The score with the recording of the run.

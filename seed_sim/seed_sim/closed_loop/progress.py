@@ -15,7 +15,7 @@ from tqdm import tqdm
 T = TypeVar("T")
 EVERY = 10.0  # [s] between two lines
 
-Progress = Callable[[float, str], None]  # share of the task, name of its phase
+Progress = Callable[[float, str], None]  # share of a stretch of work, and what is done; a smaller share: the next one
 
 
 def in_parallel(calls: Sequence[Any], jobs: int, unit: str, ordered: bool = True) -> Iterator[Any]:
@@ -55,13 +55,23 @@ def counted(work: Iterable[T], total: int, unit: str) -> Iterator[T]:
 
 
 @contextmanager
-def progress_bar(name: str = "") -> Iterator[Progress]:
-    """A bar on stderr, nothing where that is no terminal; yields what moves it. One with a name stays."""
+def progress_bar(name: str = "", *, shown: bool = True, leave: bool | None = None) -> Iterator[Progress]:
+    """A bar on stderr; yields what moves it.
+
+    Args:
+        name: what stands before it.
+        shown: on a terminal; never elsewhere.
+        leave: it stays when the work is done; default: one with a name does.
+    """
     looks = "{l_bar}{bar}| {remaining} left{postfix}"
-    with tqdm(total=100, desc=name, bar_format=looks, leave=bool(name), disable=None) as bar:
+    leave = bool(name) if leave is None else leave
+    with tqdm(total=100, desc=name, bar_format=looks, leave=leave, disable=None if shown else True) as bar:
 
         def move(share: float, phase: str) -> None:
-            bar.n = round(100 * share)
+            done = round(100 * share)
+            if done == 0 or done < bar.n:
+                bar.reset()  # a new stretch: the time left is its own
+            bar.n = done
             bar.set_postfix_str(phase)
 
         yield move

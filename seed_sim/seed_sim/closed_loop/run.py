@@ -41,7 +41,7 @@ class Steering(Protocol):
 
 
 def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None = None) -> Recording:
-    """Play the task once, to its end or for MAX_DURATION."""
+    """Play the task once, to its end or for MAX_DURATION; `progress` is told phase and simulated time."""
     player = TaskPlayer(task)
     recording = Recording(player.phases, torque_axes_of(task))
     for step in range(round(MAX_DURATION * steering.rate)):
@@ -59,7 +59,7 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
             _record(recording, plant, task, status.setpoint, t, phase)
             _record_belief(recording, plant, task, state)
         if progress is not None and step % 25 == 0:
-            progress(status.progress, status.phase)
+            progress(status.progress, f"{status.phase}, {t:.1f} s simulated")
         if status.done:
             recording.finished = not (status.failed or status.cancelled)
             recording.message, recording.found = status.message, player.found

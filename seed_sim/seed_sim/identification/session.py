@@ -4,11 +4,13 @@
 import sys
 import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from seed_core.errors import FailedError
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.cell import PoseSource, SimulatedCell
 from seed_sim.identification.membrane_cell import cell_of
 from seed_sim.identification.scenario import IdentificationScenario
@@ -18,6 +20,9 @@ from seed_sysid.run.procedure import Command, Run
 
 _GRASPS = 8  # of a run at most: each time the estimator has lost the tool for good, it is gripped anew
 _SHOW = 1.0  # [s] between lines of progress
+
+
+Tell = Callable[[Run, float], None]  # of a run and its time [s]
 
 
 class SessionError(FailedError):
@@ -45,6 +50,7 @@ def simulate(
     pose_source: PoseSource | None = None,
     created: str = "",
     cell: SimulatedCell | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Dataset, SimulatedCell]:
     """Run every pose that the file does not have yet.
 
@@ -54,24 +60,27 @@ def simulate(
         file: of samples; None keeps them in memory.
         pose_source: renders and estimates poses.
         created: date, for the header.
-        cell: another than the scenario's own; nothing is told of its progress then.
+        cell: another than the scenario's own.
+        progress: is told the share of the poses; default: lines on stderr, and nothing with another cell.
 
     Raises:
         SessionError: the run ended early; what was measured is in the file.
     """
-    quiet = cell is not None
+    tell: Tell | None = _line if cell is None else None
+    if progress is not None:
+        tell = _moving(progress)
     cell = cell or cell_of(scenario, seed, pose_source)
     recorder = Recorder(file, header(scenario, seed, created))
     samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0
     try:
         run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS)
-        last = _loop(run, cell, recorder, quiet)
+        last = _loop(run, cell, recorder, tell)
         for _ in range(_GRASPS - 1):
             if last.regrasp:  # what the failure asks of a user, who then goes on
                 cell.grip_anew()
                 run.regrasped()
-                last = _loop(run, cell, recorder, quiet)
+                last = _loop(run, cell, recorder, tell)
         if last.failure:
             raise SessionError(f"{last.failure}; {run.done} of {run.total} poses are kept")
     finally:
@@ -79,18 +88,28 @@ def simulate(
     return recorder.dataset, cell
 
 
-def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, quiet: bool) -> Command:
+def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, tell: Tell | None) -> Command:
     """Until the run is done or has failed; its last command."""
     command = Command(np.eye(4), run.procedure.widths[0], 0, "start")
     shown = time.monotonic()
     while not (command.done or command.failure):
         command = run.step(cell.step(command))
         recorder.record(cell.stamp, command.sample, command.event)
-        if not quiet and time.monotonic() - shown > _SHOW:
+        if tell is not None and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
-            left = run.remaining(cell.stamp) / 60.0
-            text = (
-                f"pose {run.done} of {run.total}, {cell.stamp / 60.0:.1f} min of robot time, {left:.1f} min of it left"
-            )
-            print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+            tell(run, cell.stamp)
     return command
+
+
+def _line(run: Run, stamp: float) -> None:
+    """One line that stays the same on a terminal, and one after the other elsewhere."""
+    left = run.remaining(stamp) / 60.0
+    text = f"pose {run.done} of {run.total}, {stamp / 60.0:.1f} min of robot time, {left:.1f} min of it left"
+    print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+
+
+def _moving(progress: Progress) -> Tell:
+    def tell(run: Run, stamp: float) -> None:
+        progress(run.done / run.total, f"pose {run.done} of {run.total}, {stamp:.0f} s simulated")
+
+    return tell

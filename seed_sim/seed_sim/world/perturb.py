@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from seed_core.errors import SeedError
+from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
 from seed_sim.world.trial import run_trial
 
@@ -96,8 +97,9 @@ def perturbed(
     force: float | None,
     scenario: str | None,
     arm_sensor: bool = False,
+    shown: bool = False,
 ) -> list[dict[str, Any]]:
-    """The rows of the table, one per name ('all': every one).
+    """The rows of the table, one per name ('all': every one); `shown`: a bar on a terminal tells of each run.
 
     Raises:
         SeedError: a name is unknown.
@@ -111,7 +113,9 @@ def perturbed(
         p = PERTURBATIONS[name]
         how: dict[str, Any] = {"law": law, "estimator": estimator, "force": force, "scenario": scenario}
         how["arm_sensor"] = arm_sensor
-        rows.append({"perturbation": name, "words": p.words, **run_trial(task, p.world, seed, **how).result})
+        with progress_bar(name, shown=shown, leave=False) as progress:
+            result = run_trial(task, p.world, seed, **how, progress=progress).result
+        rows.append({"perturbation": name, "words": p.words, **result})
     return rows
 
 

@@ -2,7 +2,7 @@
 """The score over many worlds: median, 90 % and worst of true and believed force, of torque and lean."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
-from seed_sim.closed_loop.progress import in_parallel
+from seed_sim.closed_loop.progress import Progress, in_parallel, progress_bar
 from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
@@ -30,7 +30,7 @@ FIGURES: tuple[tuple[str, str, str], ...] = (  # key, name in the table, unit
 
 
 def score_draws(
-    settings: dict[str, Any], draws: Sequence[int], jobs: int = 1, out: Path | None = None
+    settings: dict[str, Any], draws: Sequence[int], jobs: int = 1, out: Path | None = None, *, shown: bool = False
 ) -> dict[str, Any]:
     """Run a task in the world of each draw.
 
@@ -39,13 +39,14 @@ def score_draws(
         draws: seeds of the worlds.
         jobs: processes.
         out: JSON lines, one per draw; draws that stand in it already are not repeated, and count as well.
+        shown: where one draw is left to run, a bar on a terminal tells what it does; several are counted.
 
     Raises:
         SeedError: the file holds draws of other settings.
     """
     runs = _known(out, settings) if out is not None else {}
     missing = [d for d in draws if d not in runs]
-    for run in in_parallel([delayed(one_draw)(settings, d) for d in missing], jobs, "draw"):
+    for run in _runs(settings, missing, jobs, shown):
         runs[run["draw"]] = run
         if out is not None:
             with out.open("a", encoding="utf-8") as file:
@@ -54,13 +55,21 @@ def score_draws(
     return {**settings, "draws": ordered, "summary": summarised(ordered)}
 
 
-def one_draw(settings: dict[str, Any], draw: int) -> dict[str, Any]:
+def _runs(settings: dict[str, Any], draws: Sequence[int], jobs: int, shown: bool) -> Iterator[dict[str, Any]]:
+    if len(draws) == 1:
+        with progress_bar(f"draw {draws[0]}", shown=shown, leave=False) as progress:
+            yield one_draw(settings, draws[0], progress)
+    else:
+        yield from in_parallel([delayed(one_draw)(settings, d) for d in draws], jobs, "draw")
+
+
+def one_draw(settings: dict[str, Any], draw: int, progress: Progress | None = None) -> dict[str, Any]:
     """The result of one draw with its settings; a run that breaks is reported as such, not left out."""
     kind: Kind = settings["world"]
     try:
         world = draw_world(draw, kind, late_stamps=settings["late_stamps"])
         given = {k: settings[k] for k in ("law", "model", "estimator", "force", "scenario", "arm_sensor")}
-        result = run_trial(settings["task"], world, draw, **given).result
+        result = run_trial(settings["task"], world, draw, **given, progress=progress).result
     except SeedError as error:
         result = {"draw": draw, "error": str(error), "finished": False}
     return {**result, **settings}

@@ -14,6 +14,7 @@ from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_sim.closed_loop.evaluate import scenario_of
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import START_HEIGHT, play
@@ -49,6 +50,7 @@ def run_trial(
     model: Model | None = None,
     arm_sensor: bool = False,
     belief: Belief | None = None,
+    progress: Progress | None = None,
 ) -> Trial:
     """Find out what can be found out about a world, and play the task in it; deterministic but for times.
 
@@ -62,6 +64,7 @@ def run_trial(
         scenario: what the world departs from; default: the task's own.
         arm_sensor: the arm has a force/torque reading of its own.
         belief: found before, in this very world; default: find it out now.
+        progress: is told what is being found out, then the phase of the task and the simulated time.
 
     Raises:
         SeedError: unknown names, or values that cannot be used.
@@ -78,7 +81,9 @@ def run_trial(
         m = scenario.measurement
         scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
     began = time.perf_counter()
-    belief = belief or find_out(scenario, world, seed, estimator if estimator in FROM_IMAGES else "rigid_fit", model)
+    if belief is None:
+        method = estimator if estimator in FROM_IMAGES else "rigid_fit"
+        belief = find_out(scenario, world, seed, method, model, progress)
     task = with_look(task)
     # held as firmly as the identification has found to be needed
     plant = make_plant(replace(scenario, membrane=belief.scenario.membrane), world, seed, task)
@@ -95,7 +100,7 @@ def run_trial(
             clock_offset=belief.clock_offset,
             wrench_model=belief.wrench_model(),
         )
-        recording = play(task, plant, steering)
+        recording = play(task, plant, steering, progress)
         scored = score(recording, scored_phase(task)) | beliefs(recording, scored_phase(task))
     except SeedError as error:
         scored = {"finished": False, "error": str(error)}

@@ -21,6 +21,7 @@ from seed_core.membrane.map_file import MembraneMapFile
 from seed_core.wrench_model import WrenchModel
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.parameters import ToolShape
 from seed_sim.world.cameras import WorldCameras
@@ -73,14 +74,23 @@ class Belief:
 
 
 def find_out(
-    scenario: Scenario, world: World, seed: int, method: str = "rigid_fit", model: Model = "hysteretic"
+    scenario: Scenario,
+    world: World,
+    seed: int,
+    method: str = "rigid_fit",
+    model: Model = "hysteretic",
+    progress: Progress | None = None,
 ) -> Belief:
-    """Run the procedures of a world, or tell the scenario's own values where it runs none."""
+    """Run the procedures of a world, or tell the scenario's own values where it runs none.
+
+    `progress` is told which of them runs, and how far an identification is.
+    """
     if not world.procedures.run:
         return Belief(told(scenario, world))
-    work = _Work(scenario, world, seed, method, model)
+    work = _Work(scenario, world, seed, method, model, progress)
     for name in STEPS[world.kind]:
         began = perf_counter()
+        work.tell(0.0, name.replace("_", " "))
         try:
             getattr(work, name)()
         except SeedError as error:
@@ -121,9 +131,12 @@ def told(scenario: Scenario, world: World) -> Scenario:
 class _Work:
     """The procedures of one world, and what they have found so far."""
 
-    def __init__(self, scenario: Scenario, world: World, seed: int, method: str, model: Model) -> None:
+    def __init__(
+        self, scenario: Scenario, world: World, seed: int, method: str, model: Model, progress: Progress | None
+    ) -> None:
         self.believed, self._world, self._seed = told(scenario, world), world, seed
         self._method, self._model = method, model
+        self.tell: Progress = progress or (lambda *_: None)
         self.spring: HystereticStiffness | None = None
         self.membranes: MembraneMapFile | None = None
         self.calibration: Calibration | None = None
@@ -138,7 +151,7 @@ class _Work:
 
     def identify(self) -> None:
         """The stiffness, on a fixed force/torque sensor."""
-        found = identify(self.believed, self._world, self._seed)
+        found = identify(self.believed, self._world, self._seed, progress=self._identifying)
         self.figures["identify"] = found.figures
         self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found.stiffness))
         if self._model == "hysteretic":
@@ -148,7 +161,9 @@ class _Work:
 
     def identify_membranes(self) -> None:
         """Stiffness and membrane map, on a fixed force/torque sensor, as the world's cameras see the membranes."""
-        self.believed, analysis, file = identify_membranes(self.believed, self._world, self._seed, self._method)
+        self.believed, analysis, file = identify_membranes(
+            self.believed, self._world, self._seed, self._method, self._identifying
+        )
         found = Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal])
         self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found))
         assert analysis.membrane is not None
@@ -160,6 +175,9 @@ class _Work:
             self.membranes = file
         elif self._model == "hysteretic":
             self.spring = fit_hysteretic(analysis).identified
+
+    def _identifying(self, share: float, what: str) -> None:
+        self.tell(share, f"identify: {what}")
 
     def clocks(self) -> None:
         """The offset of the cameras' clock."""

@@ -16,6 +16,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.spatial import Array, inverse_pose, make_pose
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import Grasp, IdentificationScenario
 from seed_sim.identification.session import simulate
@@ -87,7 +88,13 @@ def membrane_identification_of(scenario: Scenario) -> IdentificationScenario:
     return replace(s, grasp=replace(s.grasp, kind="membrane"), membrane=scenario.membrane, procedure=procedure)
 
 
-def identify(believed: Scenario, world: World, seed: int, scenario: IdentificationScenario | None = None) -> Identified:
+def identify(
+    believed: Scenario,
+    world: World,
+    seed: int,
+    scenario: IdentificationScenario | None = None,
+    progress: Progress | None = None,
+) -> Identified:
     """Run the procedure and fit its samples.
 
     Args:
@@ -95,13 +102,14 @@ def identify(believed: Scenario, world: World, seed: int, scenario: Identificati
         world: what differs.
         seed: of the sensor and its faults.
         scenario: of the identification; default: `identification_of` the cell.
+        progress: is told the share of the poses.
 
     Raises:
         SeedError: the run ended early, or its data give no stiffness.
     """
     scenario = scenario or identification_of(believed)
     cell = WorldCell(scenario, seed, believed, world)
-    data, _ = simulate(scenario, seed, None, cell=cell)
+    data, _ = simulate(scenario, seed, None, cell=cell, progress=progress)
     analysis = analyse(data, "kinematic", scenario.procedure.fit)
     stiffness_file(analysis, "")  # refuses what is undetermined, as for a user
     g = analysis.nominal

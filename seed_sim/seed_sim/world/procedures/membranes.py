@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from seed_core.errors import SeedError
 from seed_core.membrane.map_file import MembraneMapFile
+from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.membrane_cell import MembraneCell
 from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
@@ -36,7 +37,7 @@ class WorldTactilePoses(TactilePoses):
 
 
 def identify_membranes(
-    believed: Scenario, world: World, seed: int, method: str = "rigid_fit"
+    believed: Scenario, world: World, seed: int, method: str = "rigid_fit", progress: Progress | None = None
 ) -> tuple[Scenario, Analysis, MembraneMapFile]:
     """Run the procedure at the scenario's grip, and fit stiffness and membrane map to its samples.
 
@@ -47,6 +48,7 @@ def identify_membranes(
         world: what differs.
         seed: of the sensor and the images' noise.
         method: of the estimator.
+        progress: is told the share of the poses of each identification.
 
     Returns:
         The cell with the grip that was settled on, the analysis there, and the map.
@@ -54,7 +56,7 @@ def identify_membranes(
     Raises:
         SeedError: the run ended early, or its data give no stiffness or no map.
     """
-    return closed_until_borne(believed, lambda scenario: _identified(scenario, world, seed, method))
+    return closed_until_borne(believed, lambda scenario: _identified(scenario, world, seed, method, progress))
 
 
 def closed_until_borne(
@@ -85,10 +87,12 @@ def closed_until_borne(
     return scenario, analysis, rest
 
 
-def _identified(believed: Scenario, world: World, seed: int, method: str) -> tuple[Analysis, MembraneMapFile]:
+def _identified(
+    believed: Scenario, world: World, seed: int, method: str, progress: Progress | None
+) -> tuple[Analysis, MembraneMapFile]:
     scenario = membrane_identification_of(believed)
     cell = MembraneCell(scenario, seed, WorldTactilePoses(believed, world, seed, method))
-    data, _ = simulate(scenario, seed, None, cell=cell)
+    data, _ = simulate(scenario, seed, None, cell=cell, progress=progress)
     analysis = analyse(data, "estimator", scenario.procedure.fit)
     if analysis.membrane is None:
         raise SeedError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
