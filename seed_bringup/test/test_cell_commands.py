@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands of the README's walk on hardware, on a simulated cell."""
 
+import math
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
+from seed_bringup.commands import cells
 from seed_bringup.commands.cells import missing
 from seed_bringup.demo.live import OPERATOR_TIMEOUT
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
+from seed_bringup.ros.started import Progress
 
 pytestmark = [pytest.mark.ros, pytest.mark.realtime]  # a cell that runs by the clock
 
@@ -61,6 +65,94 @@ def test_a_task_without_a_cell_is_told_what_starts_one() -> None:
         done = seed(*words, "--domain", "229")  # nobody's
         assert done.returncode == 1
         assert done.stderr == f"seed {words[0]}: no cell is running in ROS domain 229: ./seed launch cell starts one\n"
+
+
+def test_a_service_of_nobody_is_told_apart_from_a_refusal() -> None:
+    for words in (("call",), ("call", "controller/enable", "on")):
+        done = seed(*words, "--domain", "229")  # nobody's
+        assert done.returncode == 2
+        assert "no cell is running" in done.stderr
+
+
+class Seen:
+    """A session that sees what is asked for from a time on."""
+
+    def __init__(self, at: float) -> None:
+        self.at, self.now = at, 0.0
+
+    def there(self) -> bool:
+        return self.now >= self.at
+
+    def until(self, condition: Callable[[], bool], patience: float, _: str) -> None:
+        end = self.now + patience
+        while not condition() and self.now < end:
+            self.now += 0.1
+
+
+@pytest.mark.parametrize(
+    ("launched", "at", "waited", "told"),
+    [
+        (2.0, 0.5, 0.5, False),  # it runs, and is met
+        (2.0, 6.0, 6.0, True),
+        (2.0, 99.0, 19.5, True),  # for 18 s after it is told
+        (60.0, 99.0, 0.0, False),
+        (math.inf, 99.0, 0.0, False),
+    ],
+)
+def test_a_command_waits_for_a_cell_that_has_just_been_launched(
+    launched: float,
+    at: float,
+    waited: float,
+    told: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setattr(cells, "age", lambda domain: launched if domain == 7 else math.inf)
+    session = Seen(at)
+    cells.await_start(session, session.there, "seed play")  # type: ignore[arg-type]
+    assert session.now == pytest.approx(waited, abs=0.15)
+    assert capsys.readouterr().err == ("seed play: waiting for the cell to start\n" if told else "")
+
+
+NOT_ENABLED = "not enabled: call controller/enable on"
+NO_REFERENCE = (
+    "no estimate of the relative pose has come yet; the last one was not used: estimate is invalid: no reference"
+)
+
+
+def test_a_launch_tells_once_that_the_cell_is_up_or_what_is_missing() -> None:
+    parts = {"arm": "", "pose": "", "estimate": "", "pressure": "", "controller": NOT_ENABLED, "force": ""}
+    reference = parts | {"estimate": f"{NO_REFERENCE}: capture_reference has not been called"}
+    nothing = Progress()
+    assert list(nothing.after(14.9)) == []
+    assert list(nothing.after(15.0)) == ["after 15 s nothing has come on controller/ready: the controller still starts"]
+    assert list(nothing.after(16.0)) == []
+    slow = Progress()
+    assert list(slow.missing(parts | {"pose": "no flange pose"})) == []
+    assert list(slow.after(15.0)) == ["after 15 s still missing: no flange pose"]
+    assert list(slow.missing(reference)) == [
+        "the cell is up, what is left is yours: no reference: capture_reference has not been called; " + NOT_ENABLED
+    ]
+    assert list(slow.missing(parts)) == []
+    resumed = parts | {"arm": "the arm holds: it waits; call driver/resend_robot_program"}
+    for by_a_person in (resumed, parts | {"estimate": "estimate is invalid: no tool in the grasp"}):
+        assert "is yours" in next(Progress().missing(by_a_person))
+    for by_a_machine in ("arm", "pose", "estimate", "pressure"):
+        assert list(Progress().missing(parts | {by_a_machine: "nothing comes"})) == []
+    assert list(Progress().missing(parts | {"controller": ""})) == ["the cell is up and ready"]
+
+
+def test_a_launch_of_a_cell_says_that_it_is_up() -> None:
+    words = ["launch", "--own", "cell", *(f"{name}:={value}" for name, value in CELL.items())]
+    command = [sys.executable, "-P", "-u", "-m", "seed_bringup.commands.dispatch", *words]
+    environment = os.environ | {"ROS_DOMAIN_ID": "230"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as launch:
+        assert launch.stdout is not None
+        told = [line for line in launch.stdout if line.startswith("[launch] the cell is up") and not launch.terminate()]
+        assert launch.wait(timeout=20.0) == 143
+    yours = "no tool in the grasp; not enabled: call controller/enable on"
+    assert told == [f"[launch] the cell is up, what is left is yours: {yours}\n"]
 
 
 @pytest.mark.slow  # two tasks by simulated time
@@ -121,8 +213,12 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     trigger = seed("call", "/sim/grasp", "on")
     assert trigger.returncode == 2
     assert "takes neither" in trigger.stderr
+    seed("call", "sim/release")
+    refused = seed("call", "controller/enable", "on")  # without a tool
+    assert refused.returncode == 1
+    assert "/controller/enable: cannot enable" in refused.stderr
     gone = seed("call", "sim/gone")
-    assert gone.returncode == 1
+    assert gone.returncode == 2
     assert "no service /sim/gone; ./seed call lists what there is" in gone.stderr
     assert "did you mean sim/grasp?" in seed("call", "sim/grab").stderr
     assert cell.poll() is None

@@ -2,9 +2,11 @@
 """Each cell of a machine has a ROS domain of its own, and commands find the one that runs."""
 
 import argparse
+import math
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,16 @@ def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPa
         monkeypatch.setenv("ROS_DOMAIN_ID", "1")
         told = join(argparse.Namespace(domain=None, namespace=""))
         assert told == "ROS domain 1, as ROS_DOMAIN_ID says (seed launch cell robot:=ur)"
+
+
+def test_it_is_known_how_long_ago_a_cell_was_launched(tmp_path: Path) -> None:
+    with domains.claimed(domains.OWN, "launch cell"):
+        assert domains.age(1) < 10.0
+        began = time.time() - 90.0
+        os.utime(tmp_path / "1", (began, began))
+        assert domains.age(1) == pytest.approx(90.0, abs=5.0)
+        assert domains.age(2) == math.inf
+    assert domains.age(1) == math.inf
 
 
 def test_two_cells_take_two_domains_and_give_them_back() -> None:

@@ -1,14 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which cell a command speaks to: its ROS domain and its namespace."""
 
+from __future__ import annotations
+
 import argparse
 import os
-from collections.abc import Iterable
+import sys
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
-from seed_bringup.launching.domains import VARIABLE, running
+from seed_bringup.launching.domains import VARIABLE, age, running
 from seed_core.errors import SeedError
 from seed_core.program.meant import nearest
 
+if TYPE_CHECKING:
+    from seed_bringup.ros.session import Session
+
+STARTING = 20.0  # [s] after its launch that a cell may take until its nodes are seen
+MEET = 1.5  # [s] until the nodes of a cell that runs already are seen, as a rule
 LIKE = 0.75  # of 1, from which one name may have been meant by another
 
 
@@ -37,6 +46,17 @@ def missing(problem: str, name: str, known: Iterable[str], listing: str) -> str:
 
 def _last(name: str) -> str:
     return name.rpartition("/")[2]
+
+
+def await_start(session: Session, there: Callable[[], bool], command: str) -> None:
+    """Where the cell has just been launched, wait until what is asked of it is there, and say so."""
+    named = os.environ.get(VARIABLE, "")
+    left = STARTING - age(int(named)) if named.isdigit() else 0.0
+    if left > 0.0:
+        session.until(there, min(MEET, left), "")
+        if not there():
+            print(f"{command}: waiting for the cell to start", file=sys.stderr, flush=True)
+            session.until(there, left, "")
 
 
 def join(options: argparse.Namespace) -> str:

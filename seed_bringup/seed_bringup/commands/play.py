@@ -6,7 +6,7 @@ import sys
 from contextlib import closing
 from typing import Any
 
-from seed_bringup.commands.cells import cell_arguments, join
+from seed_bringup.commands.cells import await_start, cell_arguments, join
 from seed_bringup.demo.terminal import Bar
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import FailedError
@@ -42,6 +42,7 @@ def main(argv: list[str]) -> int:
             print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
 
         session.cancelling = cancelling
+        await_start(session, lambda: "controller" in session.node.get_node_names(), "seed play")
         print(f"seed play: {session.arm()} in {cell}", file=sys.stderr, flush=True)
         result = session.play(options.task, options.force, tell, patience=math.inf).result
     if not result.success:

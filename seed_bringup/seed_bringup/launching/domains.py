@@ -6,8 +6,10 @@ Every user has a folder of such files. Commands look for cells in their user's; 
 """
 
 import fcntl
+import math
 import os
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -91,6 +93,16 @@ def _of_others(domain: int) -> bool:
         except OSError:  # there is none, or it is not for us to read
             continue
     return False
+
+
+def age(domain: int) -> float:
+    """How long ago [s] the cell that runs in a domain was launched; infinite where none of this user does."""
+    if domain not in running():
+        return math.inf
+    try:
+        return max(time.time() - (folder() / str(domain)).stat().st_mtime, 0.0)  # it wrote its name then
+    except OSError:
+        return math.inf
 
 
 def running() -> dict[int, str]:

@@ -45,6 +45,10 @@ class SessionError(FailedError):
     """The cell did not do what was asked; the message says which part and why."""
 
 
+class SilenceError(SessionError):
+    """Nobody answered, or what was waited for did not come, in time."""
+
+
 @dataclass
 class Played:
     """What came of a task: the result message, and when each phase began (ROS time [s])."""
@@ -104,7 +108,7 @@ class Session:
         self.until(lambda: False, duration, "")
 
     def until(self, condition: Callable[[], bool], patience: float, what: str) -> None:
-        """Spin until a condition holds; SessionError after `patience` [s] unless `what` is empty."""
+        """Spin until a condition holds; SilenceError after `patience` [s] unless `what` is empty."""
         deadline = time.monotonic() + patience
         while not condition():
             self._turned = time.monotonic()
@@ -112,7 +116,7 @@ class Session:
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() > deadline:
                 if what:
-                    raise SessionError(f"{what} within {patience:g} s")
+                    raise SilenceError(f"{what} within {patience:g} s")
                 return
 
     def find(self, condition: Callable[[], bool], patience: float) -> None:
