@@ -43,9 +43,8 @@ def main(argv: list[str]) -> int:
     others = running()
     what = " ".join(["launch", *options.words])
     with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
-        nodes = describe(
-            file, arguments
-        ).nodes  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
+        # Says here and now what is wrong; `ros2 launch` takes unknown arguments in silence.
+        nodes = describe(file, arguments).nodes
         if domain in others:
             print(
                 f"[launch] warning: '{others[domain]}' runs in ROS domain {domain}, too, and both hear each other: "
