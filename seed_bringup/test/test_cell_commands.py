@@ -177,7 +177,8 @@ def test_a_cell_is_prepared_plays_a_task_and_lifts_the_tool_when_it_is_cancelled
         task.send_signal(signal.SIGINT)
         said = task.stderr.read()
         assert task.wait(timeout=60.0) == 130, said
-        assert "the tool is lifted" in said
+        assert "seed play: cancelling: the tool is lifted" in said
+        assert said.splitlines()[-1] == "seed play: interrupted; the task is cancelled, and the tool lifted"
         assert "seed play: a simulated arm in ROS domain" in said
         assert "Traceback" not in said
     assert "no task is being played" in seed("cancel").stderr

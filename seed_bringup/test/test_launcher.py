@@ -108,6 +108,16 @@ def test_interrupt_ends_even_the_stubborn_within_five_seconds(cell: Path) -> Non
     assert not marked_processes(cell)
 
 
+@pytest.mark.parametrize("name", ["controller", "camera"])
+def test_ctrl_c_says_what_becomes_of_arm_and_nodes(cell: Path, name: str) -> None:
+    process = start_cli(launch_file(cell, f'exec="sleeper" name="{name}"'))
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    output = process.communicate(timeout=6.0)[0]
+    arm = ": the arm stops where it is, and a tool is not lifted" if name == "controller" else ""
+    assert output.splitlines()[-2:] == [f"[launch] stopping{arm}", "[launch] every node has ended"]
+
+
 def test_a_node_has_as_long_to_end_as_it_asks_for(cell: Path) -> None:
     said: list[str] = []
     hasty, slow = 'exec="stubborn" name="hasty" sigterm_timeout="0.1"', 'exec="slow_to_end" sigterm_timeout="9.0"'

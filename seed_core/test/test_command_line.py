@@ -40,6 +40,7 @@ def test_a_rate_is_finite_and_not_negative(text: str) -> None:
         (FailedError("the cell ended"), 1, "seed wipe: the cell ended\n"),
         (OSError(errno.ENOSPC, "No space left on device"), 1, "seed wipe: No space left on device\n"),
         (KeyboardInterrupt(), 130, "seed wipe: interrupted\n"),
+        (KeyboardInterrupt("the tool is lifted"), 130, "seed wipe: interrupted; the tool is lifted\n"),
     ],
 )
 def test_a_command_tells_wrong_use_from_failure(

@@ -22,7 +22,7 @@ from seed_bringup.demo.baselines import running_baselines
 from seed_bringup.demo.conclusion import conclude
 from seed_bringup.demo.hidden import FOUND, HIDDEN, find_out, write_scenario
 from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, play_live
-from seed_bringup.demo.plan import plan
+from seed_bringup.demo.plan import Plan, plan
 from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
@@ -93,7 +93,14 @@ def _demo(options: argparse.Namespace, domain: int) -> int:
     o = asked.options
     say(f"task {asked.task.name}, scenario {asked.scenario.name}, seed {o.seed}, estimator {o.estimator}")
     say(f"results go to {asked.folder}; the cell runs in ROS domain {domain} of its own")
-    findings = None
+    try:
+        return _played(asked, started)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"what there is so far is in {asked.folder}") from None
+
+
+def _played(asked: Plan, started: float) -> int:
+    o, findings = asked.options, None
     if asked.hidden:
         findings = find_out(asked.scenario, o.seed, asked.folder / FOUND)
         asked = replace(asked, scenario=findings.scenario)

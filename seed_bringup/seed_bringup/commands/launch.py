@@ -137,8 +137,11 @@ def run(launch: Launch) -> int:
     while code is None and not signals:
         code = launch.wait(timeout=0.2)
     if code is None:
-        print("[launch] stopping", flush=True)
+        moves = any(node.node.label == "controller" for node in launch.nodes)
+        arm = ": the arm stops where it is, and a tool is not lifted" if moves else ""
+        print(f"[launch] stopping{arm}", flush=True)
         launch.stop()
+        print("[launch] every node has ended", flush=True)
         return 128 + signals[0]
     return code
 

@@ -39,13 +39,25 @@ def main(argv: list[str]) -> int:
             bar.show(feedback.phase, feedback.progress, session.pressing_force)
 
         def cancelling() -> None:
-            print("\nseed play: cancelling; the tool is lifted", file=sys.stderr, flush=True)
+            print("\nseed play: cancelling: the tool is lifted", file=sys.stderr, flush=True)
 
         session.cancelling = cancelling
         await_start(session, lambda: "controller" in session.node.get_node_names(), "seed play")
         print(f"seed play: {session.arm()} in {cell}", file=sys.stderr, flush=True)
-        result = session.play(options.task, options.force, tell, patience=math.inf).result
+        try:
+            result = session.play(options.task, options.force, tell, patience=math.inf).result
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_ending(session.played.result)) from None
     if not result.success:
         raise FailedError(result.message)
     print(f"done in {result.duration:.1f} s; estimated force within {result.force_rmse:.2f} N rms of what was wanted")
     return 0
+
+
+def _ending(result: Any) -> str:
+    """What became of arm and tool after Ctrl-C; result: of the task, None where none was played."""
+    if result is None:
+        return "the task had not begun"
+    if result.message == "cancelled":
+        return "the task is cancelled, and the tool lifted"
+    return f"the task is {result.message}"

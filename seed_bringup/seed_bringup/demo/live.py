@@ -187,7 +187,6 @@ def _play_task(session: Any, asked: Plan) -> list[Picture]:
     def cancelling() -> None:
         bar.close()
         say(f"lifting the tool, then closing: some {CLOSING:g} s, more on a busy computer")
-        say(f"what was recorded is in {asked.folder}; no report is made of it")
 
     session.cancelling = cancelling
     session.enable("driver/resend_robot_program" if asked.robot["robot"] == "ur" else "")

@@ -282,7 +282,9 @@ class Session:
         """End the task, if one is played: the tool is lifted."""
         if self._goal is not None:
             self._goal.cancel_goal_async()
-            self.until(self._goal.get_result_async().done, patience, "the cancelled task did not end")
+            ended = self._goal.get_result_async()
+            self.until(ended.done, patience, "the cancelled task did not end")
+            self.played.result = ended.result().result
 
     @property
     def pressing_force(self) -> float:

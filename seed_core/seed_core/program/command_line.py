@@ -106,7 +106,8 @@ def command(name: str) -> Callable[[Callable[[list[str]], int | None]], Callable
     """Decorator of a command's main(argv): answers errors in one line that begins with `name`, and gives the exit code.
 
     0: good (also for None). 1: the result is bad, or something failed on the way. 2: used wrongly, that is an argument
-    or a file that it names. 130: Ctrl-C. 141: nobody reads the output any more. Without argv it takes the process's.
+    or a file that it names. 130: Ctrl-C; what its exception says is told. 141: nobody reads the output any more.
+    Without argv it takes the process's.
     """
 
     def decorate(main: Callable[[list[str]], int | None]) -> Callable[..., int]:
@@ -114,8 +115,8 @@ def command(name: str) -> Callable[[Callable[[list[str]], int | None]], Callable
         def run(argv: list[str] | None = None) -> int:
             try:
                 return main(sys.argv[1:] if argv is None else argv) or 0
-            except KeyboardInterrupt:
-                problem, code = "interrupted", 130
+            except KeyboardInterrupt as end:
+                problem, code = "; ".join(["interrupted", *map(str, end.args)]), 130
             except BrokenPipeError:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 return 141

@@ -104,7 +104,8 @@ def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, tell: Tell | None) 
 def _line(run: Run, stamp: float) -> None:
     """One line that stays the same on a terminal, and one after the other elsewhere."""
     left = run.remaining(stamp) / 60.0
-    text = f"pose {run.done} of {run.total}, {stamp / 60.0:.1f} min of robot time, {left:.1f} min of it left"
+    text = f"pose {run.done} of {run.total}, {stamp / 60.0:.1f} min of robot time"
+    text += f", {left:.1f} min of it left" if np.isfinite(left) else ""
     print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
 
 
