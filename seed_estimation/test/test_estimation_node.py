@@ -17,6 +17,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 from rclpy.serialization import serialize_message
 from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import CameraInfo, Image, TimeReference
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from seed_core.clocks import save_clocks
@@ -28,7 +29,7 @@ from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.qos import COMMAND, SENSOR
+from seed_ros.qos import COMMAND, QUEUE, SENSOR
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -198,6 +199,27 @@ def test_without_a_reference_or_a_grasp_it_says_so(bench: Bench, renderer: Any) 
     empty = rig.call("initialize_grasp")  # the bubbles touch nothing
     assert not empty.success
     assert "touches nothing" in empty.message
+
+
+def test_no_reference_is_taken_with_a_tool_in_the_grasp(bench: Bench, renderer: Any) -> None:
+    rig = Rig(bench, renderer, **QUICK)
+    push = bench.client.create_publisher(Float64, "gripper/force", QUEUE)
+    pushed = 5.0
+    bench.every.append(lambda: push.publish(Float64(data=pushed)))
+    bench.spin(0.5)
+    closed = rig.call("capture_reference")
+    assert not closed.success
+    assert "it pushes with 5.0 N (reference_push: at most 1 N); open it" in closed.message
+    pushed = 0.4  # of its own friction
+    bench.spin(0.5)
+    rig.grasped()
+    seen = rig.call("capture_reference")
+    assert not seen.success
+    assert "a tool is grasped: it is seen in the bubbles; open the gripper" in seen.message
+    rig.X_CT = None
+    assert bench.until(lambda: not rig.poses[-1].valid)
+    free = rig.call("capture_reference")
+    assert free.success, free.message
 
 
 def test_without_camera_info_it_says_what_is_missing(bench: Bench, renderer: Any) -> None:

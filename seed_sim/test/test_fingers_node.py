@@ -9,6 +9,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("pydrake", reason="needs Drake")
 
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
@@ -28,7 +29,9 @@ def test_a_force_is_reached_at_the_grippers_speed_and_nonsense_is_refused() -> N
         forces = bench.client.create_publisher(Float64, "gripper/force_command", COMMAND)
         widths = bench.client.create_publisher(Float64, "gripper/command", COMMAND)
         assert bench.until(lambda: bool(told))
-        assert told[-1][1] == pytest.approx(5.0)
+        assert told[-1][1] == 0.0  # the tool stands in its holder
+        assert bench.call(Trigger, "sim/grasp", Trigger.Request()).success
+        assert bench.until(lambda: told[-1][1] == pytest.approx(5.0))
         bench.every.append(lambda: forces.publish(Float64(data=8.0)))
         assert bench.until(lambda: abs(told[-1][1] - 8.0) < 0.1)
         assert node.plant.grip.width < 0.017

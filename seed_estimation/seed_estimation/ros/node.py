@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator's ROS node: images in, pose of the tool in the grasp out."""
 
+import time
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,6 +12,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from seed_msgs.msg import ContactPatch as PatchMsg
 from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import Image, TimeReference
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from seed_core.config import field
@@ -22,13 +24,14 @@ from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
-from seed_estimation.ros.gathering import Gathering, Images
+from seed_estimation.ros.gathering import Gathering, GatheringError, Images
 from seed_estimation.ros.inputs import FINGERS, ImageInputs, InputSettings
-from seed_ros import COMMAND, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
+from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import estimate_to_message, fill, stamped, transform_stamped
 from seed_ros.images import image_message
 
 LOOP_RATE = 20.0  # [Hz] at which it is looked for anything but images, which wake the node
+PUSH_AGE = 1.0  # [s] for which a gripper's push counts
 LATENCIES = 450  # of the last ten seconds, for the percentiles in diagnostics: from image stamp to images, to estimate
 DEBUG_PERIOD = 0.06  # [s] between two debug images: one for each picture of the operator page, which has 12 a second
 
@@ -38,6 +41,9 @@ class NodeSettings:
     """What is the node's alone."""
 
     reference_frames: int = field(15, low=1, high=500, doc="images averaged by ~/capture_reference")
+    reference_push: float = field(
+        1.0, unit="N", low=0.0, high=100.0, doc="push of a finger from which ~/capture_reference is refused; 0: never"
+    )
     grasp_frames: int = field(8, low=1, high=500, doc="images averaged by ~/initialize_grasp")
     identity_file: str = field(
         "", doc="what tells the bubbles apart, from one session to the next; written by the first reference"
@@ -84,6 +90,9 @@ class EstimatorNode(SeedNode):
         self.create_timer(0.1, self._watch)
         self._clock_answers = self.publisher(TimeReference, "clock_answer", COMMAND)
         self.loop.poll(TimeReference, "clock_question", self._on_clock_question, COMMAND)
+
+        self._push = 0.0, -np.inf  # [N] of each finger, and when it was told [s] by the machine's clock
+        self.create_subscription(Float64, "gripper/force", self._on_push, QUEUE)
 
         waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
         self.serve(Trigger, "~/capture_reference", self._capture_reference, group=waiting)
@@ -170,7 +179,22 @@ class EstimatorNode(SeedNode):
         )
 
     # services
+    def _on_push(self, message: Float64) -> None:
+        self._push = message.data, time.monotonic()
+
+    def _refuse_grasped(self) -> None:
+        """What touches the bubbles would be taken for a part of them."""
+        push, told = self._push
+        if time.monotonic() - told < PUSH_AGE and push > (self.settings.reference_push or np.inf):
+            raise GatheringError(
+                f"the gripper is closed on something: it pushes with {push:.1f} N (reference_push: at most "
+                f"{self.settings.reference_push:g} N); open it, for the bubbles must touch nothing"
+            )
+        if self._last is not None and self._last.valid:
+            raise GatheringError("a tool is grasped: it is seen in the bubbles; open the gripper, and call again")
+
     async def _capture_reference(self) -> str:
+        self._refuse_grasped()
         return await self.gathering.gather("reference", self.settings.reference_frames, self._use_reference)
 
     async def _initialize_grasp(self) -> str:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated gripper's topics: gripper/command [m] and gripper/force_command [N] in, gripper/force [N] out."""
 
+from collections.abc import Callable
 from math import isfinite
 
 from std_msgs.msg import Float64
@@ -18,8 +19,9 @@ _EVERY = 10  # ticks between two gripper/force
 class Fingers:
     """Carries commands out at the gripper's rate, latency and force limit. `advance` is called once per tick."""
 
-    def __init__(self, node: SeedNode, plant: Plant) -> None:
-        self._node, self._plant = node, plant
+    def __init__(self, node: SeedNode, plant: Plant, grasped: Callable[[], bool]) -> None:
+        """Listen and tell from now on; grasped: whether the fingers push on the tool, or else on nothing."""
+        self._node, self._plant, self._grasped = node, plant, grasped
         self._gripper = SimulatedGripper(plant.scenario.gripper, plant.grip.width)
         self._then = self._closed = plant.time
         self._ticks = 0
@@ -61,4 +63,4 @@ class Fingers:
                 self._node.counters.add("widths_refused", str(error))
         self._ticks += 1
         if self._ticks % _EVERY == 0:
-            self._force.publish(Float64(data=float(grip.push)))
+            self._force.publish(Float64(data=float(grip.push) if self._grasped() else 0.0))

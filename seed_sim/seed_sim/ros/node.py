@@ -111,7 +111,7 @@ class SimNode(SeedNode):
             self._wait_for(PoseStamped, "current_pose")
         if settings.clock:
             self._wait_for(RelativePose, "relative_pose")
-        self.fingers = Fingers(self, self.plant)
+        self.fingers = Fingers(self, self.plant, lambda: self.holder.grasped)
 
         self.serve(Trigger, "~/grasp", self._grasp)
         self.serve(Trigger, "~/release", self._release)
