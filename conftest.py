@@ -3,6 +3,7 @@
 
 import contextlib
 import fcntl
+import functools
 import importlib
 import os
 import random
@@ -60,6 +61,7 @@ def bench() -> Iterator[Any]:
         bench.close()
 
 
+@functools.cache
 def against_the_clock(file: Path) -> bool:
     """Whether a file has tests against the clock, by what it says: the process that hands out files sees no marks."""
     return "node" in file.stem.split("_") or "mark.realtime" in file.read_text(encoding="utf-8")

@@ -147,6 +147,11 @@ class Controller:
         self._inputs.count_from(t)
         self._state = self._describe(t)  # a task may be asked for before the next step
 
+    @property
+    def heard(self) -> bool:
+        """Whether flange poses and estimates have come at all, usable or not."""
+        return self._inputs.heard
+
     def missing(self, t: float) -> dict[str, str]:
         """What `enable` would be refused for, by the input that lacks; '' for what is there."""
         most = self.parameters.kinematics_timeout

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from std_srvs.srv import SetBool
 from test_control_node import FREE, Cell
 from unique_identifier_msgs.msg import UUID
 
+from seed_control.ros import readiness
 from seed_core.config import ConfigError
 from seed_ros.conversions import stamp_from_seconds
 from seed_ros.qos import COMMAND, LATCHED
@@ -297,3 +299,22 @@ def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell])
     count = len(told)
     cell.bench.spin(1.5)
     assert len(told) - count <= 2  # a cause that lasts is told once, though its age grows
+
+
+def test_the_log_tells_once_that_the_cell_is_up_and_before_what_it_waits_for(
+    make: Callable[..., Cell], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readiness, "PATIENCE", 1.0)
+    cell = make()
+    logged: list[str] = []
+    log = SimpleNamespace(info=logged.append, warning=logged.append)
+    monkeypatch.setattr(cell.node._readiness, "_log", log)
+    cell.silent = {"relative_pose"}
+    assert cell.bench.until(lambda: bool(logged))
+    assert logged[0].startswith("the cell is not up after 1 s; not ready: no estimate of the relative pose has come")
+    cell.silent = set()
+    assert cell.bench.until(lambda: len(logged) == 2)
+    assert logged[1].startswith("the cell is up; not ready: ")
+    cell.enabled()
+    cell.bench.spin(1.2)
+    assert len(logged) == 2

@@ -156,6 +156,18 @@ def test_the_guard_refuses_a_limit_that_it_does_not_have() -> None:
         GuardNode(context=context, parameter_overrides=[Parameter("max_sped", value=0.1)])
 
 
+def test_the_guard_makes_it_keep_the_contract() -> None:
+    guard = subprocess.Popen([sys.executable, "-m", "seed_driver.ros.target_guard"])
+    try:
+        with reckless_arm("guarded_frame"):
+            verdicts = arm_contract.run("guard", PATIENT)
+    finally:
+        guard.terminate()
+        guard.wait(10.0)
+    assert [v for v in verdicts if not v.kept] == []
+    assert len(verdicts) == 10
+
+
 @pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
 def test_the_arm_of_the_tutorial_keeps_the_contract_behind_the_guard(tmp_path: Path) -> None:
     """As the page has it: its arm, a copy of its launch file with the limits that it begins with, its topics."""

@@ -4,16 +4,15 @@
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from seed_bringup.launching.description import TERM_AFTER, Node, declared_arguments, describe
+from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, Launch
@@ -43,8 +42,7 @@ def main(argv: list[str]) -> int:
     others = running()
     what = " ".join(["launch", *options.words])
     with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
-        # Says here and now what is wrong; `ros2 launch` takes unknown arguments in silence.
-        nodes = describe(file, arguments).nodes
+        describe(file, arguments)  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
         if domain in others:
             print(
                 f"[launch] warning: '{others[domain]}' runs in ROS domain {domain}, too, and both hear each other: "
@@ -52,29 +50,9 @@ def main(argv: list[str]) -> int:
                 flush=True,
             )
         print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
-        controller = next((node for node in nodes if node.name == "controller"), None)
-        by_ros2 = bool(shutil.which("ros2")) and not options.own
-        with nullcontext() if controller is None else telling_when_up(controller, outlive=by_ros2):
-            if by_ros2:
-                _by_ros2(file, arguments)
-            return run(Launch(file, arguments))
-
-
-@contextmanager
-def telling_when_up(controller: Node, *, outlive: bool = False) -> Iterator[None]:
-    """A process beside that tells when the cell of a controller is up; `outlive`: also once another program runs here.
-
-    Its standard input ends with this process, and it with that.
-    """
-    command = [sys.executable, "-P", "-m", "seed_bringup.ros.started", controller.namespace]
-    environment = os.environ | controller.environment
-    with subprocess.Popen(command, stdin=subprocess.PIPE, env=environment, start_new_session=True) as process:
-        assert process.stdin is not None
-        os.set_inheritable(process.stdin.fileno(), outlive)
-        try:
-            yield
-        finally:
-            process.terminate()
+        if shutil.which("ros2") and not options.own:
+            _by_ros2(file, arguments)
+        return run(Launch(file, arguments))
 
 
 @contextmanager

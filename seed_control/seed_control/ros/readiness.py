@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping
 from math import inf
+from time import monotonic
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
@@ -10,10 +11,14 @@ from seed_control.controller import Controller
 from seed_ros import LATCHED, SeedNode, diagnostics
 
 EVERY = 0.5  # [s] between two looks
+PATIENCE = 15.0  # [s] by the machine's clock for the cell to be up, before it is told what it waits for
 
 
 class Readiness:
-    """Publishes when what is missing changes; latched, so that whoever asks later is told as well."""
+    """Publishes when what is missing changes; latched, so that whoever asks later is told as well.
+
+    Logs once that the cell is up, and before, if that takes long, what it waits for.
+    """
 
     def __init__(
         self, node: SeedNode, core: Controller, arm_holds: Callable[[], str], skewed: Callable[[], str]
@@ -30,6 +35,8 @@ class Readiness:
         self._publisher = node.publisher(DiagnosticStatus, "~/ready", LATCHED)
         self._looked = -inf  # [s]
         self._told: tuple[str, ...] | None = None
+        self._log, self._began = node.get_logger(), monotonic()
+        self._up = self._late = False
 
     def look(self, now: float) -> None:
         """Tell what has changed, if it is time; now [s]."""
@@ -37,10 +44,21 @@ class Readiness:
             return
         self._looked = now
         parts = self.missing(now)
+        if not self._up:
+            self._log_start(parts)
         told = tuple(_without_numbers(words) for words in parts.values())
         if told != self._told:
             self._told = told
             self._publisher.publish(self._status(parts))
+
+    def _log_start(self, parts: Mapping[str, str]) -> None:
+        """Once what is missing as the cell is up, and that it is not yet."""
+        if self._core.heard:
+            self._up = True
+            self._log.info(f"the cell is up; {self._status(parts).message}")
+        elif not self._late and monotonic() - self._began > PATIENCE:
+            self._late = True
+            self._log.warning(f"the cell is not up after {PATIENCE:g} s; {self._status(parts).message}")
 
     def missing(self, now: float) -> dict[str, str]:
         """What is missing, by the part that is to deliver it; '' for what is there."""

@@ -87,6 +87,11 @@ class Inputs:
         self.bad_in_a_row, self.why_bad = 0, ""
         return True
 
+    @property
+    def heard(self) -> bool:
+        """Whether poses of the flange and estimates have come at all, usable or not."""
+        return self.history.newest_stamp > -inf and (self.arrived > -inf or bool(self.why_bad))
+
     def count_from(self, t: float) -> None:
         """Count invalid estimates anew. Those of images up to t [s] that are still to be read are passed over."""
         self.bad_in_a_row, self.why_bad, self._counted_from = 0, "", t

@@ -146,6 +146,9 @@ class EstimatorNode(SeedNode):
         answer.time_ref = message.header.stamp
         self._clock_answers.publish(answer)
 
+    def _on_push(self, message: Float64) -> None:
+        self._push = message.data, time.monotonic()
+
     # out
     def _publish(self, estimate: RelativePoseEstimate) -> None:
         self._last = estimate
@@ -179,9 +182,6 @@ class EstimatorNode(SeedNode):
         )
 
     # services
-    def _on_push(self, message: Float64) -> None:
-        self._push = message.data, time.monotonic()
-
     def _refuse_grasped(self) -> None:
         """What touches the bubbles would be taken for a part of them."""
         push, told = self._push

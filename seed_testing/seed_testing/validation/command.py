@@ -16,7 +16,6 @@ seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--j
 import argparse
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +38,6 @@ from seed_testing.validation.figure import draw
 from seed_testing.validation.maps import band, score
 from seed_testing.validation.other.run import run_other
 from seed_testing.validation.scores import NAMED, scores
-
-SCALE = 0.25  # of a scenario's motion that random membranes bear
 
 
 @command("seed validate")
@@ -73,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         type=seed_number,
         metavar="SEED",
         help="hold the tool between two membranes with mechanics, drawn from this seed; the motion is "
-        f"{SCALE:g} of the scenario's, so that the tool stays in the grasp",
+        f"{run.SCALE:g} of the scenario's, so that the tool stays in the grasp",
     )
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
     one.add_argument(
@@ -151,8 +148,7 @@ def _estimator(options: argparse.Namespace) -> int:
         print(to_json(result) if options.json else worlds.table(result))
         return 0
     if options.membrane is not None:
-        scenario = on_membrane(scenario, options.membrane)
-        scenario = replace(scenario, trajectory=replace(scenario.trajectory, scale=SCALE * scenario.trajectory.scale))
+        scenario = run.between_membranes(scenario, options.membrane)
     if options.bag is not None:
         from seed_testing.validation.bag import run_bag
 

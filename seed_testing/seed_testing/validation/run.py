@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One run of an estimator: reference, grasp and motion, all rendered, with the truth beside every estimate."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from tqdm import tqdm
@@ -10,7 +12,7 @@ from seed_core.errors import SeedError
 from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileRenderer
 from seed_sim.bubbles import HeldRenderer, renderer_of
-from seed_sim.scenario import SHIPPED, Scenario
+from seed_sim.scenario import SHIPPED, Scenario, on_membrane
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.calibrate import calibration
 from seed_testing.validation.scores import Series
@@ -26,7 +28,14 @@ EXACT = dict.fromkeys(
     ),
     0.0,
 )  # fmt: skip
+SCALE = 0.25  # of a scenario's motion that random membranes bear
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
+
+
+def between_membranes(scenario: Scenario, seed: int) -> Scenario:
+    """The tool between two random membranes with mechanics, moved so little that it stays in the grasp."""
+    moved = replace(scenario.trajectory, scale=SCALE * scenario.trajectory.scale)
+    return replace(on_membrane(scenario, seed), trajectory=moved)
 
 
 def run(scenario: Scenario, method: str, seed: int) -> Series:

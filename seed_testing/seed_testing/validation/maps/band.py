@@ -7,38 +7,25 @@ a quarter as far, so that it stays in the grasp.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from joblib import delayed
 
 from seed_core.errors import SeedError
-from seed_core.membrane.features import DEFORMATION, RIGID
-from seed_core.membrane.material import around, deformation, rigid_motion
+from seed_core.estimate import MembraneMotion
+from seed_core.membrane.features import DEFORMATION, FINGERS, RIGID
 from seed_core.spatial import Array, rotation_error
 from seed_sim.bubbles import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.membrane import GraspState
-from seed_sim.scenario import load_scenario, on_membrane
+from seed_sim.scenario import load_scenario
 from seed_sim.tactile.trajectory import poses
-from seed_testing.validation.run import FOLDERS, estimator_for
+from seed_testing.validation.maps.membrane_run import Watcher
+from seed_testing.validation.run import FOLDERS, between_membranes, estimator_for
 
-SCALE = 0.25  # of the scenario's motion
-DURATION = 10.0  # [s] of it
+DURATION = 10.0  # [s] of the scenario's motion
 NAMES = (*RIGID, *DEFORMATION)
 UNITS = np.array([np.rad2deg(1.0)] * 3 + [1e3] * 12)  # degrees and mm, as told
-
-
-class _Band(NamedTuple):
-    """Points (3, n) of the band of each finger at the grasp, and which nodes they are."""
-
-    nodes: dict[str, np.ndarray]
-    before: dict[str, Array]
-
-    @classmethod
-    def of(cls, grasped: GraspState) -> "_Band":
-        nodes = {f: around(b.nodes.T, b.nodes[b.touching].T) for f, b in grasped.bubbles.items()}
-        return cls(nodes, {f: b.nodes[nodes[f]].T for f, b in grasped.bubbles.items()})
 
 
 def errors(seed: int) -> tuple[dict[str, Array], float]:
@@ -47,28 +34,31 @@ def errors(seed: int) -> tuple[dict[str, Array], float]:
     Raises:
         SeedError: the membrane of this seed cannot be grasped, or the estimator does not see it.
     """
-    scenario = on_membrane(load_scenario("long_cylinder", *FOLDERS), seed)
-    moved = replace(scenario.trajectory, scale=SCALE * scenario.trajectory.scale, duration=DURATION)
-    scenario = replace(scenario, trajectory=moved)
+    scenario = between_membranes(load_scenario("long_cylinder", *FOLDERS), seed)
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=DURATION))
     renderer = renderer_of(scenario, seed)
     assert isinstance(renderer, HeldRenderer)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    band, sliding = _Band.of(renderer.hold.state), list[float]()
-    out: dict[str, list[Array]] = {finger: [] for finger in band.nodes}
-    for stamp, X_CT in poses(moved, seed):
+    exact = Watcher(renderer.hold.state, 0.0, np.random.default_rng(seed))
+    out: dict[str, list[Array]] = {finger: [] for finger in FINGERS}
+    sliding = []
+    for stamp, X_CT in poses(scenario.trajectory, seed):
         estimate = estimator.update(renderer.render(X_CT, stamp), stamp)
         state = renderer.hold.state
         sliding.append(state.sliding_share)
+        true = {m.finger: m for m in exact.motions(state, scenario.membrane.ambient)}
         for told in estimate.membrane:
-            before, after = band.before[told.finger], state.bubbles[told.finger].nodes[band.nodes[told.finger]].T
-            X, middle = rigid_motion(before, after), before.mean(axis=1)
-            shift = (told.X_CM - X)[:3, :3] @ middle + (told.X_CM - X)[:3, 3]
-            turn = rotation_error(told.X_CM[:3, :3], X[:3, :3])
-            error = np.concatenate((turn, shift, told.deformation - deformation(X, before, after)))
-            out[told.finger].append(error)
+            out[told.finger].append(_error(told, true[told.finger]))
     if not all(len(told) > 1 for told in out.values()):
         raise SeedError("the estimator told no motion of a membrane")
     return {finger: UNITS * np.array(told) for finger, told in out.items()}, float(np.mean(sliding))
+
+
+def _error(told: MembraneMotion, true: MembraneMotion) -> Array:
+    """(15,) [rad, m] of what is told."""
+    turn, off = rotation_error(told.X_CM[:3, :3], true.X_CM[:3, :3]), told.X_CM - true.X_CM
+    shift = off[:3, :3] @ true.centroid + off[:3, 3]
+    return np.concatenate((turn, shift, told.deformation - true.deformation))
 
 
 def score(seed: int) -> dict[str, Any]:
