@@ -107,7 +107,7 @@ def test_a_first_contact_is_built_up_at_press_speed() -> None:
     assert abs(v).max() <= p.press_speed + 2e-3
 
 
-@pytest.mark.parametrize(("frequency", "amplitude"), [(5.0, 1.0), (6.0, 0.5)])
+@pytest.mark.parametrize(("frequency", "amplitude"), [(5.0, 1.0), (7.0, 1.0), (8.0, 0.5)])
 def test_the_force_follows_small_sines(frequency: float, amplitude: float) -> None:
     """Gain above 0.71. At 8 Hz 1 N would take 3.2 m/s^2 of the gripper, and more of a command that the arm trails."""
     bench = settled_at(10.0)
@@ -120,3 +120,15 @@ def test_the_force_follows_small_sines(frequency: float, amplitude: float) -> No
     gain = 2.0 * abs(np.mean((forces - forces.mean()) * np.array(wanted[125:]))) / amplitude
     assert gain > 0.71
     assert bench.state.mode == "contact"
+
+
+def test_an_image_from_before_a_smaller_force_was_wanted_takes_no_force_back() -> None:
+    """Images are 0.1 s late here. What they show above the newest wanted force was wanted then."""
+    bench = settled_at(8.0, delay=0.1)
+    start = len(bench.forces)
+    for i in range(500):
+        bench.press(8.0 + 2.0 * np.sin(2.0 * np.pi * 4.0 * i * DT))
+        bench.step()
+    forces = np.array(bench.forces[start:])
+    assert min(forces) > 5.9
+    assert max(forces) < 10.1

@@ -43,7 +43,7 @@ class VectorLimiter:
         """
         v, a = known
         if known is not AT_REST:
-            way = plus_scaled(way, -dt, v)
+            way = plus_scaled(plus_scaled(way, -dt, v), -dt * dt, a)
         distance, gain = norm(way), 0.5 * self.bandwidth
         wanted = gain * distance
         if self.speed < speed:

@@ -6,13 +6,15 @@ Such a change is no measurement. It has no noise to be smoothed, and its way is 
 
 from math import sqrt
 
-_NEARS, _ANSWERS = 50.0, 160.0  # [1/s] at which the end is neared, and at which a wanted velocity is
-_BRAKES = 0.7  # share of the acceleration on which the braking counts
-_NOTHING = 1e-7  # [m], [m/s] of a change that has come to its end
+_SHARE = 0.9  # of acceleration and jerk: the rest is for what the images bring meanwhile
+_HALVINGS = 14  # of the jerks that are possible: the chosen one is within 0.03 m/s^3
+_THERE, _RESTS = 1e-7, 1e-5  # [m], [m/s] of a change that has come to its end
 
 
 class ForceChange:
-    """A way that is gone with bounded acceleration and jerk.
+    """A way that is gone as fast as bounds of speed, acceleration and jerk allow.
+
+    Each step takes the largest jerk after which the way still ends without going back.
 
     Attributes:
         left: [m] yet to go. v, a: velocity [m/s] and acceleration [m/s^2].
@@ -20,7 +22,7 @@ class ForceChange:
 
     def __init__(self, acceleration: float, jerk: float) -> None:
         """Nothing is left to go; bounds [m/s^2], [m/s^3]."""
-        self._acceleration, self._jerk = acceleration, jerk
+        self._acceleration, self._jerk = _SHARE * acceleration, _SHARE * jerk
         self.forget()
 
     def forget(self) -> None:
@@ -29,20 +31,49 @@ class ForceChange:
 
     def advance(self, dt: float, speed: float) -> float:
         """One step [m] of dt [s], at most at speed [m/s]."""
-        distance, way = abs(self.left), 1.0 if self.left > 0.0 else -1.0
-        if distance + abs(self.v) < _NOTHING:
+        if abs(self.left) < _THERE and abs(self.v) < _RESTS:
             self.forget()
             return 0.0
-        turning = max(way * self.a + self._acceleration, 0.0) / self._jerk  # [s] until it brakes
-        braking = max(distance - turning * max(way * self.v, 0.0), 0.0)  # [m] that are left then
-        most = min(sqrt(2.0 * _BRAKES * self._acceleration * braking), speed)
-        v = way * min(_NEARS * distance, most)
-        step, a = self.v * dt, (v - self.v) * min(_ANSWERS, 1.0 / dt)
-        fastest = self._acceleration
-        if a * self.v > 0.0:  # no more than the jerk can take back before the speed is there
-            fastest = min(fastest, sqrt(self._jerk * max(speed - abs(self.v), 0.0)))
-        a = min(max(a, -fastest), fastest)
-        self.a += min(max(a - self.a, -self._jerk * dt), self._jerk * dt)
+        way = 1.0 if self.left > self._stopping(self.v, self.a) else -1.0
+        v, a = way * self.v, way * self.a
+        jerk = self._largest_jerk(way * self.left, v, a, dt, speed)
+        self.a = way * min(max(a + jerk * dt, -self._acceleration), self._acceleration)
         self.v += self.a * dt
-        self.left -= step
-        return step
+        self.left -= self.v * dt
+        return self.v * dt
+
+    def _largest_jerk(self, left: float, v: float, a: float, dt: float, speed: float) -> float:
+        """Jerk [m/s^3] of a step with which `left` [m] are to go, at most at speed [m/s]."""
+
+        def may(jerk: float) -> bool:
+            now = min(max(a + jerk * dt, -self._acceleration), self._acceleration)
+            fast = v + now * dt
+            if fast + 0.5 * max(now, 0.0) ** 2 / self._jerk > speed:  # once the acceleration is taken back
+                return False
+            return self._stopping(fast, now) + 0.5 * fast * dt <= left  # a step goes by the speed at its end
+
+        low, high = -self._jerk, self._jerk
+        if may(high):
+            return high
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if may(middle) else (low, middle)
+        return low
+
+    def _stopping(self, v: float, a: float) -> float:
+        """Way [m] until velocity v and acceleration a are both zero, as soon as the bounds allow; v and way are signed."""
+        if v < 0.0 or (v == 0.0 and a < 0.0):
+            return -self._stopping(-v, -a)
+        turning = abs(a) / self._jerk  # [s] until the acceleration is zero, or since it was
+        gained = 0.5 * a * turning  # [m/s] of the velocity in that time
+        if a >= 0.0:
+            return (v + 2.0 / 3.0 * gained) * turning + self._braking(v + gained)
+        if v + gained >= 0.0:  # it is braking already, as from a faster speed
+            return self._braking(v - gained) - (v - 2.0 / 3.0 * gained) * turning
+        return (v + 2.0 / 3.0 * gained) * turning - self._braking(-v - gained)
+
+    def _braking(self, v: float) -> float:
+        """Way [m] from a steady velocity v >= 0 to rest."""
+        if v < self._acceleration**2 / self._jerk:
+            return v * sqrt(v / self._jerk)
+        return 0.5 * v * (v / self._acceleration + self._acceleration / self._jerk)

@@ -4,6 +4,7 @@
 The default law `seed` is HybridLaw with the surface observer, the law `plain` the same without it.
 """
 
+from collections import deque
 from math import inf
 from typing import NamedTuple, TypeGuard
 
@@ -66,10 +67,13 @@ class HybridLaw(PublishedLaw):
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
+        self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest image's stamp [s], forces wanted then [N]
 
     def image(self, m: Measurement, loop_time: float) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
         self._ahead = max(loop_time - 0.5 * max(frame, 0.0), 0.0)
+        while len(self._asked) > 1 and self._asked[1][0] < m.stamp - loop_time - frame:
+            self._asked.popleft()
         s = self.setpoint
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
@@ -108,6 +112,7 @@ class HybridLaw(PublishedLaw):
     def release(self) -> None:
         super().release()
         self._tipping_gain, self._changes = 1.0, []
+        self._asked.clear()
         self.normal.release()
 
     def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
@@ -149,6 +154,11 @@ class HybridLaw(PublishedLaw):
         moment = float(force_T @ self.p_Ttip)
         self._upright = 1.0 - self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
         super()._solve(s, R_W_task, P, normals)
+        wanted: list[float] = self.plan.wanted.tolist()
+        if self._asked and len(self._asked[-1][1]) != len(wanted):
+            self._asked.clear()
+        if self.measured is not None and (not self._asked or self._asked[-1][1] != wanted):
+            self._asked.append((self.measured.stamp, wanted))
         if self._finds(s):  # a tool that leans moves its tip along the force as it turns
             before = self.plan.lever
             lever = self.deflection.turned[1] @ before
@@ -226,13 +236,16 @@ class HybridLaw(PublishedLaw):
         return known._replace(offset=offset, gradient=gradient, rate=rate, speed=0.0)
 
     def _relieved(self, i: int, n: Vector3) -> float | None:
-        """Height [m] of the undeflected tip that takes back what the newest image's force is above the wanted one.
+        """Height [m] of the undeflected tip that takes back what the newest image's force is above any wanted lately.
 
-        None while it is not, beyond noise, or no force is wanted.
+        An image shows what was wanted a loop time ago. None while the force is not above, beyond noise, or none is
+        wanted.
         """
         m, wanted = self.measured, float(self.plan.wanted[i])
         if m is None or not wanted:
             return None
+        asked = [w[i] for _, w in self._asked] or [wanted]
+        wanted = max(asked) if wanted > 0.0 else min(asked)
         force, stiffness = dot(n, as_vector3(m.on_environment.force)), self.wrench_estimator.mean_stiffness
         over = abs(force) - abs(wanted) if force * wanted > 0.0 else 0.0
         if over <= max(_OVER * self.parameters.max_excess_force, _NOISE * stiffness * m.variance**0.5):

@@ -107,10 +107,14 @@ class TipReference:
         tip = plus_scaled(self._tip, lead, self._velocity)
         path = goal = plus(tip, self._to_undeflected)
         changed = self._changed(dt)
-        for n, offset, gradient, speed, reach, back, pushes, rate, _, change, _ in self._references:
-            now = dot(n, self.undeflected) + dot(n, changed)
+        for n, offset, gradient, speed, reach, back, pushes, rate, _, change, quick in self._references:
+            going = dot(n, changed)
+            now = dot(n, self.undeflected) + going
             bound = min(speed, max(reach / loop_time, _SLOWEST)) * dt
             retreat = max(bound, back * dt)
+            if change is not None and pushes * going > 0.0:  # the rest waits: together they press on at `quick`
+                gains = pushes * change.a > 0.0
+                bound = min(bound, 0.0 if gains else max(quick * dt - pushes * going, 0.0))
             low, high = (retreat if pushes > 0 else bound), (retreat if pushes < 0 else bound)
             wanted = offset + dot(gradient, tip) + rate * self._since - (change.left if change is not None else 0.0)
             if pushes:

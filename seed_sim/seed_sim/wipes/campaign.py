@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from joblib import delayed
 
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.wipes.bandwidth import FREQUENCIES, bandwidth, gain
+from seed_sim.wipes.bandwidth import AMPLITUDES, FREQUENCIES, bandwidth, gain
 from seed_sim.wipes.conditions import CONDITIONS
 from seed_sim.wipes.run import Wipe, wipe
 
@@ -89,9 +90,9 @@ def table(result: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def bandwidths(seeds: Sequence[int], law: str = "seed", jobs: int = 1) -> list[float]:
-    """Bandwidth of the force [Hz] by seed."""
-    asked = [(f, seed) for seed in seeds for f in FREQUENCIES]
-    work = in_parallel([delayed(gain)(f, seed, law) for f, seed in asked], jobs, "run")
-    found = list(zip(asked, work, strict=True))
-    return [bandwidth([(f, g) for (f, s), g in found if s == seed]) for seed in seeds]
+def bandwidths(seeds: Sequence[int], law: str = "seed", jobs: int = 1) -> dict[float, list[float]]:
+    """Bandwidth of the force [Hz] by seed, for sines of each amplitude [N]."""
+    asked = list(product(AMPLITUDES, seeds, FREQUENCIES))
+    found = in_parallel([delayed(gain)(f, seed, law, a) for a, seed, f in asked], jobs, "run")
+    gains = dict(zip(asked, found, strict=True))
+    return {a: [bandwidth([(f, gains[a, seed, f]) for f in FREQUENCIES]) for seed in seeds] for a in AMPLITUDES}

@@ -16,7 +16,7 @@ from seed_sim.wipes.conditions import CONDITIONS
 def main(argv: list[str]) -> int:
     """Command line."""
     parser = Parser(prog="seed bench law", description=__doc__)
-    parser.add_argument("--seeds", type=whole(1), default=20, help="wipes per condition; default: %(default)s")
+    parser.add_argument("--seeds", type=whole(0), default=20, help="wipes per condition; default: %(default)s")
     parser.add_argument("--seed", type=seed_number, default=0, help="the first of them; default: %(default)s")
     parser.add_argument(
         "--only", choices=CONDITIONS, action="append", help="only this condition; may be given more than once"
@@ -30,12 +30,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     o = parser.parse_args(argv)
     seeds = range(o.seed, o.seed + o.seeds)
-    result = summary(campaign(o.only or list(CONDITIONS), seeds, o.law, o.jobs, o.out))
+    result = summary(campaign(o.only or list(CONDITIONS), seeds, o.law, o.jobs, o.out)) if seeds else {}
     found = bandwidths(range(o.seed, o.seed + o.bandwidth), o.law, o.jobs)
     if o.json:
         print(to_json({"law": o.law, "seed": o.seed, "conditions": result, "bandwidth_hz": found}))
         return 0
-    print(table(result))
-    if found:
-        print(f"bandwidth of the force: {np.median(found):.1f} Hz median, {min(found):.1f} Hz at least")
+    if seeds:
+        print(table(result))
+    for amplitude, hz in found.items() if o.bandwidth else ():
+        print(f"bandwidth, sines of {amplitude:.1f} N: {np.median(hz):.1f} Hz median, {min(hz):.1f} Hz at least")
     return 0
