@@ -61,7 +61,7 @@ class ForceChange:
         return low
 
     def _stopping(self, v: float, a: float) -> float:
-        """Way [m] until velocity v and acceleration a are both zero, as soon as the bounds allow; v and way are signed."""
+        """Way [m], with its sign, until velocity v and acceleration a are both zero, as soon as the bounds allow."""
         if v < 0.0 or (v == 0.0 and a < 0.0):
             return -self._stopping(-v, -a)
         turning = abs(a) / self._jerk  # [s] until the acceleration is zero, or since it was

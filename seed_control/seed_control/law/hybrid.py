@@ -67,7 +67,7 @@ class HybridLaw(PublishedLaw):
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
-        self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest image's stamp [s], forces wanted then [N]
+        self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
 
     def image(self, m: Measurement, loop_time: float) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
