@@ -123,12 +123,12 @@ def test_the_force_follows_small_sines(frequency: float, amplitude: float) -> No
 
 
 def test_an_image_from_before_a_smaller_force_was_wanted_takes_no_force_back() -> None:
-    """Images are 0.1 s late here. What they show above the newest wanted force was wanted then."""
-    bench = settled_at(8.0, delay=0.1)
-    start = len(bench.forces)
-    for i in range(500):
-        bench.press(8.0 + 2.0 * np.sin(2.0 * np.pi * 4.0 * i * DT))
+    """Images are late, and what they show above the newest wanted force was wanted then: no force is too large."""
+    bench = settled_at(10.0, noise=3e-4, delay=0.1)
+    pressed = list[float]()
+    for i in range(750):
+        bench.press(10.0 + 1.8 * np.sin(2.0 * np.pi * 4.0 * i * DT))
         bench.step()
-    forces = np.array(bench.forces[start:])
-    assert min(forces) > 5.9
-    assert max(forces) < 10.1
+        references = bench.controller.law.reference._references  # type: ignore[attr-defined]
+        pressed += [r.speed for r in references]
+    assert min(pressed) > 0.0
