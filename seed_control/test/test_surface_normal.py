@@ -88,6 +88,32 @@ def test_a_tip_that_stands_still_turns_no_normal() -> None:
     assert np.rad2deg(np.arccos(filter_.ahead[2])) < 3.0
 
 
+@pytest.mark.parametrize(("leans", "slope"), [(0.4, 0.0), (0.9, 0.195)])
+def test_a_tip_that_sticks_shows_a_slope_where_friction_cannot_hold_its_force(leans: float, slope: float) -> None:
+    rng, filter_ = np.random.default_rng(7), SurfaceNormal()
+    s = HybridSetpoint(np.eye(4), task_frame="found", velocity=np.array((0.015, 0.0, 0.0)))
+    for i in range(90):
+        m = measurement(i * DT, np.zeros(3), np.array((0.0, 0.0, 1.0)), s.velocity, rng, np.eye(3))
+        m.on_environment.force[0] += 10.0 * (min(i / 60.0, 1.0) * leans - FRICTION)
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+    assert_allclose(filter_.ahead[0] / filter_.ahead[2], -slope, atol=0.05)
+    assert filter_.deviation > 0.3  # it is a bound, and tells no more
+
+
+def test_noise_across_the_path_makes_no_tip_slide() -> None:
+    rng, filter_ = np.random.default_rng(8), SurfaceNormal()
+    s = HybridSetpoint(np.eye(4), task_frame="found", velocity=np.array((0.015, 0.0, 0.0)))
+    for i in range(45):
+        place = np.array((0.0, 2e-3, -1e-3)) * (i > 40)  # as if down a steep slope
+        m = measurement(i * DT, place, np.array((0.0, 0.0, 1.0)), s.velocity, rng, np.eye(3))
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
+    assert np.rad2deg(np.arccos(filter_.ahead[2])) < 3.0
+
+
 def test_what_the_surface_sinks_by_is_no_slope() -> None:
     rng, filter_, share = np.random.default_rng(3), SurfaceNormal(), 0.2
     gives = share / (1.0 - share) / STIFFNESS  # [m/N] of the surface

@@ -50,14 +50,16 @@ def test_no_jump_of_the_target_makes_the_robot_faster_than_the_limit(bench, jump
     """Past the target checks of the node: the servo process alone has to hold the limit, measured at the robot."""
     (x, y, z), q = bench.state.command
     goal = ((x, y + 1.0, z), q) if jump == "1 m" else ((x, y, z), turned(q, (0.0, 0.0, math.pi / 2)))
+    sent, start = bench.state.sent, time.monotonic()
     bench.follow(lambda _: goal)
     bench.run(1.0)
+    kept = (bench.state.sent - sent) / (500.0 * (time.monotonic() - start))  # share of the cycles; none is made up for
     bench.still()
     bench.run(0.4)
     stats, config = bench.robot.ask("stats"), bench.supervisor.config
     assert stats["top_speed"] <= config.max_speed * 1.02
     assert stats["top_turning"] <= config.max_angular_speed * 1.02
-    assert max(stats["top_speed"] / config.max_speed, stats["top_turning"] / config.max_angular_speed) > 0.9
+    assert max(stats["top_speed"] / config.max_speed, stats["top_turning"] / config.max_angular_speed) > 0.9 * kept
     assert bench.robot.ask("state")["safety_mode"] == 1
 
 

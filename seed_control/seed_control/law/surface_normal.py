@@ -7,11 +7,12 @@ the tangent plane, is
     y(d) = h + a . d + d . S d / 2                 a: slope (2,), S: bend (2, 2), 1/m, its second fundamental form
 
 A tip that moves by d carries h and a on by this; then n is turned until a is zero. A tip that sticks while the gripper
-goes on tells nothing: what it sinks by as the force is built up would pass for a slope. Three things tell of it:
+goes on tells little: what it sinks by as the force is built up would pass for a slope. Three things tell of it:
 
     the tip's track     h = 0 at every image, for the tip touches the surface
     the force           f = N (a - n + mu v) of the tool on the surface, v the direction of motion: across v friction
-                        has no part, so what there is of the force is the slope's
+                        has no part, so what there is of the force is the slope's; of a tip that sticks, more than
+                        friction can hold is the slope's
     the tool's lean     a line or face that the contact keeps on the surface (`contact_resists`) lies in it
 
 The bend predicts the normal where the tip is going to be: on a cylinder of 80 mm at 50 mm/s it turns by 3 degrees
@@ -36,6 +37,7 @@ _TOUCHES = 0.35  # of the wanted force, below which the tip may be in the air
 _ROUGH = 1.5e-4  # [m] deviation of a height, whatever is stated
 _LEAST_SPEED = 6e-3  # [m/s] from which on a tip slides
 _TOLD, _STILL_TOLD = 3.5, 2.5  # deviations of a speed that make a tip that sticks one that slides; that it still does
+_MOST_FRICTION = 0.6  # of a tip that sticks; what leans the force by more is a slope
 _SMOOTHING = 0.08  # [s] over which the place along the surface and its speed are smoothed, and the force's direction
 _GIVES = 0.1  # of the grasp's compliance: deviation of what a surface sinks by where the force on it changes
 _GATE = 16.0  # squared innovation over its variance (4 sigma)
@@ -114,7 +116,7 @@ class SurfaceNormal:
         """
         if not self._slid:
             self._gives = share / (1.0 - share) / stiffness
-        self._predict(m, stiffness)
+        self._predict(m, s, stiffness)
         if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
             self._leave()
         foretold = self.x[_A].copy()
@@ -125,6 +127,8 @@ class SurfaceNormal:
         self._lean(m, s)
         if self._slides:
             self._force(m, stiffness, foretold)
+        else:
+            self._stick()
         self._share = self._share - (self.x[_A] - foretold)  # what was taken for friction was the slope's
         self._turn(self.x[_A].copy())
         self._going = self.tangents @ s.velocity * loop_time
@@ -156,7 +160,7 @@ class SurfaceNormal:
         out = self.n - self.tangents.T @ slope
         return np.asarray(out / np.sqrt(out @ out))
 
-    def _predict(self, m: Measurement, stiffness: float) -> None:
+    def _predict(self, m: Measurement, s: HybridSetpoint, stiffness: float) -> None:
         """To the place of a new image, smoothed along the surface: there the tip moves evenly, or sticks."""
         dt = max(m.stamp - self._last, 1e-3)
         self._last = m.stamp
@@ -170,7 +174,7 @@ class SurfaceNormal:
         self._velocity = self._velocity + (1.0 - left) ** 2 / dt * late
         d = d + (1.0 - left**2) * late
         self.anchor = self.anchor + self.tangents.T @ d + rise * self.n
-        self._slides = float(self._velocity @ self._velocity) > self._least_speed(m, dt) ** 2
+        self._slides = self._speed(s) > self._least_speed(m, dt)
         self._slid = self._slid or self._slides
         if not self._slides:
             d = np.zeros(2)  # what stands still tells nothing of a slope, however its noise moves
@@ -195,6 +199,15 @@ class SurfaceNormal:
         self.P[_H, :] = self.P[:, _H] = 0.0
         self.P[_H, _H] = _HEIGHT**2
 
+    def _speed(self, s: HybridSetpoint) -> float:
+        """[m/s] of the tip; until it slides, only along the path: noise goes anywhere."""
+        speed = float(np.sqrt(self._velocity @ self._velocity))
+        path = self.tangents @ s.velocity
+        of_path = float(np.sqrt(path @ path))
+        if self._slides or of_path < _LEAST_SPEED:
+            return speed
+        return float(self._velocity @ path) / of_path
+
     def _least_speed(self, m: Measurement, dt: float) -> float:
         """[m/s] from which on the tip slides: beyond what the noise of its place makes of one that sticks."""
         lever = m.X_WT[:3, 3] - m.tip
@@ -211,6 +224,15 @@ class SurfaceNormal:
         h[_A] = across
         noise = stiffness**2 * m.variance / pressing**2
         self._correct(1, h, float(across @ (self._share + foretold)), noise + _OFF_ACROSS**2)
+
+    def _stick(self) -> None:
+        """The slope, where the force of a tip that sticks leans by more than friction can hold."""
+        leans = float(np.sqrt(self._share @ self._share))
+        if leans > _MOST_FRICTION:
+            h = np.zeros(_SIZE)
+            h[_A] = self._share / leans
+            Ph = self.P @ h
+            self.x = self.x + Ph * ((leans - _MOST_FRICTION) / float(h @ Ph))
 
     def _lean(self, m: Measurement, s: HybridSetpoint) -> None:
         """A line of the tool that lies on the surface: across the axis about which the contact resists."""
