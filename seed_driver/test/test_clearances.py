@@ -71,7 +71,7 @@ def memory():
     made.close()
 
 
-def gaps(run: Run, every: int = 10) -> dict[tuple[str, str], float]:
+def gaps(run: Run, every: int = 50) -> dict[tuple[str, str], float]:
     """Smallest distance [m] of each pair of bodies in a run, by another way: least squares between both axes."""
     capsules = run.motion.stop_check.clearances._skeleton.capsules
     least: dict[tuple[str, str], float] = {}

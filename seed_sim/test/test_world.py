@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from seed_control.tasks import load_task
+from seed_control.tasks.task import Task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
 from seed_core.spatial import make_pose, so3_log
@@ -174,8 +176,14 @@ def test_the_motion_for_the_clocks_keeps_the_limits_of_the_procedure():
 # -- in closed loop, on exact poses
 
 
+def short_wipe() -> Task:
+    *before, wipe, lift = load_task("squeegee").phases
+    end = (replace(wipe, to=(0.06, 0.0, 0.0)), replace(lift, to=(0.06, 0.0, 0.05)))
+    return replace(load_task("squeegee"), phases=(*before, *end))
+
+
 def force_error(world: World, seed: int = 3, **more) -> dict:
-    return run_trial("squeegee", world, seed, estimator="truth", belief=AS_BELIEVED, **more).result
+    return run_trial(short_wipe(), world, seed, estimator="truth", belief=AS_BELIEVED, **more).result
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +208,7 @@ def test_a_run_in_a_world_is_the_same_every_time_and_tells_phase_and_simulated_t
     again = force_error(World(), progress=lambda _, what: said.append(what))
     phases = dict.fromkeys(what.partition(",")[0] for what in said)
     looks = ["look", "look tilted", "look upright"]
-    assert list(phases) == ["waiting", "start", *looks, "approach", "press", "wipe", "lift"]
+    assert list(phases)[:9] == ["waiting", "start", *looks, "approach", "press", "wipe", "lift"]
     times = [float(what.split()[-3]) for what in said if what.endswith(" s simulated")]
     assert len(times) == len(said)
     assert times == sorted(times)

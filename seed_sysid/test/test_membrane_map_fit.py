@@ -112,13 +112,14 @@ def test_curvature_is_told_where_there_is_some_only(analysis: Analysis) -> None:
 
 
 def test_all_files_are_written_together(analysis: Analysis, tmp_path: Path) -> None:
-    write_results(tmp_path, analysis, summary(analysis), "2026-02-03")
+    found = summary(analysis)
+    write_results(tmp_path, analysis, found, "2026-02-03")
     file = load_membrane_map(tmp_path / "membrane_map.yaml")
     assert (file.hand, file.tool, file.date) == ("h", "t", "2026-02-03")
     assert_allclose([g.width_m for g in file.grips], [0.026, 0.020, 0.014])
     assert_allclose([g.pressure_hpa for g in file.grips], [1020.0, 1030.0, 1040.0], atol=0.1)
     assert "What the membranes" in (tmp_path / "report.html").read_text()
-    assert summary(analysis)["membrane_map"]["left_out_share"]["force x"] < 0.05
+    assert found["membrane_map"]["left_out_share"]["force x"] < 0.05
     without = replace(analysis, membrane=None)
     write_results(tmp_path, without, summary(without), "2026-02-04")
     assert not (tmp_path / "membrane_map.yaml").exists()

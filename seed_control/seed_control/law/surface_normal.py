@@ -115,7 +115,9 @@ class SurfaceNormal:
             force is built up holds from then on: of a tip that slides it cannot be told from the slope.
         """
         if not self._slid:
-            self._gives = share / (1.0 - share) / stiffness
+            gives = share / (1.0 - share) / stiffness
+            self.anchor = self.anchor + (gives - self._gives) * self._pressing * self.n  # is no step of the surface
+            self._gives = gives
         self._predict(m, s, stiffness)
         if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
             self._leave()
@@ -123,7 +125,9 @@ class SurfaceNormal:
         h = np.zeros(_SIZE)
         h[_H] = 1.0
         lever = np.cross(self.n, m.X_WT[:3, 3] - m.tip)  # of a tool that leans a turn moves the tip along n, too
-        self._correct(0, h, 0.0, m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2)
+        seen_twice = (1.0 + self._gives * stiffness) ** 2  # noise of the place is one of the force, too
+        noise = seen_twice * m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2
+        self._correct(0, h, 0.0, noise)
         self._lean(m, s)
         if self._slides:
             self._force(m, stiffness, foretold)

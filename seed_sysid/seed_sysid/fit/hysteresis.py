@@ -7,6 +7,7 @@ the data want its h: clearly away from zero, and not small beside what the axis 
 """
 
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 
@@ -22,11 +23,13 @@ _SHARE = 0.02  # of the largest elastic load on that axis; below it friction doe
 
 def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
     """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre."""
-    z, previous, state = np.zeros_like(path), np.zeros(6), np.zeros(6)
-    for i, point in enumerate(path):
-        state = np.clip(state + (point - previous) / yields, -1.0, 1.0)
-        previous, z[i] = point, state
-    return np.asarray(z[index])
+    steps = np.diff(path, axis=0, prepend=np.zeros((1, 6))) / yields
+    z = [list(accumulate(axis, _follow)) for axis in np.vstack([np.zeros(6), steps]).T.tolist()]
+    return np.asarray(np.array(z).T[1:][index])
+
+
+def _follow(z: float, step: float) -> float:
+    return min(max(z + step, -1.0), 1.0)
 
 
 def fit_with_friction(problem: Problem) -> tuple[Problem, Solution]:
