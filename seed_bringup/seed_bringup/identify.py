@@ -3,12 +3,14 @@
 
 import argparse
 import json
+import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from seed_bringup.commands.cells import domain_argument, join
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, results_folder, seed_number, whole
 from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
@@ -56,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
         "--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed; the grasp of `nominal`"
     )
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
+    domain_argument(out)
     out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
     out.add_argument(
@@ -99,6 +102,7 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
             "--membrane goes with a simulated run alone",
         ),
         (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
+        (args.domain is not None and not live, "--domain goes with --live: nothing else speaks to a cell"),
         (live and recorded, "--live and --from exclude each other"),
         (live and weight, "--procedure weight does not run --live: record the poses and weights"),
         (weight and args.out, "--procedure weight writes no files, it prints what it finds: leave --out out"),
@@ -109,6 +113,7 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
 
 
 def _live(args: argparse.Namespace) -> int:
+    print(f"seed identify: {join(args)}", file=sys.stderr, flush=True)
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
     figures = client.identify(args.out or results_folder() / "identification", args.poses, args.zero_sensor)
     print(json.dumps(figures) if args.json else client.table(figures))

@@ -20,7 +20,7 @@ from seed_core.clocks import clocks, save_clocks  # noqa: E402
 from seed_core.spatial import make_pose  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.conversions import pose_stamped  # noqa: E402
-from seed_ros.qos import QUEUE  # noqa: E402
+from seed_ros.qos import LATCHED, QUEUE  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
@@ -114,6 +114,26 @@ def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Pa
     bench.spin(0.3)
     np.testing.assert_array_equal(cell.X_WE, before)
     assert len(read(file).samples) >= 2
+
+
+def test_an_arm_that_holds_ends_the_goal_and_is_not_measured(bench: Bench, tmp_path: Path) -> None:
+    _, node = _nodes(bench)
+    told = bench.client.create_publisher(String, "arm_hold_reason", LATCHED)
+    told.publish(String(data=""))
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    goal = IdentifyStiffness.Goal(output=str(tmp_path))
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    bench.spin(0.3)
+    told.publish(String(data="protective stop"))
+    result = bench.result(handle).result
+    assert "the arm holds: protective stop; 0 of " in result.message
+    again = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert "cannot start: the arm holds: protective stop; call driver/resend_robot_program first" in again.message
+
+
+def test_a_file_of_the_whole_hand_is_taken(bench: Bench) -> None:
+    node = bench.add(SysidNode, **SENSOR, hand__name="mine", tool__mass=0.3, grasp__translation=[800.0, 1200.0, 800.0])
+    assert node.hand.name == "mine"
 
 
 def test_a_pose_that_no_arm_has_is_refused(bench: Bench) -> None:

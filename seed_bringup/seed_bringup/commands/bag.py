@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+from seed_bringup.commands.cells import domain_argument, join
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, number
 
@@ -31,6 +32,7 @@ def _add_record(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, help="folder, or a name ending in .mcap for a single file")
     parser.add_argument("--use-sim-time", action="store_true", help="stamp by /clock")
     parser.add_argument("-d", "--duration", type=number(0.0, "s"), metavar="S", help="end after so many seconds")
+    domain_argument(parser)
     parser.set_defaults(run=_record)
 
 
@@ -48,6 +50,7 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--topics", nargs="+", default=[], help="only these")
     parser.add_argument("-m", "--remap", nargs="+", default=[], metavar="FROM:=TO", help="publish under another name")
+    domain_argument(parser)
     parser.set_defaults(run=_play)
 
 
@@ -57,7 +60,7 @@ def _record(options: argparse.Namespace) -> None:
     if bool(options.topics) == options.all:
         raise SeedError("name the topics to record, or --all")
     path = options.output or Path(time.strftime("seed_bag_%Y_%m_%d-%H_%M_%S"))
-    print(f"seed bag: recording to {path}; Ctrl-C ends it", flush=True)
+    print(f"seed bag: recording {join(options)} to {path}; Ctrl-C ends it", flush=True)
     writer = record(path, options.topics, options.all, options.use_sim_time, options.duration)
     print(f"seed bag: {sum(writer.counts.values())} messages of {len(writer.counts)} topics in {path}")
 
@@ -68,6 +71,7 @@ def _play(options: argparse.Namespace) -> None:
     if any(":=" not in pair for pair in options.remap):
         raise SeedError(f"--remap takes FROM:=TO, not {' '.join(options.remap)}")
     remap = dict(pair.split(":=", 1) for pair in options.remap)
+    print(f"seed bag: playing into {join(options)}", flush=True)
     played = play(options.bag, options.rate, options.clock, options.loop, options.delay, options.topics, remap)
     print(f"seed bag: {played} messages played")
 

@@ -24,6 +24,11 @@ LIKE = 0.75  # of 1, from which one name may have been meant by another
 def cell_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that name a cell."""
     parser.add_argument("--namespace", default="", help="of the cell, as given to its launch; without it: none")
+    domain_argument(parser)
+
+
+def domain_argument(parser: argparse.ArgumentParser) -> None:
+    """The option that names a cell's domain."""
     parser.add_argument(
         "--domain", type=int, help=f"of the cell; default: {VARIABLE}, else that of the one that runs on this machine"
     )

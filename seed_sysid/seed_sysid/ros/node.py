@@ -21,7 +21,7 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import inverse_pose
-from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
+from seed_ros import COMMAND, LATCHED, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
 from seed_ros.conversions import (
     check_frame,
     estimate_from_message,
@@ -66,7 +66,7 @@ class SysidNode(SeedNode):
         self.procedure = self.declare(Procedure(), "procedure")
         self.hand = self.declare(Hand(), "hand")
         self.frames = self.declare(FrameNames(), "frames")
-        self.refuse_unknown()
+        self.refuse_unknown(shared=("tool.", "grasp."))
 
         self.streams = Streams()
         self._active: ActiveGoal | None = None
@@ -80,6 +80,7 @@ class SysidNode(SeedNode):
         self.listen(PoseStamped, "current_pose", self._on_pose, QUEUE, refused="poses_refused")
         self.listen(WrenchStamped, "ft_sensor/wrench", self._on_wrench, QUEUE, refused="wrenches_refused")
         self.listen(RelativePose, "relative_pose", self._on_estimate, QUEUE, refused="estimates_refused")
+        self.create_subscription(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
         self.create_subscription(Float64, "gripper/width", self._on_width, QUEUE)
         for finger in ("left", "right"):
             receive = partial(self._on_pressure, finger)
@@ -121,6 +122,9 @@ class SysidNode(SeedNode):
         self.streams.slip.append(estimate.slip)
         if self._moving is not None and estimate.valid:
             self._moving.clocks.camera(estimate.stamp, inverse_pose(estimate.X_CT))
+
+    def _on_arm_hold(self, message: String) -> None:
+        self.streams.held = message.data
 
     def _on_width(self, message: Float64) -> None:
         if np.isfinite(message.data):

@@ -40,6 +40,7 @@ class Streams:
     width: float | None = None
     estimate: RelativePoseEstimate | None = None
     slip: deque[float] = field(default_factory=lambda: deque(maxlen=3))
+    held: str = ""  # why the arm follows no target; empty while it does
 
     def take_wrench(self) -> Array:
         """Mean (6,) of what came since the last call; the last one if nothing came."""
@@ -58,7 +59,9 @@ class Streams:
         self.slip.clear()
 
     def missing(self, now: float) -> str:
-        """The input that is missing or stale at time now [s]; '' if none."""
+        """The input that is missing or stale at time now [s], or that the arm holds; '' if nothing is wrong."""
+        if self.held:
+            return f"the arm holds: {self.held}"
         for name, stamp in (("current_pose", self.pose_stamp), ("ft_sensor/wrench", self.wrench_stamp)):
             if abs(now - stamp) > STALE:  # ahead of now: the clock was set back
                 age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {STALE} s)"
@@ -80,7 +83,8 @@ class Live:
         """
         problem = streams.missing(now)
         if problem or streams.X_WE is None:
-            raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
+            remedy = "call driver/resend_robot_program" if streams.held else "start the arm and the sensor"
+            raise LiveError(f"cannot start: {problem}; {remedy} first")
         streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
