@@ -123,16 +123,18 @@ def test_a_state_that_cannot_be_is_never_told_on(bench: FaultBench, name: str, v
     bench.sway()
     bench.run(0.3)
     bench.robot.ask("corrupt", name=name, value=value)
-    bench.wait(lambda s: not s.armed, 1.0, "report")
-    told, deaths = bench.state.sample_time, bench.supervisor.deaths
-    assert bench.state.reason.startswith(f"the robot's {name}")
-    for _ in range(50):
-        state = bench.step()
-        assert np.isfinite([*state.sample.q, *state.sample.p, *state.sample.orientation, *state.sample.twist]).all()
-        assert state.sample.modes.safety_mode == 1
-    assert bench.state.sample_time == told
-    assert not bench.ask("start").ok
-    bench.robot.ask("corrupt", name=name)
+    try:
+        bench.wait(lambda s: s.reason.startswith(f"the robot's {name}"), 1.0, "report")
+        assert not bench.state.armed
+        told, deaths = bench.state.sample_time, bench.supervisor.deaths
+        for _ in range(50):
+            state = bench.step()
+            assert np.isfinite([*state.sample.q, *state.sample.p, *state.sample.orientation, *state.sample.twist]).all()
+            assert state.sample.modes.safety_mode == 1
+        assert bench.state.sample_time == told
+        assert not bench.ask("start").ok
+    finally:
+        bench.robot.ask("corrupt", name=name)
     bench.still()
     bench.recover()
     assert bench.supervisor.deaths == deaths
