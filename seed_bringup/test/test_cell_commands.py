@@ -67,9 +67,10 @@ def test_a_task_without_a_cell_is_told_what_starts_one() -> None:
 
 
 def test_a_service_of_nobody_is_told_apart_from_a_refusal() -> None:
-    done = seed("call", "controller/enable", "on", "--domain", "229")  # nobody's
-    assert done.returncode == 2
-    assert "no cell is running" in done.stderr
+    for words in (("call",), ("call", "controller/enable", "on")):
+        done = seed(*words, "--domain", "229")  # nobody's
+        assert done.returncode == 2
+        assert "no cell is running" in done.stderr
 
 
 class Seen:
@@ -190,9 +191,10 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     refused = seed("call", "controller/enable", "on")  # without a tool
     assert refused.returncode == 1
     assert "/controller/enable: cannot enable" in refused.stderr
-    gone = seed("call", "sim/grab")
+    gone = seed("call", "sim/gone")
     assert gone.returncode == 2
-    assert "no service /sim/grab; did you mean sim/grasp?" in gone.stderr
+    assert "no service /sim/gone; ./seed call lists what there is" in gone.stderr
+    assert "did you mean sim/grasp?" in seed("call", "sim/grab").stderr
     assert cell.poll() is None
 
 

@@ -340,6 +340,7 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
     [
         ("scenario=pen", "scenario=pen: write scenario:=pen"),
         ("scenario:=penn", "did you mean pen?"),
+        ("task:=squeege", "did you mean squeegee?"),
         ("task:=triangel.yaml", "no task 'triangel.yaml': no such file in"),
     ],
 )

@@ -49,7 +49,7 @@ def do(bench: Bench, name: str) -> None:
             ACTIONS[name](bench)
     else:
         ACTIONS[name](bench)
-    state = bench.run(0.06)
+    state = bench.run(0.1)
     law = bench.controller.law
     assert np.isfinite(bench.commands[-1]).all()
     assert len(law.plan.normals) == len(law.plan.wanted) == len(law.reference._references)

@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
 from seed_ros import QUEUE, Diagnostics, FixedRateLoop, SeedNode, diagnostics
+from seed_ros.arm import arm_holds
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -191,3 +192,25 @@ def test_an_action_is_gone_with_its_node_though_somebody_still_holds_it(bench: B
     assert bench.until(lambda: not client.server_is_ready(), 5.0)
     client.destroy()
     del server
+
+
+@pytest.mark.parametrize(
+    ("topic", "reason", "told"),
+    [
+        ("/driver/hold_reason", "", ""),
+        ("/arm_hold_reason", "stopped", "the arm holds: stopped"),
+        (
+            "/driver/hold_reason",
+            "stopped",
+            "the arm holds: stopped; mend that, then call driver/resend_robot_program",
+        ),
+        (
+            "/left/guard/hold_reason",
+            "waiting for resend_robot_program",
+            "the arm holds: waiting for resend_robot_program; call left/guard/resend_robot_program",
+        ),
+    ],
+)
+def test_an_arm_that_holds_is_told_with_what_resumes_it(topic: str, reason: str, told: str) -> None:
+    node = SimpleNamespace(resolve_topic_name=lambda _: topic)
+    assert arm_holds(node, reason) == told  # type: ignore[arg-type]

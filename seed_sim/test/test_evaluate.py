@@ -229,7 +229,7 @@ def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
     ]
 
 
-@pytest.mark.parametrize("seed", [2, 108, 141])
+@pytest.mark.parametrize("seed", [1, 2, 108, 141, 145])
 def test_a_grasp_that_is_stiff_but_turns_easily_wipes_a_rough_table(seed: int) -> None:
     """As membranes on flat sides hold: what its place is off by presses a blade sideways, and it sticks and slips."""
     nominal = load_scenario("nominal")
@@ -242,7 +242,7 @@ def test_a_grasp_that_is_stiff_but_turns_easily_wipes_a_rough_table(seed: int) -
     )
     result = evaluate("squeegee", estimator="noisy", seed=seed, scenario=scenario).result
     assert result["finished"]
-    # [N]; 1.6 at seed 2 when all of the turn was fed forward, 0.3 to 0.7 at the others when roll answered yaw
+    # [N]; 1.6 at seed 2 when all of the turn was fed forward, 0.3 to 0.7 at the last three when roll answered yaw
     assert result["force_z"]["rmse"] < 0.2
     assert result["torque_x"]["rmse"] < 0.1  # [N m]
     assert result["lean_deg"]["max"] < 4.0

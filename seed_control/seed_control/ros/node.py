@@ -42,6 +42,7 @@ from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import Wrench
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
+from seed_ros.arm import arm_holds
 from seed_ros.conversions import (
     check_frame,
     check_not_ahead,
@@ -91,7 +92,6 @@ class NodeSettings:
 
 
 GONE = 0.5  # [s] beyond kinematics_timeout: an arm without a pose for so long may be anywhere when it is back
-RESUME = "resend_robot_program"  # service of what moves the arm
 
 
 class ControllerNode(SeedNode):
@@ -235,17 +235,9 @@ class ControllerNode(SeedNode):
 
     def _on_arm_hold(self, message: String) -> None:
         """What moves the arm follows nothing any more; or, with an empty reason, what comes from now on."""
-        self._arm_holds = f"the arm holds: {message.data}{self._remedy(message.data)}" if message.data else ""
+        self._arm_holds = arm_holds(self, message.data)
         if message.data:
             self.core.hold(self.now(), self._arm_holds)
-
-    def _remedy(self, why: str) -> str:
-        """Where the arm is resumed, if that is told by the name of the topic."""
-        arm, _, topic = self.resolve_topic_name("arm_hold_reason").rpartition("/")
-        if topic != "hold_reason":
-            return ""
-        first = "" if RESUME in why else "mend that, then "  # it waits for nothing else
-        return f"; {first}call {arm[1:]}/{RESUME}"
 
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""

@@ -24,8 +24,8 @@ _SHARE = 0.02  # of the largest elastic load on that axis; below it friction doe
 def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
     """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre."""
     steps = np.diff(path, axis=0, prepend=np.zeros((1, 6))) / yields
-    z = [list(accumulate(axis, _follow)) for axis in np.vstack([np.zeros(6), steps]).T.tolist()]
-    return np.asarray(np.array(z).T[1:][index])
+    z = [[*accumulate(axis, _follow, initial=0.0)][1:] for axis in steps.T.tolist()]
+    return np.asarray(np.array(z).T[index])
 
 
 def _follow(z: float, step: float) -> float:

@@ -22,6 +22,7 @@ from seed_core.errors import SeedError
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import inverse_pose
 from seed_ros import COMMAND, LATCHED, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
+from seed_ros.arm import arm_holds
 from seed_ros.conversions import (
     check_frame,
     estimate_from_message,
@@ -124,7 +125,7 @@ class SysidNode(SeedNode):
             self._moving.clocks.camera(estimate.stamp, inverse_pose(estimate.X_CT))
 
     def _on_arm_hold(self, message: String) -> None:
-        self.streams.held = message.data
+        self.streams.held = arm_holds(self, message.data)
 
     def _on_width(self, message: Float64) -> None:
         if np.isfinite(message.data):

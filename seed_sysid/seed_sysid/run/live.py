@@ -40,7 +40,7 @@ class Streams:
     width: float | None = None
     estimate: RelativePoseEstimate | None = None
     slip: deque[float] = field(default_factory=lambda: deque(maxlen=3))
-    held: str = ""  # why the arm follows no target; empty while it does
+    held: str = ""  # that the arm holds, and why; empty while it follows targets
 
     def take_wrench(self) -> Array:
         """Mean (6,) of what came since the last call; the last one if nothing came."""
@@ -61,7 +61,7 @@ class Streams:
     def missing(self, now: float) -> str:
         """The input that is missing or stale at time now [s], or that the arm holds; '' if nothing is wrong."""
         if self.held:
-            return f"the arm holds: {self.held}"
+            return self.held
         for name, stamp in (("current_pose", self.pose_stamp), ("ft_sensor/wrench", self.wrench_stamp)):
             if abs(now - stamp) > STALE:  # ahead of now: the clock was set back
                 age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {STALE} s)"
@@ -81,10 +81,11 @@ class Live:
             LiveError: an input is missing, or the arm is not at the grasp that the file speaks of.
             DatasetError: the file belongs to another run.
         """
+        if streams.held:
+            raise LiveError(f"cannot start: {streams.held}")
         problem = streams.missing(now)
         if problem or streams.X_WE is None:
-            remedy = "call driver/resend_robot_program" if streams.held else "start the arm and the sensor"
-            raise LiveError(f"cannot start: {problem}; {remedy} first")
+            raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
         streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
