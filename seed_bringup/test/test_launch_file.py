@@ -18,6 +18,7 @@ from seed_core.errors import SeedError
 from seed_core.hand import read_hand
 from seed_driver.config import DriverConfig
 from seed_driver.motion.servo_motion import COMMANDED
+from seed_driver.target_guard import GuardConfig
 from seed_sim.hand_file import beliefs, compare, hand_file_of
 from seed_sim.scenario import load_scenario, shipped_scenarios
 
@@ -285,10 +286,16 @@ def test_a_driver_behind_simulated_time_is_told_so(word: str) -> None:
     assert {"use_sim_time": True} in driver.parameters
 
 
-def test_the_drivers_limits_do_not_clip_what_the_controller_commands() -> None:
+def cell_driver() -> DriverConfig:
+    return DriverConfig(
+        **yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]
+    )
+
+
+@pytest.mark.parametrize("driver", [cell_driver(), GuardConfig()], ids=["driver", "target guard"])
+def test_what_is_below_the_controller_does_not_clip_its_commands(driver: DriverConfig | GuardConfig) -> None:
     """An arm that trails its command by more the larger the motion makes the wipe swing."""
-    parameters = yaml.safe_load((ROOT / "seed_bringup/config/driver.yaml").read_text())["/**"]["ros__parameters"]
-    driver, controller, lever = DriverConfig(**parameters), ControllerParameters(), 0.15  # [m] from flange to gripper
+    controller, lever = ControllerParameters(), 0.15  # [m] from flange to gripper
     assert COMMANDED * driver.max_angular_speed > controller.max_angular_speed
     assert COMMANDED * driver.max_speed > controller.max_speed + lever * controller.max_angular_speed
     assert driver.max_angular_acceleration > controller.max_angular_acceleration

@@ -11,8 +11,6 @@ the kinematics go stale or invalid it decelerates to a hold, latched with the re
 from dataclasses import replace
 from math import inf
 
-import numpy as np
-
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.limiter import AT_REST
@@ -42,7 +40,7 @@ from seed_core.wrench_settings import ReferenceSettings
 LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 
 
-AWAY = 0.02  # [m] an arm so far from its command was moved, or held, by something else
+AWAY = 0.02, 0.2  # [m], [rad] beyond its trailing: such an arm was moved, or held, by something else
 
 
 class ControlRefusedError(SeedError):
@@ -138,7 +136,7 @@ class Controller:
         if why := next(filter(None, self.missing(t).values()), ""):
             raise ControlRefusedError(f"cannot enable: {why}")
         here = self._inputs.history.newest()
-        if self._guard.following and float(np.abs(here[:3, 3] - self._command.X_WE[:3, 3]).max()) < AWAY:
+        if self._guard.following and not self.away(here):
             return
         self._command.start_from(here)
         self._setpoint = None
@@ -146,6 +144,10 @@ class Controller:
         self.supervisor.restart()
         self._inputs.count_from(t)
         self._state = self._describe(t)  # a task may be asked for before the next step
+
+    def away(self, X_WE: Array) -> bool:
+        """Whether an arm at X_WE (4, 4) is not where it was sent: something else has moved or held it."""
+        return self._command.behind(X_WE).beyond(*AWAY)
 
     @property
     def heard(self) -> bool:
@@ -183,7 +185,9 @@ class Controller:
         """
         changes = {name: getattr(parameters, name) for name in LIVE}
         self.parameters = p = checked(replace(self.parameters, **changes), "controller")
-        self.checks.parameters = self._guard.parameters = self.law.parameters = p
+        self.checks.parameters = p
+        self.law.set_limits(p)
+        self.supervisor.set_limits(p)
         self._command.set_speeds(p.max_speed, p.max_angular_speed)
         if self.law.setpoint is not None:
             try:
@@ -236,8 +240,8 @@ class Controller:
     def step(self, t: float) -> ControlOutput:
         """One control step at time t [s]."""
         dt = 1.0 / self.parameters.rate if self._now == -inf else min(max(t - self._now, 1e-4), 0.05)
-        self._now = t
-        if set_back := self._inputs.set_back(t):
+        before, self._now = self._now, t
+        if set_back := self._inputs.set_back(t, before):
             self._guard.hold(set_back)
             self.supervisor.stamps.restart()
             self.checks.stamp_problem = ""

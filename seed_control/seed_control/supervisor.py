@@ -56,7 +56,7 @@ class Supervisor:
     ) -> None:
         """references, pressure: see the controller. The rest: what is looked at."""
         p, self._law, self._inputs, self._command, self._counting = parameters, law, inputs, command, counting
-        self._X_EC, self._wrench_estimator = hand.X_EC, law.wrench_estimator
+        self._wrench_estimator = law.wrench_estimator
         self.guard = Guard(p, counting, command.stopping)
         settings = checked(references or ReferenceSettings(), "reference")
         if not law.gravity:  # the paper's law has the paper's wrench
@@ -70,6 +70,10 @@ class Supervisor:
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place of C at which it came to hold
         self._still, self._jumped = Frozen(), Jumped(p)
+
+    def set_limits(self, parameters: ControllerParameters) -> None:
+        """Use the limits of these parameters from now on."""
+        self.guard.parameters = self._jumped.parameters = parameters
 
     def restart(self) -> None:
         """Enabled anew: what was seen before is over."""
@@ -135,8 +139,7 @@ class Supervisor:
         guard, command = self.guard, self._command
         if guard.following:
             guard.hold(self._inputs.staleness(t))
-            X_WC = self._inputs.history.newest() @ self._X_EC
-            guard.check_motion(command.p_WC, self._law.plan, X_WC, command.lead, dt)
+            guard.check_motion(command.p_WC, self._law.plan, command.behind(self._inputs.history.newest()), dt)
 
     def retreat(self, p_WC: Vector3) -> Vector3 | None:
         """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""

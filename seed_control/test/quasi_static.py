@@ -61,7 +61,7 @@ class Bench:
         self.X_WE = self.start @ inverse_pose(self.tool.X_Ttip) @ inverse_pose(self.hand.X_EC)
         self.t, self._next_image = 0.0, 0.0
         self._queue: list[tuple[float, RelativePoseEstimate]] = []
-        self.estimates = self.kinematics = True
+        self.estimates = self.kinematics = self.turns = True
         self._rng, self._image_rng = np.random.default_rng(3), np.random.default_rng(4)
         self.force = 0.0  # on the table, positive when pressed [N]
         self.forces: list[float] = []
@@ -114,7 +114,8 @@ class Bench:
         self.commands.append(out.X_WE)
         self.forces.append(self.force)
         share = 1.0 - np.exp(-DT / self.lag)
-        self.X_WE = make_pose(out.X_WE[:3, :3], self.X_WE[:3, 3] + share * (out.X_WE[:3, 3] - self.X_WE[:3, 3]))
+        R_WE = out.X_WE[:3, :3] if self.turns else self.X_WE[:3, :3]
+        self.X_WE = make_pose(R_WE, self.X_WE[:3, 3] + share * (out.X_WE[:3, 3] - self.X_WE[:3, 3]))
         self.t += DT
         self.state = out.state
         return out.state

@@ -8,14 +8,14 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DOWN, DT, Bench
 
-from seed_control.command.arm_follows import ArmFollows
+from seed_control.command.arm_follows import ArmFollows, Behind, RecentSpeed
 from seed_control.command.free_travel import FreeTravel
 from seed_control.command.limiter import VectorLimiter
 from seed_control.monitor.plausible import Frozen
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Wrench, make_pose
+from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
 from seed_core.vector3 import ZERO
 
 UP = np.array(((0.0, 0.0, 1.0),))
@@ -215,12 +215,48 @@ def test_an_arm_that_holds_is_noticed_before_its_command_is_far_away(kind: str) 
 
 @pytest.mark.parametrize("lag", [0.0, 0.06, 0.15])
 def test_an_arm_that_trails_at_full_speed_is_not_held(lag: float) -> None:
-    follows, x = ArmFollows(0.01), 0.0
-    X_WC = np.eye(4)
+    follows, recent, x, at = ArmFollows(0.01, 0.05), RecentSpeed(), 0.0, 0.0
     for i in range(500):
-        x += 0.25 * DT if i < 250 else 0.0
-        X_WC[0, 3] += (1.0 - np.exp(-DT / lag) if lag else 1.0) * (x - X_WC[0, 3])
-        assert follows.update((x, 0.0, 0.0), X_WC, 0.04, DT) == ""
+        v = 0.25 if i < 250 else 0.0
+        recent.update((v, 0.0, 0.0), (0.0, 0.0, 2.0 * v), 0.04, DT)
+        x += v * DT
+        at += (1.0 - np.exp(-DT / lag) if lag else 1.0) * (x - at)
+        assert follows.update(Behind((at, 0.0, 0.0), x - at, 2.0 * (x - at), *recent.way(0.04)), DT) == ""
+
+
+@pytest.mark.parametrize("lag", [0.015, 0.1, 0.19])
+def test_a_move_of_an_arm_with_any_lag_of_the_contract_is_not_held(lag: float) -> None:
+    bench = Bench(start=make_pose(p=(0.0, 0.0, 0.4)) @ DOWN, lag=lag).enabled()
+    bench.controller.set_setpoint(HybridSetpoint(DOWN), bench.t)
+    assert bench.run(3.0).mode == "position"
+
+
+def test_an_arm_that_does_not_turn_is_held_and_named() -> None:
+    bench = Bench(start=make_pose(p=(0.0, 0.0, 0.1)) @ DOWN).enabled()
+    bench.turns = False
+    bench.controller.set_setpoint(HybridSetpoint(bench.start @ make_pose(rotation_from_rpy((0.0, 0.0, 0.5)))), bench.t)
+    bench.run(1.5)
+    assert bench.state.mode == "holding"
+    assert "max_angular_tracking_error" in bench.state.reason
+
+
+@pytest.mark.parametrize("lag", [0.015, 0.08, 0.15])
+@pytest.mark.parametrize("wait", [0.0, 0.02, 0.1, 0.4])
+@pytest.mark.parametrize("off", [True, False])
+def test_to_enable_a_moving_arm_makes_no_jump(lag: float, wait: float, off: bool) -> None:
+    """Neither of one that is enabled, nor of one that still comes to rest."""
+    bench = Bench(start=make_pose(p=(0.0, 0.0, 0.4)) @ DOWN, lag=lag).enabled()
+    bench.controller.set_setpoint(HybridSetpoint(DOWN), bench.t)
+    bench.run(0.6)
+    if off:
+        bench.controller.disable(bench.t, "off")
+    bench.run(wait)
+    bench.controller.enable(bench.t)
+    bench.run(0.4)
+    heights = np.array([X[2, 3] for X in bench.commands])
+    jerks = np.abs(np.diff(heights, 3)) / DT**3
+    assert jerks.max() <= 1.01 * bench.controller.parameters.max_jerk
+    assert bench.state.mode == ("idle" if off else "position")
 
 
 def test_a_move_into_something_is_held_and_named() -> None:

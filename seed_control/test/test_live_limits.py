@@ -52,3 +52,9 @@ def test_a_limit_out_of_its_bounds_is_refused_and_what_is_no_limit_stays() -> No
         lower(bench, max_force=-1.0)
     lower(bench, estimate_timeout=1.0)
     assert bench.controller.parameters.estimate_timeout == 0.14
+
+
+def test_a_lower_speed_of_turning_is_known_to_all_that_goes_by_it() -> None:
+    bench = Bench().enabled()
+    lower(bench, max_angular_speed=0.05)
+    assert bench.controller.law.deflection.parameters.max_angular_speed == 0.05

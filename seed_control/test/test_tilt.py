@@ -44,10 +44,10 @@ def test_the_tip_stays_while_the_tool_tilts_about_it() -> None:
 
 @pytest.mark.parametrize("held", [ALL, (True, False, True)])
 def test_a_turn_is_that_of_the_held_axes_between_image_and_answer(held: tuple[bool, bool, bool]) -> None:
-    turn, loop, frame = WantedTurn(speed=1.0), 0.12, 0.02
+    turn, loop, frame = WantedTurn(), 0.12, 0.02
     for i in range(40):
         R = rotation_from_rpy((0.0, SPEED * i * frame, 0.0))
-        turns = turn.update(R, held, i * frame, loop)
+        turns = turn.update(R, held, i * frame, loop, 1.0)
     assert turns == held[1]
     if turns:
         assert np.abs(turn.step - rotation_from_rpy((0.0, SPEED * frame, 0.0))).max() < 1e-9
@@ -55,7 +55,7 @@ def test_a_turn_is_that_of_the_held_axes_between_image_and_answer(held: tuple[bo
 
 
 def test_a_step_turns_no_faster_than_the_gripper() -> None:
-    turn = WantedTurn(speed=0.5)
-    turn.update(np.eye(3), ALL, 0.0, 0.1)
-    assert turn.update(rotation_from_rpy((0.0, 1.0, 0.0)), ALL, 0.02, 0.1)
+    turn = WantedTurn()
+    turn.update(np.eye(3), ALL, 0.0, 0.1, 0.5)
+    assert turn.update(rotation_from_rpy((0.0, 1.0, 0.0)), ALL, 0.02, 0.1, 0.5)
     assert np.abs(turn.step - rotation_from_rpy((0.0, 0.01, 0.0))).max() < 1e-9

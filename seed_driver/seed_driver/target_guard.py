@@ -4,10 +4,10 @@
 from dataclasses import dataclass
 
 from seed_core.arm.hold import HoldLatch
-from seed_core.arm.limits import TargetLimits
+from seed_core.arm.limits import MotionLimits, TargetLimits
 from seed_core.arm.quaternion import Quaternion, turn_between
 from seed_core.arm.target_checks import Target, no_pose, refusal
-from seed_core.config import field
+from seed_core.config import field, inherited
 from seed_core.vector3 import Vector3, minus, norm
 from seed_driver.motion.limiter import CommandLimiter
 
@@ -17,8 +17,17 @@ LAG = 0.2  # [s] that an arm may be behind its command: clause 1 of docs/arm_con
 
 @dataclass(frozen=True)
 class GuardConfig(TargetLimits):
-    """Settings of the guard; as those of the driver of the same name."""
+    """Settings of the guard; as those of the driver of the same name.
 
+    Its limits are above the controller's, which decide how the arm moves: what a limit clips trails, and a wipe that is
+    kept upright by what images show begins to swing.
+    """
+
+    max_speed: float = inherited(MotionLimits, "max_speed", 0.4)
+    max_acceleration: float = inherited(MotionLimits, "max_acceleration", 4.0)
+    max_jerk: float = inherited(MotionLimits, "max_jerk", 2000.0)
+    max_angular_speed: float = inherited(MotionLimits, "max_angular_speed", 0.6)
+    max_angular_acceleration: float = inherited(MotionLimits, "max_angular_acceleration", 8.0)
     rate: float = field(250.0, unit="Hz", low=20, high=1000, doc="of the guarded targets")
 
 

@@ -18,8 +18,8 @@ DT = 0.004  # [s]
 class Run:
     """A guard before an arm that is where it was sent, fed with targets by a steady clock."""
 
-    def __init__(self) -> None:
-        self.guard, self.now, self.sent = TargetGuard(GuardConfig()), 1.0, []
+    def __init__(self, **limits: float) -> None:
+        self.guard, self.now, self.sent = TargetGuard(GuardConfig(**limits)), 1.0, []
         self.arm = (HERE, DOWN)
         self.guard.measured(self.arm, self.now)
         assert self.guard.resume(self.now) == ""
@@ -44,7 +44,7 @@ class Run:
 
 
 def test_targets_are_followed_within_the_limits() -> None:
-    run = Run()
+    run = Run(max_speed=0.25, max_acceleration=1.0, max_jerk=250.0)
     for i in range(1, 200):
         run.steps(1, HERE[1] + 0.04 * min(1.0, i * DT / 0.1))
     assert run.sent[-1][1] == pytest.approx(HERE[1] + 0.04, abs=1e-5)

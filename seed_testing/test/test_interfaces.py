@@ -43,6 +43,15 @@ def test_every_node_reports_on_its_health_by_one_convention(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NODES)
+def test_the_loop_takes_every_message_as_it_comes(name: str) -> None:
+    """An executor looks ten times a second: by then a message of a stream waits behind others, 0.4 s old."""
+    with alive(name, **NODES[name][1]) as node:
+        polled = {s.topic_name for s in node.loop.streams}
+        heard = {s.topic_name for s in node.subscriptions} - {"/parameter_events"}
+    assert heard - polled == set()
+
+
+@pytest.mark.parametrize("name", NODES)
 def test_parameters_are_those_of_the_document(name: str) -> None:
     with alive(name) as node:
         rows = parameters_of(node)

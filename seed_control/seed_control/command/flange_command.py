@@ -5,11 +5,12 @@ from math import isfinite
 
 import numpy as np
 
+from seed_control.command.arm_follows import Behind, RecentSpeed
 from seed_control.command.limiter import AT_REST, Motion, PoseLimiter, VectorLimiter
 from seed_control.parameters import ControllerParameters
-from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose
+from seed_core.arm.quaternion import IDENTITY, Quaternion, as_quaternion, to_pose, turn_between
 from seed_core.spatial import Array
-from seed_core.vector3 import Vector3, as_vector3, transformed
+from seed_core.vector3 import Vector3, as_vector3, minus, norm, transformed
 
 BANDWIDTH = 80.0  # [rad/s] of the smoothing
 TRAIL = 2.0 / BANDWIDTH  # [s] by which a smoothed command trails in steady motion
@@ -35,7 +36,7 @@ class FlangeCommand:
             self._p_EC,
         )
         self._workspace = Workspace(p, self._p_EC)
-        self._lag = LagEstimate(p.servo_lag)
+        self._lag, self._recent = LagEstimate(p.servo_lag), RecentSpeed()
         self._q_WE = IDENTITY  # wanted
         self.started = False
 
@@ -55,10 +56,16 @@ class FlangeCommand:
         return self._lag.lag + TRAIL
 
     def start_from(self, X_WE: Array) -> None:
-        """Start at the arm's pose (4, 4); a command that already rests there stays, so nothing moves."""
-        if not self.started or float(np.abs(self.X_WE - X_WE).max()) >= _RESTS:
+        """Start at the arm's pose (4, 4); a command that the arm follows stays, and comes to rest as it would."""
+        if not self.started or self.behind(X_WE).beyond(_RESTS, _RESTS):
             self._limiter.reset(X_WE)
         self.started = True
+
+    def behind(self, X_WE: Array) -> Behind:
+        """How far the arm's pose (4, 4) is from the command, and how much of that is its trailing."""
+        place = transformed(X_WE.tolist(), self._p_EC)
+        turn = turn_between(self._limiter.q, as_quaternion(X_WE[:3, :3]))
+        return Behind(place, norm(minus(self._limiter.p, place)), norm(turn), *self._recent.way(self.lead))
 
     def stopping(self, speed: float) -> float:
         """Way [m], at most, in which the gripper comes to rest from a speed [m/s]."""
@@ -79,10 +86,15 @@ class FlangeCommand:
     def stop(self, dt: float) -> None:
         """One step of dt [s] of coming to rest."""
         self._limiter.stop(dt)
+        self._moved(dt)
 
     def give_way(self, p_WC: Vector3, dt: float, speed: float) -> None:
         """One step of dt [s] towards a place of C [m] while it holds: it turns no more, whatever a law asks for."""
         self._limiter.shift(self._workspace.within(p_WC, self._limiter.q), dt, speed)
+        self._moved(dt)
+
+    def _moved(self, dt: float) -> None:
+        self._recent.update(self._limiter.linear.v, self._limiter.angular.v, self.lead, dt)
 
     def compare(self, X_WE: Array, dt: float) -> None:
         """Learn from where the arm is (4, 4), a step of dt [s] later, how far it trails."""
@@ -96,6 +108,7 @@ class FlangeCommand:
         limiter = self._limiter
         inside = self._workspace.within(p_WC, self._q_WE)
         limiter.advance(inside, self._q_WE, dt, speed, known if inside is p_WC else AT_REST)
+        self._moved(dt)
         met: tuple[str, ...] = () if inside is p_WC else ("workspace",)
         if limiter.linear.limited:
             met += ("max_speed",)

@@ -6,14 +6,14 @@ from math import degrees, inf
 
 import numpy as np
 
-from seed_control.command.arm_follows import ArmFollows
+from seed_control.command.arm_follows import ArmFollows, Behind
 from seed_control.command.free_travel import FreeTravel
 from seed_control.law.published import Plan
 from seed_control.parameters import ControllerParameters
 from seed_control.state import Counting
 from seed_control.wrench.estimate import Measurement
 from seed_core.arm.hold import HoldLatch
-from seed_core.spatial import Array, rpy_from_rotation
+from seed_core.spatial import rpy_from_rotation
 from seed_core.vector3 import Vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
@@ -38,7 +38,7 @@ class Guard:
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
-        self._arm = ArmFollows(parameters.max_tracking_error)
+        self._arm = ArmFollows(parameters.max_tracking_error, parameters.max_angular_tracking_error)
 
     @property
     def held(self) -> str:
@@ -106,11 +106,11 @@ class Guard:
                 f"{most:g} N: something is in its way; move it off, or control the force there"
             )
 
-    def check_motion(self, p_WC: Vector3, plan: Plan, X_WC: Array, lag: float, dt: float) -> None:
+    def check_motion(self, p_WC: Vector3, plan: Plan, behind: Behind, dt: float) -> None:
         """Per step of dt [s]: hold when an approach goes too far, or the arm does not follow.
 
         Args:
-            p_WC: commanded position [m]; X_WC: (4, 4) where it is. lag: [s] by which it trails.
+            p_WC: commanded position [m]; behind: where the arm is.
         """
         self.hold(self.free_travel.step(p_WC, plan.normals, dt))
-        self.hold(self._arm.update(p_WC, X_WC, lag, dt))
+        self.hold(self._arm.update(behind, dt))

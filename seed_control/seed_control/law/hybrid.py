@@ -69,6 +69,10 @@ class HybridLaw(PublishedLaw):
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
         self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
 
+    def set_limits(self, parameters: ControllerParameters) -> None:
+        super().set_limits(parameters)
+        self.deflection.parameters = parameters
+
     def image(self, m: Measurement, loop_time: float) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
         self._ahead = max(loop_time - 0.5 * max(frame, 0.0), 0.0)

@@ -80,6 +80,10 @@ class PublishedLaw:
         self.filtered_task: Wrench | None = None
         self.settled = False
 
+    def set_limits(self, parameters: ControllerParameters) -> None:
+        """Use the limits of these parameters from now on."""
+        self.parameters = parameters
+
     def adopt(self, setpoint: HybridSetpoint, p_WC: Vector3) -> None:
         """Follow a set-point from now on; p_WC is the commanded gripper position [m], for a start without a jump."""
         before, self.setpoint = self.setpoint, setpoint

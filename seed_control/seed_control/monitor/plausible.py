@@ -68,11 +68,12 @@ class Jumped:
     the surface, and is told. A pose that stays where one has just jumped to is the same jump: time does not mend it.
 
     Attributes:
+        parameters: in use; their limits may change.
         warning: the largest jump since it was enabled that does not hold; '' for none. newest: of the newest estimate.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
-        self._parameters = parameters
+        self.parameters = parameters
         self.restart()
 
     def restart(self) -> None:
@@ -89,7 +90,7 @@ class Jumped:
             history: of the flange. stiffness: of the grasp [N/m].
             turning: force at the tip that turns the grasp [N/rad].
         """
-        p, noise, self.newest = self._parameters, m.variance**0.5, ""
+        p, noise, self.newest = self.parameters, m.variance**0.5, ""
         size = norm(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
         turn = norm(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
         noise_turn = _NOISE * m.rotation_deviation

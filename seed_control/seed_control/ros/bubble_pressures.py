@@ -22,7 +22,7 @@ class BubblePressures:
         self._newest: dict[str, tuple[float, float]] = {}  # when it came [s] and value, by finger
         for finger in FINGERS:
             receive = partial(self._receive, finger)
-            node.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
+            node.loop.poll(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
 
     def _receive(self, finger: str, message: Float32) -> None:
         self._newest[finger] = self._node.now(), float(message.data)

@@ -33,8 +33,8 @@ class GripAnswer:
         self._told = node.publisher(Float64, "slip_margin", QUEUE)
         self._status = node.publisher(DiagnosticStatus, "~/grip", COMMAND)
         self._status_told = -inf  # [s]
-        node.create_subscription(Float64, "gripper/width", self._on_width, QUEUE)
-        node.create_subscription(Float64, "gripper/force", self._on_force, QUEUE)
+        node.loop.poll(Float64, "gripper/width", self._on_width, QUEUE)
+        node.loop.poll(Float64, "gripper/force", self._on_force, QUEUE)
         if settings.command == "off":
             return
         topic = "gripper/command" if settings.command == "width" else "gripper/force_command"

@@ -17,7 +17,7 @@ from seed_msgs.msg import WrenchSetpoint as WrenchMsg
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from seed_control.controller import AWAY, Controller, ControlRefusedError
+from seed_control.controller import Controller, ControlRefusedError
 from seed_control.grip import GripSettings
 from seed_control.monitor.clock_skew import SkewSettings
 from seed_control.parameters import LIVE, ControllerParameters
@@ -115,7 +115,6 @@ class ControllerNode(SeedNode):
 
         model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
         self.core = Controller(self.parameters, hand, self.tool, stiffness, model, references, pressure)
-        self._pressures = BubblePressures(self) if wrench.file else None
         self.clocks = clocks(self.settings.clocks)
         self.core.checks.clock_problem = self.clocks.problem
         if self.clocks.problem:
@@ -138,6 +137,7 @@ class ControllerNode(SeedNode):
 
         self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
         self.listen(PoseStamped, "current_pose", self._on_pose, QUEUE, refused="poses_refused")
+        self._pressures = BubblePressures(self) if wrench.file else None
         self.listen(RelativePose, "relative_pose", self._on_estimate, QUEUE, refused="estimates_refused")
         self.listen(HybridMsg, "~/setpoint", self._on_hybrid, COMMAND, refused="setpoints_unreadable")
         self.listen(WrenchMsg, "~/wrench_setpoint", self._on_wrench, COMMAND, refused="setpoints_unreadable")
@@ -281,7 +281,7 @@ class ControllerNode(SeedNode):
         on a busy machine for another silence.
         """
         assert output.X_WE is not None
-        away = float(np.abs(self._here[:3, 3] - output.X_WE[:3, 3]).max()) > AWAY
+        away = self.core.away(self._here)
         enabled, holding = output.state.enabled, output.state.mode == "holding"
         if enabled and not holding:
             self._was_enabled = True

@@ -22,11 +22,11 @@ class StiffnessScheduleInput:
             return
         self._schedule = StiffnessSchedule(GripStiffness(load_stiffness(settings.file)), settings.follow)
         if settings.follow == "width":
-            node.create_subscription(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
+            node.loop.poll(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
             return
         for finger in ("left", "right"):
             receive = partial(self._on_pressure, finger)
-            node.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
+            node.loop.poll(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
 
     def _on_pressure(self, finger: str, message: Float32) -> None:
         """The identification is over the mean of both bubbles."""

@@ -66,15 +66,16 @@ class DeflectionFilter:
     """The deflection that is fed forward, slowly.
 
     Attributes:
+        parameters: in use; their limits may change.
         q: (3,) rpy of R_TC [rad]. steady: the same, over three loop times.
         tip_to_C: (3,) from the tip to the gripper, in W [m].
         yielded: (3,) part of tip_to_C in which the gripper gives way to a side force, in W [m].
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
-        self._parameters = parameters
+        self.parameters = parameters
         self._stamp = -inf
-        self._turn = WantedTurn(parameters.max_angular_speed)
+        self._turn = WantedTurn()
         self.q, self.steady = np.zeros(3), np.zeros(3)
         self.tip_to_C, self.yielded = np.zeros(3), np.zeros(3)
 
@@ -102,7 +103,7 @@ class DeflectionFilter:
         R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None: nothing
             is followed.
         """
-        p, dt = self._parameters, m.stamp - self._stamp
+        p, dt = self.parameters, m.stamp - self._stamp
         self._stamp = m.stamp
         least = p.feedforward_ratio * loop_time
         fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
@@ -113,7 +114,7 @@ class DeflectionFilter:
         slow *= _upright(left * held)
         self.q = self.q + fast * left
         seen = m.X_WC[:3, 3] - m.tip
-        if self._turn.update(R_WT_des, held, m.stamp, loop_time):
+        if self._turn.update(R_WT_des, held, m.stamp, loop_time, p.max_angular_speed):
             self.tip_to_C, seen = self._turn.step @ self.tip_to_C, self._turn.since @ seen
         self.tip_to_C = self.tip_to_C + slow * (seen - self.tip_to_C)
         if yielding is None:
@@ -133,14 +134,17 @@ class WantedTurn:
         step: (3, 3) in W, since the last image. since: (3, 3) in W, since the newest image was taken.
     """
 
-    def __init__(self, speed: float) -> None:
-        """speed: [rad/s] at which the gripper turns at most."""
-        self._speed = speed
+    def __init__(self) -> None:
         self._answers: deque[tuple[float, Array]] = deque()  # [s] when the arm is there, and the rotation
         self.step = self.since = np.eye(3)
 
-    def update(self, R: Array | None, held: tuple[bool, bool, bool], stamp: float, loop_time: float) -> bool:
-        """Take in what is wanted as an image of that stamp [s] is answered loop_time [s] later; whether it turns."""
+    def update(
+        self, R: Array | None, held: tuple[bool, bool, bool], stamp: float, loop_time: float, speed: float
+    ) -> bool:
+        """Take in what is wanted as an image of that stamp [s] is answered loop_time [s] later; whether it turns.
+
+        speed: [rad/s] at which the gripper turns at most.
+        """
         answers = self._answers
         if R is None:
             answers.clear()
@@ -157,7 +161,7 @@ class WantedTurn:
             return False
         if now <= at:
             return False
-        R = R if R is before else self._towards(R, before, held, now - at)
+        R = R if R is before else self._towards(R, before, held, speed * (now - at))
         answers.append((now, R))
         while len(answers) > 2 and answers[1][0] <= stamp:
             answers.popleft()
@@ -170,13 +174,13 @@ class WantedTurn:
         self.step, self.since = R @ before.T, R @ then.T
         return True
 
-    def _towards(self, R: Array, before: Array, held: tuple[bool, bool, bool], dt: float) -> Array:
-        """As far as the gripper gets in dt [s], about the axes that are held; `before` itself where that is nowhere."""
+    def _towards(self, R: Array, before: Array, held: tuple[bool, bool, bool], most: float) -> Array:
+        """By `most` [rad] at most, about the axes that are held; `before` itself where that is nowhere."""
         turn = so3_log(before.T @ R) * held
         size = float(np.sqrt(turn @ turn))
         if size < _NO_TURN:
             return before
-        return np.asarray(before @ so3_exp(turn * min(self._speed * dt / size, 1.0)))
+        return np.asarray(before @ so3_exp(turn * min(most / size, 1.0)))
 
 
 def _upright(lean: Array) -> float:

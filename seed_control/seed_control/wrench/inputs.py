@@ -14,6 +14,7 @@ from seed_core.spatial import Array, check_pose
 
 REACH = 10.0  # [m] no arm reaches so far
 SHIFT = 0.5  # [m] no grasp gives way so far
+_JUMP = 0.005  # [s] back between two steps, from which a clock was set back
 MOST_BAD = 3  # invalid estimates in a row that make it hold: a single bad frame is bridged, as a lost one is
 
 
@@ -113,13 +114,15 @@ class Inputs:
             self._counting.count("estimates_unmatched", why)
         return None
 
-    def set_back(self, t: float) -> str:
+    def set_back(self, t: float, before: float) -> str:
         """Why everything was forgotten at time t [s], '' if it was not: what has come is of a time still to come.
 
-        Its stamps would pass for fresh until then, and nothing that comes now for newer.
+        Its stamps would pass for fresh until then, and nothing that comes now for newer. before: of the last step [s].
         """
         newest = max(self.history.newest_stamp, self.estimate.stamp if self.estimate is not None else -inf)
         most = max(self._parameters.kinematics_timeout, self._parameters.max_estimate_age)
+        if newest - t <= most:
+            newest, most = before, _JUMP
         if newest - t <= most:
             return ""
         self.history, self.estimate, self.pending = PoseHistory(), None, None

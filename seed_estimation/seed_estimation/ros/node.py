@@ -92,7 +92,7 @@ class EstimatorNode(SeedNode):
         self.loop.poll(TimeReference, "clock_question", self._on_clock_question, COMMAND)
 
         self._push = 0.0, -np.inf  # [N] of each finger, and when it was told [s] by the machine's clock
-        self.create_subscription(Float64, "gripper/force", self._on_push, QUEUE)
+        self.loop.poll(Float64, "gripper/force", self._on_push, QUEUE)
 
         waiting = ReentrantCallbackGroup()  # these answer later, and images must come in meanwhile
         self.serve(Trigger, "~/capture_reference", self._capture_reference, group=waiting)

@@ -26,8 +26,8 @@ class Fingers:
         self._then = self._closed = plant.time
         self._ticks = 0
         self._force = node.publisher(Float64, "gripper/force", QUEUE)
-        node.create_subscription(Float64, "gripper/command", self._on_width, COMMAND)
-        node.create_subscription(Float64, "gripper/force_command", self._on_force, COMMAND)
+        node.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)
+        node.loop.poll(Float64, "gripper/force_command", self._on_force, COMMAND)
 
     def _on_width(self, message: Float64) -> None:
         with self._node.counters.refusing("widths_refused"):

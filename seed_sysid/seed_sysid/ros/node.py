@@ -81,11 +81,11 @@ class SysidNode(SeedNode):
         self.listen(PoseStamped, "current_pose", self._on_pose, QUEUE, refused="poses_refused")
         self.listen(WrenchStamped, "ft_sensor/wrench", self._on_wrench, QUEUE, refused="wrenches_refused")
         self.listen(RelativePose, "relative_pose", self._on_estimate, QUEUE, refused="estimates_refused")
-        self.create_subscription(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
-        self.create_subscription(Float64, "gripper/width", self._on_width, QUEUE)
+        self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
+        self.loop.poll(Float64, "gripper/width", self._on_width, QUEUE)
         for finger in ("left", "right"):
             receive = partial(self._on_pressure, finger)
-            self.create_subscription(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
+            self.loop.poll(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
         self._server = self.serve_action(IdentifyStiffness, "~/identify_stiffness", self._execute)
         self.diagnose("sysid", self._report)
 
