@@ -144,6 +144,16 @@ def test_force_can_be_given_and_keeps_its_direction() -> None:
         load_task("squeegee", force=-5.0)
 
 
+def test_force_that_is_given_is_also_that_of_a_touch_within_its_bounds() -> None:
+    task = load_task("find_edge", force=1.0)
+    assert {p.contact_stop.force for p in task.phases if p.contact_stop} == {1.0}
+    assert load_task("find_edge", force=0.5).phases
+    assert load_task("find_edge", force=20.0).phases
+    for force in (0.4, 20.5):
+        with pytest.raises(TaskError, match=rf"force = {force} N: contact_stop touches with 0\.5 to 20 N: give"):
+            load_task("find_edge", force=force)
+
+
 def test_text_can_be_given_to_a_task_that_writes() -> None:
     assert len(steps_of(load_task("write", text="I"))) < len(steps_of(load_task("write", text="SEED")))
     with pytest.raises(TaskError, match=r"does not write"):

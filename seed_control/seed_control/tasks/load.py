@@ -31,7 +31,7 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
 
     Args:
         source: path of a YAML file, or one of shipped_tasks().
-        force: [N] replaces the size of every force in the task.
+        force: [N] replaces the size of every force in the task, those of contact_stop as well.
         text: replaces the text of a task that writes.
 
     Raises:
@@ -81,7 +81,7 @@ def _changed(task: Task, force: float | None, text: str | None) -> Task:
     if force is not None:
         if not 0.0 < force <= 200.0:
             raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
-        phases = tuple(replace(p, control=p.control.scaled_to(force)) if p.control else p for p in task.phases)
+        phases = tuple(p.scaled_to(force) for p in task.phases)
         draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
         task = replace(task, phases=phases, draw=draw)
     if text is not None:

@@ -17,6 +17,7 @@ Vector = tuple[float, float, float]
 WAYS = ("x", "-x", "y", "-y", "z", "-z")
 CONDITIONS = ("arrived", "contact", "settled")
 _NO_VECTOR: Vector = (0.0, 0.0, 0.0)
+_LEAST_TOUCH, _MOST_TOUCH = 0.5, 20.0  # [N] of a contact_stop
 
 
 class TaskError(SeedError):
@@ -84,7 +85,7 @@ class ContactStop:
     """Going until something is touched, or over a surface until it ends."""
 
     towards: str = field("-z", choices=WAYS, doc="axis of the work frame along which it goes and presses")
-    force: float = field(2.0, unit="N", quantity=True, low=0.5, high=20.0, doc="with which it touches")
+    force: float = field(2.0, unit="N", quantity=True, low=_LEAST_TOUCH, high=_MOST_TOUCH, doc="with which it touches")
     reach: float = field(0.04, unit="m", quantity=True, low=1e-3, high=0.5, doc="within which something must be found")
     edge: str = field("", choices=("", *WAYS), doc="go on this way over the surface, until it falls away")
     drop: float = field(0.0015, unit="m", quantity=True, low=5e-4, high=0.02, doc="of the tip that is an edge")
@@ -92,6 +93,15 @@ class ContactStop:
     def __post_init__(self) -> None:
         if self.edge and self.edge[-1] == self.towards[-1]:
             raise ConfigError(f"edge = {self.edge} lies along towards = {self.towards}: give a way across it")
+
+    def scaled_to(self, size: float) -> ContactStop:
+        """The same with another force [N]. Raises TaskError: it touches with more or less than it may."""
+        if not _LEAST_TOUCH <= size <= _MOST_TOUCH:
+            raise TaskError(
+                f"force = {size:g} N: contact_stop touches with {_LEAST_TOUCH:g} to {_MOST_TOUCH:g} N: "
+                "give a force within these, or write the phases' forces in a copy of the task"
+            )
+        return replace(self, force=size)
 
 
 @dataclass(frozen=True)
@@ -145,6 +155,12 @@ class Phase:
                 raise ConfigError(f"{name} needs a control with the force to press with")
             if section is not None and self.to is not None:
                 raise ConfigError(f"{name} goes its own way: leave out to")
+
+    def scaled_to(self, size: float) -> Phase:
+        """The same phase with a force of another size [N]. Raises TaskError: its contact_stop cannot touch with it."""
+        control = self.control.scaled_to(size) if self.control else None
+        contact_stop = self.contact_stop.scaled_to(size) if self.contact_stop else None
+        return replace(self, control=control, contact_stop=contact_stop)
 
 
 @dataclass(frozen=True)
