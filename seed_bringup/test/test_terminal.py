@@ -3,7 +3,7 @@
 
 import pytest
 
-from seed_bringup.demo.terminal import Bar
+from seed_bringup.demo.terminal import Bar, done_in
 
 
 def test_a_lift_that_begins_while_the_tool_presses_ends_with_the_force_in_the_air(
@@ -20,3 +20,8 @@ def test_a_lift_that_begins_while_the_tool_presses_ends_with_the_force_in_the_ai
         "  lift after cancel  77 %   estimated force   9.98 N as it begins",
         "  lift after cancel  77 %   estimated force   0.02 N as it ends",
     ]
+
+
+def test_a_task_that_controls_no_force_ends_without_one() -> None:
+    assert done_in(9.64, 0.101) == "done in 9.6 s; estimated force within 0.10 N rms of what was wanted"
+    assert done_in(9.64, float("nan")) == "done in 9.6 s"

@@ -71,6 +71,17 @@ def test_progress_rises_from_nothing_to_one() -> None:
     assert seen[0] < 0.05
 
 
+def test_progress_of_a_task_that_only_turns_the_tool_goes_from_nothing_to_one() -> None:
+    task = load_text("name: turn\nphases: [{name: turn, tilt: 0 0 10 deg}]\n", Task, "turn.yaml")
+    bench, player = bench_at("squeegee")[0], TaskPlayer(task)
+    seen = [player.step(bench.t, bench.state).progress]
+    while not (status := play(bench, player, 0.1)).done:
+        seen.append(status.progress)
+    assert len(seen) > 4  # 10 degrees at 0.3 rad/s
+    assert np.all(np.diff([*seen, status.progress]) > 0.0)
+    assert (seen[0], status.progress) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize("phase", ["approach", "press", "wipe", "lift"])
 def test_cancel_at_any_point_leaves_the_tool_lifted(phase: str) -> None:
     bench, player = bench_at("squeegee")

@@ -7,7 +7,7 @@ from contextlib import closing
 from typing import Any
 
 from seed_bringup.commands.cells import await_start, cell_arguments, join
-from seed_bringup.demo.terminal import Bar
+from seed_bringup.demo.terminal import Bar, done_in
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
@@ -50,7 +50,7 @@ def main(argv: list[str]) -> int:
             raise KeyboardInterrupt(_ending(session.played.result)) from None
     if not result.success:
         raise FailedError(result.message)
-    print(f"done in {result.duration:.1f} s; estimated force within {result.force_rmse:.2f} N rms of what was wanted")
+    print(done_in(result.duration, result.force_rmse))
     return 0
 
 

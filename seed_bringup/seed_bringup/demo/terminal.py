@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of the demo and of ./seed play on the terminal."""
 
+import math
 import sys
 
 WIDTH = 24  # characters of the bar
@@ -9,6 +10,12 @@ WIDTH = 24  # characters of the bar
 def say(text: str) -> None:
     """One line of progress."""
     print(f"seed demo: {text}", flush=True)
+
+
+def done_in(duration: float, force_rmse: float) -> str:
+    """How a task went, that took duration [s]; force_rmse [N]: not a number where it controlled no force."""
+    force = "" if math.isnan(force_rmse) else f"; estimated force within {force_rmse:.2f} N rms of what was wanted"
+    return f"done in {duration:.1f} s{force}"
 
 
 class Bar:

@@ -16,6 +16,7 @@ from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, s
 _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
+_LEAST = 0.1  # [s] that any phase counts for
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Step:
         points, phase = np.array(self.points).reshape(-1, 3), self.phase
         length = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum()) if len(points) > 1 else 0.1
         waiting = _TYPICAL if phase.until != "arrived" else 0.0
-        return waiting + phase.dwell + (length / phase.speed if len(points) else 0.0)
+        return max(waiting + phase.dwell + (length / phase.speed if len(points) else 0.0), _LEAST)
 
 
 def steps_of(task: Task) -> list[Step]:

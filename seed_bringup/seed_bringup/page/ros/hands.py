@@ -24,6 +24,7 @@ from seed_msgs.action import FollowSetpoints
 from std_srvs.srv import SetBool, Trigger
 from unique_identifier_msgs.msg import UUID
 
+from seed_bringup.demo.terminal import done_in
 from seed_bringup.page.panel import Playing
 from seed_bringup.page.ros.held import Held
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
@@ -260,7 +261,7 @@ class CellHands:
             self.playing, self._goal, self._ended = Playing(), None, None
         if not result.success:
             raise NotDoneError(result.message)
-        return f"done in {result.duration:.1f} s; force within {result.force_rmse:.2f} N rms of what was wanted"
+        return done_in(result.duration, result.force_rmse)
 
     def _on_feedback(self, message: Any) -> None:
         f = message.feedback
