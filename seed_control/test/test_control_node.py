@@ -262,6 +262,22 @@ def test_invalid_or_foreign_estimates_are_counted_and_make_it_hold(cell: Cell) -
     assert "'elsewhere' is unknown here; known: compliance" in cell.node.counters.last
 
 
+def test_the_state_has_the_words_of_the_newest_estimate_and_diagnostics_those_of_the_newest_refusal(cell: Cell) -> None:
+    cell.enabled()
+    cell.setpoint.publish(spoiled(cell.hold_here(), "frame"))
+    assert cell.bench.until(lambda: cell.state.refused_setpoints == 1)
+    assert cell.state.estimator_reason == ""
+    assert "'map' is unknown here" in str(cell.node._report()[2]["last_refused"])
+
+    def invalid(message: RelativePose) -> None:
+        message.valid, message.reason = False, "left: only 3% of the depth image"
+
+    cell.change = invalid
+    assert cell.bench.until(lambda: cell.state.estimator_reason == "left: only 3% of the depth image")
+    cell.change = lambda _: None
+    assert cell.bench.until(lambda: cell.state.estimator_reason == "")
+
+
 @pytest.mark.parametrize(
     ("task", "words"),
     [

@@ -120,6 +120,7 @@ class ControllerNode(SeedNode):
         if self.clocks.problem:
             self.get_logger().warning(f"force and torque are refused (SP18): {self.clocks.problem}")
         self.steps = 0
+        self._estimator_says = ""  # reason of the newest estimate
         self._was_enabled = False
         self._here, self._here_at = np.eye(4), 0.0  # the newest flange pose and its stamp [s]
         self._output: ControlOutput | None = None
@@ -187,6 +188,7 @@ class ControllerNode(SeedNode):
             check_frame(message.child_frame_id, (self.frames.tool,), "relative_pose (child)")
             self._dated(message, self.parameters.max_estimate_age, "relative_pose")
             estimate = estimate_from_message(message)
+        self._estimator_says = estimate.reason
         self.grip.estimate(estimate)
         self.core.add_estimate(self._pressures.into(estimate) if self._pressures else estimate)
 
@@ -300,7 +302,7 @@ class ControllerNode(SeedNode):
         message.ignored_poses += self.counters["poses_refused"]
         message.ignored_estimates += self.counters["estimates_refused"]
         message.refused_setpoints += self.counters["setpoints_unreadable"] + self.counters["setpoints_during_task"]
-        message.estimator_reason = self.counters.last
+        message.estimator_reason = self._estimator_says
         self._state.publish(message)
         self._readiness.look(now)
         if self.core.law.setpoint is not None:
@@ -321,7 +323,7 @@ class ControllerNode(SeedNode):
         return message
 
     def _report(self) -> diagnostics.Report:
-        values: dict[str, object] = {"steps": self.steps, **self.counters.values()}
+        values: dict[str, object] = {"steps": self.steps, "last_refused": self.counters.last, **self.counters.values()}
         if self._output is None:
             return diagnostics.STALE, "no step yet", values
         state = self._output.state
