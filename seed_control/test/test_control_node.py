@@ -386,8 +386,8 @@ def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
     try:
         cell = Cell(bench, grip__file=str(tmp_path / "stiffness.yaml"))
         pressures = [bench.client.create_publisher(Float32, f"bubble_{s}/pressure", SENSOR) for s in ("left", "right")]
-        pressure = 1020.0
-        bench.every.append(lambda: [p.publish(Float32(data=pressure)) for p in pressures])
+        pressure, heard = 1020.0, pressures
+        bench.every.append(lambda: [p.publish(Float32(data=pressure)) for p in heard])
         cell.enabled()
         estimator = cell.node.core.wrench_estimator
         assert bench.until(lambda: abs(estimator.mean_stiffness - 2800.0 / 3.0) < 1e-6)
@@ -400,5 +400,13 @@ def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
         assert len({round(k) for k in seen}) > 5  # blended, not switched
         assert np.abs(cell.X_WE[:3, 3] - before[:3, 3]).max() < 2e-3
         assert cell.state.mode != "holding"
+        heard = pressures[:1]  # the right sensor dies
+        bench.spin(1.0)
+        pressure = 1020.0
+        bench.spin(1.0)
+        assert estimator.mean_stiffness == pytest.approx(1400.0, abs=1e-6)
+        assert "no pressure of the right bubble for 0.5 s: the stiffness stays" in cell.node.counters.last
+        heard = pressures
+        assert bench.until(lambda: abs(estimator.mean_stiffness - 2800.0 / 3.0) < 1e-6)
     finally:
         bench.close()

@@ -11,7 +11,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_ros import SENSOR, SeedNode
 
 FINGERS = ("left", "right")
-_OLDEST = 0.5  # [s] of a reading that still counts
+OLDEST = 0.5  # [s] of a reading that still counts
 
 
 class BubblePressures:
@@ -36,4 +36,4 @@ class BubblePressures:
 
     def _of(self, finger: str) -> float:
         when, value = self._newest.get(finger, (-1e9, nan))
-        return value if self._node.now() - when < _OLDEST else nan
+        return value if self._node.now() - when < OLDEST else nan
