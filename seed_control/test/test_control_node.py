@@ -123,9 +123,11 @@ def test_nothing_is_sent_before_enable_and_enable_wants_its_inputs(cell: Cell) -
     assert not refused.success
     assert "no estimate of the relative pose has come yet" in refused.message
     assert cell.targets == 0
+    assert cell.node.beats.take()["rate_hz"] == 0.0
     cell.silent = set()
     cell.enabled()
     assert cell.bench.until(lambda: cell.targets > 3)
+    assert cell.bench.until(lambda: float(str(cell.node.beats.take()["rate_hz"])) > 0.0)
 
 
 def test_force_waits_for_the_clocks_and_motion_does_not() -> None:

@@ -270,7 +270,7 @@ class ControllerNode(SeedNode):
         self.steps += 1
         if output.X_WE is not None and self._may_send(output):
             self._target.publish(pose_stamped(output.X_WE, now, self.frames.base))
-        self.beats.add(output.state.image_age)
+            self.beats.add(output.state.image_age)
         self.follow.after_step(output.state)
         if self.steps % self._state_every == 0:
             self._publish_state(now, output)
