@@ -64,6 +64,14 @@ def test_a_missing_sensor_matters_where_the_wrench_needs_it() -> None:
     assert "left bubble is silent: none for 4.0 s, at most 1 s" in told(lambda _: np.nan, 4.02, needed=True)
 
 
+def test_what_was_wrong_with_a_pressure_is_over_once_the_estimator_tells_of_no_membrane() -> None:
+    check = PressureCheck(GRIPS)
+    check.update(estimate(0.0, 12.0))
+    assert "left bubble" in check.reason
+    check.update(RelativePoseEstimate(0.1, make_pose()))
+    assert check.reason == ""
+
+
 def test_nobody_asks_where_nothing_was_identified() -> None:
     check = PressureCheck()
     check.update(estimate(0.0, 12.0))
@@ -76,11 +84,12 @@ def test_the_arm_holds_and_is_not_enabled_again() -> None:
     bench.press(5.0)
     bench.run(0.2)
     assert bench.state.mode == "approach"
-    newest = bench.controller._inputs.estimate
-    assert newest is not None
-    bench.controller.add_estimate(replace(estimate(newest.stamp + 0.01, 103.6), X_CT=newest.X_CT))
-    bench.step()
+    bench.told = lambda e: replace(e, membrane=estimate(e.stamp, 103.6).membrane)
+    bench.run(0.1)
     assert bench.state.mode == "holding"
     assert "it looks like kPa; hPa are needed" in bench.state.reason
     with pytest.raises(ControlRefusedError, match=r"103\.6 hPa"):
         bench.controller.enable(bench.t)
+    bench.told = lambda e: e  # the estimator is started again, with a method that tells of no membrane
+    bench.run(0.1)
+    bench.controller.enable(bench.t)

@@ -29,8 +29,8 @@ class PressureCheck:
         self.reason = ""
 
     def update(self, estimate: RelativePoseEstimate) -> None:
-        """Take in an estimate with what its membranes tell."""
-        if not ((self._needed or self._range) and estimate.membrane):
+        """Take in an estimate with what its membranes tell; one that tells of none has no pressure to be wrong."""
+        if not (self._needed or self._range):
             return
         reasons = []
         for motion in estimate.membrane:
