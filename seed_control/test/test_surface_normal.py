@@ -60,6 +60,11 @@ def along(radius: float, heading: float, seed: int, seconds: float = 2.4) -> tup
     return errors, filter_
 
 
+def deviation(filter_: SurfaceNormal) -> float:
+    """Of the normal [rad], in its worse direction, as the filter has it."""
+    return float(np.sqrt(np.linalg.eigvalsh(filter_.P[1:3, 1:3])[-1]))
+
+
 @pytest.mark.parametrize("radius", [0.08, 0.5, 1e3])
 @pytest.mark.parametrize("heading", [0.0, 0.35])
 def test_the_normal_ahead_is_found_on_cylinders_of_unknown_radius(radius: float, heading: float) -> None:
@@ -71,8 +76,7 @@ def test_the_covariance_says_how_far_off_the_normal_is() -> None:
     ratios = []
     for seed in range(12):
         errors, filter_ = along(0.2, 0.0, seed)
-        assert_allclose(filter_.covariance @ filter_.n, 0.0, atol=1e-12)
-        ratios.append(errors[-1] / filter_.deviation)
+        ratios.append(errors[-1] / deviation(filter_))
     assert 0.1 < np.sqrt(np.mean(np.square(ratios))) < 2.0
 
 
@@ -99,7 +103,7 @@ def test_a_tip_that_sticks_shows_a_slope_where_friction_cannot_hold_its_force(le
             filter_.start(m)  # type: ignore[arg-type]
         filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
     assert_allclose(filter_.ahead[0] / filter_.ahead[2], -slope, atol=0.05)
-    assert filter_.deviation > 0.3  # it is a bound, and tells no more
+    assert deviation(filter_) > 0.3  # it is a bound, and tells no more
 
 
 def test_noise_across_the_path_makes_no_tip_slide() -> None:
@@ -133,7 +137,7 @@ def test_what_the_surface_sinks_by_is_no_slope() -> None:
 
 def test_a_tip_in_the_air_tells_nothing_of_the_surface() -> None:
     errors, filter_ = along(0.5, 0.0, 1)
-    before, n = filter_.deviation, filter_.n.copy()
+    before, n = deviation(filter_), filter_.n.copy()
     rng, tip = np.random.default_rng(5), filter_.anchor.copy()
     for i in range(9):  # it falls by 9 mm
         tip = tip + DT * SPEED * filter_.tangents[0] - 1e-3 * n
@@ -143,7 +147,7 @@ def test_a_tip_in_the_air_tells_nothing_of_the_surface() -> None:
         s = HybridSetpoint(np.eye(4), wanted, np.diag((0.0, 0.0, 1.0)), task_frame="found")
         filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
     assert np.rad2deg(np.arccos(np.clip(filter_.n @ n, -1.0, 1.0))) < 3.0  # it falls at 42
-    assert filter_.deviation >= before
+    assert deviation(filter_) >= before
     assert errors
 
 

@@ -106,21 +106,6 @@ def test_cancel_before_the_first_step_does_not_start_the_task() -> None:
     assert bench.force == 0.0
 
 
-def test_pause_keeps_the_force_and_the_place() -> None:
-    bench, player = bench_at("squeegee")
-    play(bench, player, 30.0, until="wipe")
-    play(bench, player, 1.5)
-    player.pause()
-    status = play(bench, player, 0.5)
-    assert status.message == "paused"
-    x = bench.X_WE[0, 3]
-    play(bench, player, 1.0)
-    assert_allclose(bench.X_WE[0, 3], x, atol=1e-3)
-    assert_allclose(bench.force, 10.0, atol=0.1)
-    player.resume()
-    assert play(bench, player, 30.0).progress == 1.0
-
-
 def test_missing_table_fails_the_task_and_says_why() -> None:
     bench, player = bench_at("squeegee")
     bench.table = -0.5

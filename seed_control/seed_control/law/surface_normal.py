@@ -74,16 +74,6 @@ class SurfaceNormal:
         self._slides = self._slid = False
         self._going = np.zeros(2)  # to where the tip is going to be
 
-    @property
-    def covariance(self) -> Array:
-        """(3, 3) of n, in W."""
-        return np.asarray(self.tangents.T @ self.P[_A, _A] @ self.tangents)
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of n [rad], of its worse direction."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.P[_A, _A])[-1]))
-
     def expect(self, normal: Array) -> None:
         """What the task says of the normal (3,) in W; taken for true until there is contact."""
         if not self.running:

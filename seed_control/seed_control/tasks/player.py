@@ -57,7 +57,6 @@ class TaskPlayer:
         self._ending = ""  # why the task ends early
         self._cancelled = False
         self._searches = 0  # once more, where an insertion found no way in
-        self._paused = False
         self.found: tuple[Found, ...] = ()
         self._last: float | None = None
         self._before = np.cumsum([0.0, *(s.expected_time for s in self._steps)])
@@ -71,14 +70,6 @@ class TaskPlayer:
     def phases(self) -> list[str]:
         """Names of all steps in order."""
         return [s.phase.name for s in self._steps]
-
-    def pause(self) -> None:
-        """Stand still on the path; forces are kept."""
-        self._paused = True
-
-    def resume(self) -> None:
-        """Go on from where `pause` stopped."""
-        self._paused = False
 
     def cancel(self, reason: str = "cancelled") -> None:
         """End early: the next steps lift the tool off, then the status is done."""
@@ -101,7 +92,7 @@ class TaskPlayer:
             return self._ended(f"{self._ending}; {holds}" if self._ending else holds)
         if self._run is None:
             self._run = self._next(state.X_W_tip)
-        ended = self._run.advance(0.0 if self._paused and not self._ending else dt, state)
+        ended = self._run.advance(dt, state)
         if ended == "again" and not self._ending and self._search_again():
             ended = "done"
         if ended in ("timeout", "failed", "again") and not self._ending:
@@ -121,7 +112,7 @@ class TaskPlayer:
             self._progress(),
             failed=bool(self._ending) and not self._cancelled,
             cancelled=self._cancelled,
-            message="paused" if self._paused and not self._ending else self._ending,
+            message=self._ending,
         )
 
     def _search_again(self) -> bool:
