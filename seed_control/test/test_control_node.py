@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,7 +22,9 @@ from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool, Trigger
 
+from seed_control.ros import follow_setpoints
 from seed_control.ros.node import ControllerNode
+from seed_control.tasks import Task, read_task
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
@@ -330,6 +333,28 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert cell.bench.until(lambda: cell.state.tip.position.z - before > 0.04)  # [m], of the task's lift of 0.05
     assert not cell.node.follow.busy
+
+
+def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long one takes longer than an arm waits for its target."""
+    cell.enabled()
+    may_end = threading.Event()
+
+    def slow(*arguments: str) -> Task:
+        assert may_end.wait(20.0)
+        return read_task(*arguments)
+
+    monkeypatch.setattr(follow_setpoints, "read_task", slow)
+    handle, before = cell.play(FREE), cell.targets
+    assert cell.bench.until(lambda: cell.targets > before + 20, 10.0)
+    assert not cell.node.follow.busy
+    other = cell.bench.result(cell.play(FREE))
+    assert "another task is being read" in other.result.message
+    may_end.set()
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+    handle.cancel_goal_async()
+    assert cell.bench.result(handle).status == GoalStatus.STATUS_CANCELED
+    assert cell.state.mode != "holding"
 
 
 def disabled_while(cell: Cell, busy: Callable[[], bool]) -> None:

@@ -7,20 +7,27 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
+from scipy.integrate import quad
 from test_tasks import play
 
 from seed_control.law.contact import ContactDetector
 from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task, TaskError, TaskPlayer, check_fits, load_task
-from seed_control.tasks.insertion.search import spiral
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
 from seed_control.tasks.insertion.surface import PlateUnderTip
+from seed_control.tasks.path import Spiral
 from seed_core.config import ConfigError, load_text
 from seed_core.hand import Frame, Tool
 from seed_core.spatial import pose_from_rpy
 
 PEG = Tool(name="round_peg", T_tip=Frame((0.0, 0.0, 0.09)), mass=0.15)
+
+
+def spiral(radius: float, pitch: float) -> np.ndarray:
+    """(n, 3) about every 0.3 mm of it."""
+    path = Spiral(np.zeros(3), radius, pitch, 0.01, 1e3)
+    return np.array([path.at(t)[0] for t in np.linspace(0.0, path.duration, int(path.length / 3e-4))])
 
 
 def test_no_place_within_the_radius_is_further_than_half_the_pitch_from_the_spiral() -> None:
@@ -31,6 +38,23 @@ def test_no_place_within_the_radius_is_further_than_half_the_pitch_from_the_spir
     away = np.sqrt(((places[:, None] - path[None]) ** 2).sum(axis=2)).min(axis=1)
     assert away.max() < 0.5e-3 + 1e-4
     assert_allclose(np.hypot(*path[-1]), 0.004, atol=1e-9)
+
+
+@pytest.mark.parametrize(("radius", "pitch"), [(0.004, 0.001), (0.1, 5e-5), (1e-4, 1e-4)])
+def test_a_spiral_of_any_size_is_gone_evenly(radius: float, pitch: float) -> None:
+    """SciPy integrates its length; the largest has 2000 turns and is not worked out beforehand."""
+    path, per_angle = Spiral(np.array((0.1, 0.2, 0.3)), radius, pitch, 0.01, 1e3), pitch / (2.0 * np.pi)
+    out, _ = quad(lambda a: per_angle * np.sqrt(1.0 + a * a), 0.0, radius / per_angle, epsrel=1e-12)
+    assert path.length == pytest.approx(out + 2.0 * np.pi * radius, rel=1e-9)
+    for t in np.linspace(1e-3, 0.999, 50) * path.duration:
+        (place, velocity), before, after = path.at(t), path.at(t - 1e-5)[0], path.at(t + 1e-5)[0]
+        assert_allclose(np.linalg.norm(velocity), 0.01, rtol=1e-9)
+        assert_allclose((after - before) / 2e-5, velocity, atol=1e-6)
+        x, y, z = place - (0.1, 0.2, 0.3)
+        r, angle = np.hypot(x, y), 2.0 * np.pi * np.hypot(x, y) / pitch
+        assert z == 0.0
+        if r < radius * (1.0 - 1e-9):
+            assert_allclose((x, y), (r * np.cos(angle), r * np.sin(angle)), atol=1e-9)
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.05, -0.04)])

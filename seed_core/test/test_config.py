@@ -62,6 +62,7 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
         ("speed: nan m/s", "f.yaml:1: speed = nan m/s must be finite"),
         ("speed: 0.1 0.2 m/s", "f.yaml:1: speed = .0.1, 0.2. must be a number"),
         ("speed: [1", "f.yaml: not readable as YAML"),
+        ("speed: " + 50_000 * "[" + 50_000 * "]", "f.yaml: not readable as YAML"),  # an error, and no crash
         ("speed: !!python/object/apply:os.system ['true']", r"speed = \['true'\] must be a number"),
     ],
 )

@@ -2,6 +2,7 @@
 """The action ~/follow_setpoints: plays a task through the controller, one step at a time, blocking nothing."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,6 +41,32 @@ class _Run:
     samples: int = 0
 
 
+def _player(task: str, overrides: str) -> TaskPlayer:
+    """Of a task as a client sends it. Raises SeedError: it cannot be read or played."""
+    return TaskPlayer(read_task(task, overrides))
+
+
+class _Reading:
+    """A task that is read beside the loop: a long one takes longer than an arm waits for its target.
+
+    Attributes:
+        player: future of its player.
+    """
+
+    def __init__(self, worker: ThreadPoolExecutor, request: FollowSetpoints.Goal) -> None:
+        self.player = Future()
+        self._job = worker.submit(_player, request.task, request.overrides)
+
+    def look(self) -> None:
+        """Pass on what has become of it."""
+        if not self._job.done() or self.player.done():
+            return
+        if error := self._job.exception():
+            self.player.set_exception(error)
+        else:
+            self.player.set_result(self._job.result())
+
+
 class FollowServer:
     """Call before_step and after_step around each control step."""
 
@@ -57,6 +84,10 @@ class FollowServer:
         self._node, self._core, self._why_not = node, core, why_not
         self._operator, self._lost, self._base = operator, lost, base
         self._run: _Run | None = None
+        self._reading: _Reading | None = None
+        self._worker = ThreadPoolExecutor(1, "tasks")
+        self._worker.submit(int)  # begins its thread before the loop, with which it then goes ahead of other programs:
+        # one that waits for them in the middle of a task would keep Python's lock from the loop
         self._server = node.serve_action(FollowSetpoints, "~/follow_setpoints", self._execute)
 
     @property
@@ -70,19 +101,26 @@ class FollowServer:
 
     async def _execute(self, goal: ServerGoalHandle) -> FollowSetpoints.Result:
         try:
-            run = self._run = self._start(goal)
+            run = self._run = await self._start(goal)
         except SeedError as error:
             self._node.get_logger().error(f"follow_setpoints refused: {error}")
             goal.abort()
             return _result(False, str(error))
         return self._finish(run, await run.done)
 
-    def _start(self, goal: ServerGoalHandle) -> _Run:
+    async def _start(self, goal: ServerGoalHandle) -> _Run:
         if self._run is not None:
             raise SeedError(
                 f"task '{self._run.player.task.name}' is being played: cancel it first, as ./seed cancel does"
             )
-        task = read_task(goal.request.task, goal.request.overrides)
+        if self._reading is not None:
+            raise SeedError("another task is being read, and is played then: cancel it first, as ./seed cancel does")
+        self._reading = _Reading(self._worker, goal.request)
+        try:
+            player: TaskPlayer = await self._reading.player
+        finally:
+            self._reading = None
+        task = player.task
         if why_not := self._why_not():
             raise SeedError(f"cannot play '{task.name}': {why_not}")
         check_fits(task, self._core.tool, self._core.parameters)
@@ -90,12 +128,13 @@ class FollowServer:
         if not state.enabled or state.mode == "holding":
             raise SeedError(f"cannot play '{task.name}': {state.reason or 'not enabled'}; then call {self._enable} on")
         self._operator.begin(bytes(goal.goal_id.uuid), self._node.now())
-        player = TaskPlayer(task)
         self._node.get_logger().info(f"playing '{task.name}': {', '.join(player.phases)}")
         return _Run(goal, player, self._node.now(), Future())
 
     def before_step(self, now: float) -> None:
         """Give the controller the set-point of this moment."""
+        if self._reading is not None:
+            self._reading.look()
         run = self._run
         if run is None:
             return

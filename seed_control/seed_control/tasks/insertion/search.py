@@ -11,25 +11,13 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.insertion.sections import Search
 from seed_control.tasks.insertion.surface import PlateUnderTip
-from seed_control.tasks.path import Path
+from seed_control.tasks.path import Path, Spiral
 from seed_control.tasks.steps import Step, StepRun
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
 
-_STEP = 3e-4  # [m] between points of the spiral
 _AGAIN = 0.5  # [s] at the end of the pattern, for what the last images tell
 _ROUNDS = 2  # of tilting all around
 _ROCKING = 0.2  # [rad/s] of the tip's axis
-
-
-def spiral(radius: float, pitch: float) -> Array:
-    """Points (n, 3) [m] of an Archimedean spiral, evenly along it, and once around at the end."""
-    turns = radius / pitch
-    fine = np.linspace(0.0, 2.0 * np.pi * (turns + 1.0), 400 * int(np.ceil(turns + 1.0)))
-    r = np.minimum(fine * pitch / (2.0 * np.pi), radius)
-    xy = np.column_stack([r * np.cos(fine), r * np.sin(fine)])
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
-    even = np.linspace(0.0, along[-1], max(int(along[-1] / _STEP), 2))
-    return np.column_stack([np.interp(even, along, xy[:, 0]), np.interp(even, along, xy[:, 1]), np.zeros(len(even))])
 
 
 class SearchRun(StepRun):
@@ -47,12 +35,11 @@ class SearchRun(StepRun):
         search = step.phase.search
         assert search is not None
         self._search: Search = search
-        points = {"spiral": spiral(search.radius, search.pitch), "line": np.array([search.along])}.get(search.pattern)
-        path = Path(
-            [start, *(start + (np.zeros((0, 3)) if points is None else points))],
-            step.phase.speed,
-            step.phase.acceleration,
-        )
+        pace = step.phase.speed, step.phase.acceleration
+        if search.pattern == "spiral":
+            path: Path = Spiral(start, search.radius, search.pitch, *pace)
+        else:
+            path = Path([start, start + search.along] if search.pattern == "line" else [start], *pace)
         super().__init__(step, path, R_start, R_end, X_W)
         self._surface = PlateUnderTip(search.drop)
         self._to_work = inverse_pose(X_W)
