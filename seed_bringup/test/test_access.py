@@ -26,6 +26,7 @@ NODES = {
     "/estimator",
     "/driver",
     "/guard",
+    "/gripper_action",
     "/sim",
     "/bubbles",
     "/cameras",

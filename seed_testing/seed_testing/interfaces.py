@@ -5,33 +5,61 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.action import get_action_client_names_and_types_by_node, get_action_server_names_and_types_by_node
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
 from seed_bringup.page.ros.node import PageNode
 from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
+from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
+from seed_driver.gripper import GripperActionConfig
+from seed_driver.ros.gripper_action import GripperActionNode
 from seed_driver.ros.node import DriverNode
 from seed_driver.ros.target_guard import GuardNode
 from seed_estimation.ros.cameras import CamerasNode
 from seed_estimation.ros.node import EstimatorNode
+from seed_ros import FixedRateLoop, SeedNode
 from seed_ros.testing import Bench
 from seed_sim.ros.identification_cell import CellNode
 from seed_sim.ros.node import SimNode
 from seed_sim.ros.tactile_cameras import TactileCamerasNode
 from seed_sysid.ros.node import SysidNode
 
-# Each node, and the parameters with which it offers everything it can.
+HAS_CONTROL_MSGS = find_spec("control_msgs") is not None  # it is not among the wheels
+
+
+class GripperParameters(SeedNode):
+    """The parameters of `gripper_action`, where that node cannot run."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("gripper_action", **arguments)
+        self.declare(GripperActionConfig())
+        self.refuse_unknown()
+        self.loop = FixedRateLoop(self, 1.0, lambda: None)
+
+
+def identified(folder: Path) -> str:
+    """A file of an identification, in this folder."""
+    k, file = DEFAULT_STIFFNESS, folder / "stiffness.yaml"
+    save_stiffness(file, StiffnessFile("hand", "tool", "2026-01-31", (Grip(1020.0, 0.05, k.rotation, k.translation),)))
+    return str(file)
+
+
+# Each node, and the parameters with which it offers everything it can; a function makes a file in a folder.
 NODES: dict[str, tuple[Any, dict[str, Any]]] = {
     "estimator": (EstimatorNode, {}),
     "cameras": (CamerasNode, {}),
-    "controller": (ControllerNode, {}),
+    "controller": (ControllerNode, {"grip__file": identified}),
     "driver": (DriverNode, {"robot_ip": "127.0.0.254"}),  # nobody is there; what it offers does not depend on that
     "guard": (GuardNode, {}),
+    "gripper_action": (GripperActionNode if HAS_CONTROL_MSGS else GripperParameters, {}),
     "sim": (SimNode, {"relative_pose": True}),
     "bubbles": (TactileCamerasNode, {}),
     "sysid": (SysidNode, {}),
@@ -46,6 +74,7 @@ DOES = {
     "controller": "turns a task or set-points into targets for the arm; plays tasks; holds",
     "driver": "makes a UR arm follow the targets",
     "guard": "limits and checks targets in front of an arm that obeys everything",
+    "gripper_action": "makes a gripper's action server the gripper of a cell",
     "sim": "simulates arm, grasp, tool and table",
     "bubbles": "renders the cameras' images for the simulation",
     "sysid": "identifies the stiffness of a grasp",
@@ -71,8 +100,9 @@ Entry = tuple[str, str, str]  # what, name, type
 @contextmanager
 def alive(name: str, **given: Any) -> Iterator[Node]:
     """A node of NODES with these parameters, configured and active if it has a lifecycle and may be."""
-    with closing(Bench()) as bench:
-        node = bench.add(NODES[name][0], **given)
+    with closing(Bench()) as bench, TemporaryDirectory() as folder:
+        made = {key: value(Path(folder)) if callable(value) else value for key, value in given.items()}
+        node = bench.add(NODES[name][0], **made)
         if given and isinstance(node, LifecycleNode):
             node.trigger_configure()
             node.trigger_activate()
@@ -80,15 +110,20 @@ def alive(name: str, **given: Any) -> Iterator[Node]:
 
 
 def entries_of(node: Node) -> set[Entry]:
-    """Topics, services and actions of a node, and services that it calls, named relative to it."""
+    """Topics, services and actions of a node, and services and actions that it calls, named relative to it."""
     ends = [("out", p.topic_name, p.msg_type) for p in node.publishers]
     ends += [("in", s.topic_name, s.msg_type) for s in node.subscriptions]
     ends += [("service", s.srv_name, s.srv_type) for s in node.services]
     ends += [("calls", c.service_name.lstrip("/"), c.srv_type) for c in node.clients]
     found = {(what, _name(node, name), _type(kind)) for what, name, kind in ends}
     found = {e for e in found if e[1] not in COMMON and not e[2].startswith(COMMON_TYPES)}
-    actions = get_action_server_names_and_types_by_node(node, node.get_name(), node.get_namespace())
-    return found | {("action", _name(node, action), kinds[0]) for action, kinds in actions}
+    where = node, node.get_name(), node.get_namespace()
+    for what, actions in (
+        ("action", get_action_server_names_and_types_by_node(*where)),
+        ("calls", get_action_client_names_and_types_by_node(*where)),
+    ):
+        found |= {(what, _name(node, action), kinds[0]) for action, kinds in actions}
+    return found
 
 
 def _name(node: Node, name: str) -> str:

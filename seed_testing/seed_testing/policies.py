@@ -28,20 +28,27 @@ def rights_of_nodes(document: str) -> dict[str, Rights]:
         def add(tag: str, right: str, name: str, into: Rights = rights) -> None:
             into.setdefault((tag, right, tag[:-1]), set()).add(name)
 
-        for what, name, _ in ROW.findall(text):
-            tag, right = {
-                "in": ("topics", "subscribe"),
-                "out": ("topics", "publish"),
-                "service": ("services", "reply"),
-                "calls": ("services", "request"),
-                "action": ("actions", "execute"),
-            }[what]
+        for what, name, kind in ROW.findall(text):
+            tag, right = (
+                ("actions", "call")
+                if what == "calls" and "/action/" in kind
+                else {
+                    "in": ("topics", "subscribe"),
+                    "out": ("topics", "publish"),
+                    "service": ("services", "reply"),
+                    "calls": ("services", "request"),
+                    "action": ("actions", "execute"),
+                }[what]
+            )
             for absolute in _absolute(node, name):
                 add(tag, right, absolute)
         for name in ("/rosout", "/parameter_events"):
             add("topics", "publish", name)
         for name in ("/clock", "/parameter_events"):
             add("topics", "subscribe", name)
+        if node == "controller":
+            for name in ("command", "force_command"):  # one of them, with its parameter `grip_answer.command`
+                add("topics", "publish", f"/gripper/{name}")
         if node == "sim":
             add("topics", "publish", "/clock")  # with its parameter `clock`, for which it also listens to
             add("topics", "subscribe", "/relative_pose")

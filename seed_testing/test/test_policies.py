@@ -20,4 +20,7 @@ def test_private_remapped_and_absolute_names_are_resolved() -> None:
     assert "/controller/state" in rights["controller"]["topics", "publish", "topic"]
     assert "/sim/hold_reason" in rights["controller"]["topics", "subscribe", "topic"]
     assert "/tf_static" in rights["estimator"]["topics", "publish", "topic"]
+    assert "/gripper_controller/gripper_cmd" in rights["gripper_action"]["actions", "call", "action"]
+    assert "/bubble_left/pressure" in rights["controller"]["topics", "subscribe", "topic"]
+    assert "/gripper/force_command" in rights["controller"]["topics", "publish", "topic"]
     assert "/driver/change_state" in rights["driver"]["services", "reply", "service"]
