@@ -16,28 +16,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from yaml.composer import Composer
-from yaml.constructor import SafeConstructor
-from yaml.resolver import Resolver
 
 from seed_core.errors import SeedError
 from seed_core.program.meant import did_you_mean, no_such_file
-
-try:
-    from yaml._yaml import CParser
-except ImportError:  # PyYAML was built without libyaml
-    _Loader: Any = yaml.SafeLoader
-else:
-
-    class _Loader(Composer, CParser, SafeConstructor, Resolver):  # type: ignore[no-redef]
-        """Scans in C, ten times as fast. Composes in Python: there, nesting too deep is an error and no crash."""
-
-        def __init__(self, text: str) -> None:
-            CParser.__init__(self, text)
-            Composer.__init__(self)
-            SafeConstructor.__init__(self)
-            Resolver.__init__(self)
-
 
 T = TypeVar("T")
 RENAMED = {  # parameters of former releases, refused with the name that they have now
@@ -104,7 +85,7 @@ def _wrap(value: Any) -> Any:
     return _Node(value, 0)
 
 
-def _parse(node: yaml.Node | None, loader: Any, source: str) -> _Node:
+def _parse(node: yaml.Node | None, loader: yaml.SafeLoader, source: str) -> _Node:
     if node is None:
         return _Node({}, 1)
     line = node.start_mark.line + 1
@@ -132,7 +113,7 @@ def parse_yaml(text: str, source: str = "<text>") -> _Node:
         raise ConfigError(f"{source}: {size} (at most {MAX_BYTES})")
     loader = None
     try:
-        loader = _Loader(text)  # reads the text's characters already
+        loader = yaml.SafeLoader(text)  # reads the text's characters already
         return _parse(loader.get_single_node(), loader, source)
     except ConfigError:
         raise
