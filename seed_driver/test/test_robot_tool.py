@@ -9,7 +9,9 @@ from seed_core.arm.quaternion import inverse, rotate
 from seed_core.config import ConfigError
 from seed_driver.config import DriverConfig
 from seed_driver.robot import tool
+from seed_driver.robot.connection import SLIDER
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.rtde_client import RtdeClient
 from seed_testing.fault_bench.bench import FaultBench
 from seed_ur.kinematics import URKinematics
 from seed_ur.standin_client import StandIn
@@ -93,6 +95,20 @@ def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured
         bench.run(0.3)
         assert loaded.ask("state")["payload"] == 1.25
         assert bench.state.armed
+
+
+@realtime
+def test_a_speed_slider_that_another_client_holds_is_named_and_set_once_it_is_free(loaded) -> None:
+    other = RtdeClient(loaded.host)
+    assert other.take_inputs(*SLIDER.names)
+    with FaultBench(robot=loaded, speed_slider=0.25) as bench:
+        with other:
+            bench.wait(lambda s: "another RTDE client holds the speed slider" in s.reason, 10.0, "refusal")
+            assert not bench.ask("start").ok
+            assert not bench.state.armed
+        bench.recover()
+        assert loaded.ask("state")["speed_slider"] == pytest.approx(0.25)
+    loaded.ask("option", name="speed_slider", value=1.0)
 
 
 def test_the_difference_names_the_first_quantity_that_differs_beyond_its_tolerance() -> None:

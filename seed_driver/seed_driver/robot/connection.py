@@ -246,9 +246,7 @@ class Robot:
         if self._slider is None:
             if fraction == self.states.values["target_speed_fraction"]:
                 return
-            slider = rtde_client.RtdeClient(self.config.robot_ip)
-            slider.take_inputs(*SLIDER.names)
-            self._slider = slider
+            self._slider = rtde_client.hold_inputs(self.config.robot_ip, SLIDER.names, "the speed slider")
         self._slider.send(SLIDER.encode(1, {"speed_slider_mask": 1, "speed_slider_fraction": fraction}))
 
     def servo(self, p: Vector3, q: Quaternion, period: float) -> None:

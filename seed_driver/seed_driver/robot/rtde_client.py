@@ -154,6 +154,16 @@ def follow_outputs(host: str, names: Sequence[str], rate: float) -> RtdeClient:
         return client
 
 
+def hold_inputs(host: str, names: Sequence[str], words: str) -> RtdeClient:
+    """A client that alone writes these inputs; LinkError, with `words` for them, when somebody else does."""
+    with ExitStack() as on_failure:
+        client = on_failure.enter_context(RtdeClient(host))
+        if not client.take_inputs(*names):
+            raise LinkError(f"another RTDE client holds {words} of {host}: stop that program")
+        on_failure.pop_all()
+        return client
+
+
 def supported_version(host: str) -> rtde.Version:
     """The PolyScope version of the controller at `host`; raises LinkError when it cannot be used at all."""
     with RtdeClient(host) as client:
@@ -175,9 +185,8 @@ def supported_version(host: str) -> rtde.Version:
 
 def require_control(host: str, version: rtde.Version, register: str) -> None:
     """Raise LinkError unless programs may be sent: registers free, robot in remote control."""
-    with RtdeClient(host) as client:
-        if not client.take_inputs(register):
-            raise LinkError(f"another RTDE client holds the input registers of {host}: stop that program")
+    with hold_inputs(host, (register,), "the input registers"):
+        pass
     require_remote(host, version)
 
 

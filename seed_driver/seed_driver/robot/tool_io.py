@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.rtde_client import ONCE, RtdeClient
+from seed_driver.robot.rtde_client import ONCE, RtdeClient, hold_inputs
 from seed_ur import rtde
 
 SCRIPT_PORT = 30003
@@ -22,9 +22,7 @@ DONE_WITHIN = 1.0  # [s]
 
 def set_tool_output(host: str, pin: int, on: bool) -> str:
     """Switch digital output 0 or 1 of the tool; returns what was done, raises LinkError."""
-    with RtdeClient(host) as client:
-        if not client.take_inputs(*OUTPUT.names):
-            raise LinkError(f"another RTDE client holds the tool's outputs of {host}: stop that program")
+    with hold_inputs(host, OUTPUT.names, "the tool's outputs") as client:
         client.start(("actual_digital_output_bits",), ONCE)
         client.send(OUTPUT.encode(1, {"tool_digital_output_mask": 1 << pin, "tool_digital_output": on << pin}))
         bit = FIRST_BIT + pin
