@@ -148,7 +148,7 @@ class Session:
             self._begin(robot)
         elif self.freedrive:
             raise LinkError("the arm is in freedrive; end it first")
-        elif robot.tool_changed():
+        elif robot.tool is None or robot.tool_changed():
             robot.tool = None
             robot.apply_tool(self.config)
         self.want_start = False
@@ -229,12 +229,17 @@ class Session:
         return "freedrive" if on else "holding"
 
     def set_config(self, config: DriverConfig) -> str:
-        """Take changed settings."""
+        """Take changed settings; a hold where the robot refuses those of its tool, as it works with others then."""
         before, self.config = self.config, config
         self.motion.configure(config)
         if self.robot is None:
             return ""
         self.robot.config = config
         if self.running and any(getattr(before, n) != getattr(config, n) for n in TOOL):
-            self.robot.apply_tool(config)
+            try:
+                self.robot.apply_tool(config)
+            except (LinkError, RuntimeError) as error:  # the latter is ur_rtde's
+                self.robot.tool = None  # which is sent again before anything moves
+                self.motion.hold(f"{error}; then call resend_robot_program")
+                raise
         return ""

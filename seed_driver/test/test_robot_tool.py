@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """TCP and payload of the robot: left alone where they are not configured, compared, and a change moves nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -95,6 +97,23 @@ def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured
         bench.run(0.3)
         assert loaded.ask("state")["payload"] == 1.25
         assert bench.state.armed
+
+
+@realtime
+def test_a_setting_that_is_refused_while_the_program_runs_is_a_hold_until_the_robot_takes_what_is_configured() -> None:
+    with FaultBench("--version", "5.10.0") as bench:
+        bench.ready()
+        possible = bench.supervisor.config
+        bench.supervisor.set_config(replace(possible, payload_inertia=(0.01, 0.02, 0.03, 0.0, 0.0, 0.001)))
+        bench.wait(lambda s: not s.armed, 2.0, "hold")
+        why = "payload_inertia needs PolyScope 5.11 or later: set it to zero"
+        assert bench.state.reason == f"{why}; then call resend_robot_program"
+        assert bench.ask("start").text == why
+        assert not bench.state.armed
+        bench.supervisor.set_config(possible)
+        bench.run(0.2)
+        assert not bench.state.armed
+        bench.recover()
 
 
 @realtime
