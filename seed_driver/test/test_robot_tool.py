@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """TCP and payload of the robot: left alone where they are not configured, compared, and a change moves nothing."""
 
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.arm.quaternion import inverse, rotate
+from seed_core.arm.quaternion import IDENTITY, inverse, rotate
 from seed_core.config import ConfigError
 from seed_driver.config import DriverConfig
 from seed_driver.robot import tool
-from seed_driver.robot.connection import SLIDER
+from seed_driver.robot.connection import SLIDER, Robot
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.rtde_client import RtdeClient
 from seed_testing.fault_bench.bench import FaultBench
@@ -97,6 +99,33 @@ def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured
         bench.run(0.3)
         assert loaded.ask("state")["payload"] == 1.25
         assert bench.state.armed
+
+
+@realtime
+@pytest.mark.parametrize("delay", [0.0, 0.05], ids=["shown-at-once", "shown-later"])
+def test_the_first_servo_command_after_a_change_of_the_tcp_is_a_pose_of_the_new_one(loaded, delay: float) -> None:
+    """In the same cycle already: a pose for the old one would be a jump by the difference."""
+    sent = []
+    robot = Robot(DriverConfig(robot_ip=loaded.host, tcp=TCP))
+    with robot.states:
+        robot.control = SimpleNamespace(
+            setTcp=lambda tcp: loaded.ask("tool", tcp=tcp) is not None,
+            servoL=lambda pose, *_: sent.append(pose),
+            kickWatchdog=lambda: None,
+        )
+        robot.apply_tool(robot.config)  # as at the start
+        robot.sample()
+        robot.servo((0.4, 0.0, 0.3), IDENTITY, 0.002)
+        assert_allclose(sent.pop()[:3], (0.4, 0.0, 0.45))
+        loaded.ask("pause_outputs", seconds=delay)
+        robot.apply_tool(replace(robot.config, tcp=LONGER))
+        until = time.monotonic() + 0.9
+        while not sent and time.monotonic() < until:
+            robot.servo((0.4, 0.0, 0.3), IDENTITY, 0.002)
+            robot.states.poll()
+            robot.sample()
+            robot.tool_changed()
+        assert_allclose(sent[0][:3], (0.4, 0.0, 0.5))
 
 
 @realtime

@@ -225,10 +225,13 @@ class Robot:
                 break  # while our program runs, servo commands must not wait: `tool_changed` sees to the rest
             time.sleep(0.002)
             self.states.poll()
+        self.sample()  # servo commands are for the TCP of these states from now on
         found = tool.told(self.states.values)
         if self.tool is None:
             tool.require(want, found)
         self.tool = want.else_from(found)
+        if not tool.difference(want, found):
+            self._taken_until = 0.0
 
     def tool_changed(self) -> str:
         """How the robot's TCP or payload is not what it was when our program started, in words; else empty."""
@@ -250,7 +253,13 @@ class Robot:
         self._slider.send(SLIDER.encode(1, {"speed_slider_mask": 1, "speed_slider_fraction": fraction}))
 
     def servo(self, p: Vector3, q: Quaternion, period: float) -> None:
-        """Stream one flange pose: position [m], quaternion; period [s] is that of the cycle."""
+        """Stream one flange pose: position [m], quaternion; period [s] is that of the cycle.
+
+        Nothing while the states do not show a changed tool yet: a pose might be taken for the wrong TCP.
+        """
+        if time.monotonic() < self._taken_until:
+            self.control.kickWatchdog()
+            return
         c = self.config
         x, y, z = p
         if any(tcp := self.tcp):  # the robot's own: what it is told are poses of that
