@@ -27,7 +27,7 @@ class DriverConfig(ClearanceSettings):
     flange_frame: str = field("tool0", doc="name of the flange frame")
     joint_prefix: str = field("", doc="put before the name of every joint")
     publish_rate: float = field(
-        250.0, unit="Hz", low=10, high=500, doc="of current_pose; the others at a half or quarter"
+        250.0, unit="Hz", low=10, high=500, doc="of current_pose, at most the servo rate; others at a half or quarter"
     )
     publish_tf: bool = field(True, doc="publish base to flange on /tf; off where robot_state_publisher does")
     realtime_priority: int = field(

@@ -27,7 +27,7 @@ from seed_driver.session import WAITING, Session
 
 RETRY = 0.5  # [s] between looks at an address where nobody is
 CHECK_EVERY = 5  # cycles between looks at messages
-PUBLISH_EVERY = 2  # cycles between states for the node
+PUBLISH_EVERY = 2  # cycles between states for the node, where it wants no more
 LARGEST_MESSAGE = 65_536  # [byte]
 
 
@@ -41,6 +41,7 @@ class ServoProcess:
         self.session = Session(self.motion, config, start)
         self.periods = PeriodHistogram()
         self.cycles = self.sent = 0
+        self.publish_every = PUBLISH_EVERY
         self.latency = 0.0  # [s] from receipt of a target to the first command that uses it
         self._timed_target: TargetSlot | None = None
         self._quitting = False
@@ -58,6 +59,7 @@ class ServoProcess:
         self._version = "{}.{}.{}.{}".format(*robot.version)
         self.motion.hold(WAITING)
         self.motion.limiter.dt = 1.0 / robot.rate
+        self.publish_every = PUBLISH_EVERY if PUBLISH_EVERY * self.session.config.publish_rate <= robot.rate else 1
         start = time.monotonic()
         deadlines = Deadlines(self.motion.limiter.dt, start)
         self.session.watch.restart(robot.timestamp, start)
@@ -104,7 +106,7 @@ class ServoProcess:
             self._command(robot, now)
         elif self._quitting:
             os._exit(0)
-        if self.cycles % PUBLISH_EVERY == 0 or s.reason != self._published_reason:
+        if self.cycles % self.publish_every == 0 or s.reason != self._published_reason:
             self.publish(Stage.SERVOING if s.running else Stage.MONITORING)
 
     def _command(self, robot: Robot, now: float) -> None:

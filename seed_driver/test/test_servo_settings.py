@@ -115,6 +115,18 @@ def test_old_controllers_are_followed_too(version: str, rate: int) -> None:
         assert_allclose(bench.state.sample.p, (x, y, z + 0.02), atol=1e-4)
 
 
+@pytest.mark.parametrize(("options", "wanted"), [((), 500.0), (("--version", "3.15.8"), 250.0)], ids=["e", "CB3"])
+def test_the_node_hears_of_every_cycle_where_poses_are_wanted_so_often(options, wanted: float) -> None:
+    """500 Hz, or the 125 Hz of a CB3, which are fewer than the default."""
+    with FaultBench(*options, publish_rate=wanted) as bench:
+        bench.ready()
+        sent, until = set(), time.monotonic() + 0.5
+        while time.monotonic() < until:
+            sent.add(bench.supervisor.memory.read_state().sent)
+            time.sleep(5e-4)
+        assert sum(count + 1 in sent for count in sent) > 0.5 * len(sent)
+
+
 def test_closing_in_freedrive_ends_it_and_the_program() -> None:
     with FaultBench() as bench:
         bench.ready()

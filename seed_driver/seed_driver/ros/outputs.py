@@ -47,8 +47,7 @@ class Outputs:
         )
         self._publishers.append(self.diagnostics.publisher)
         self._count = 0
-        self._sample_time = 0.0
-        self._shortest = 0.75 / config.publish_rate  # [s] between samples that are published
+        self._due = 0.0  # [s] monotonic, after which the next sample to be published was measured
         self._words: tuple[Any, ...] = (None,) * 5
         self._diagnosed = 0.0
         self._told = State(), 0, 0, 0  # state, targets accepted and refused, restarts of the servo process
@@ -69,9 +68,9 @@ class Outputs:
         if changed or now - self._diagnosed > DIAGNOSTICS_EVERY:
             self._diagnosed, self._told = now, (state, accepted, refused, deaths)
             self.diagnostics.publish()
-        if not state.linked or state.sample_time - self._sample_time < self._shortest:
+        if not state.linked or state.sample_time <= self._due:
             return
-        self._sample_time = state.sample_time
+        self._due = max(self._due + 1.0 / self.config.publish_rate, state.sample_time)  # nothing is made up for
         self._count += 1
         stamp = self._stamp(state)
         self._publish_pose(state.sample, stamp)
