@@ -29,6 +29,16 @@ def test_a_workspace_without_inside_is_refused() -> None:
         TargetLimits(workspace_low=(-1.4, -1.4, 2.0))
 
 
+@pytest.mark.parametrize("limits", [{"max_jerk": 9.9}, {"max_acceleration": 26.0}])
+def test_a_jerk_that_would_smooth_targets_for_too_long_is_refused_with_the_acceleration(limits) -> None:
+    """The mean over 2 a / j that keeps a jerk makes the command lag by half as much."""
+    with pytest.raises(
+        ConfigError, match=r"max_jerk = .* m/s\^3 with max_acceleration = .* m/s\^2 .*, at most 0\.2 s: "
+    ):
+        from_mapping(limits, TargetLimits)
+    assert from_mapping({"max_jerk": 10.0, "max_acceleration": 1.0}, TargetLimits).max_jerk == 10.0
+
+
 @pytest.mark.parametrize(
     ("former", "now"),
     [

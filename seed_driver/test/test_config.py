@@ -21,6 +21,7 @@ from seed_driver.config import FIXED, DriverConfig, from_json
         ({"payload_mass": -1.0}, "payload_mass = -1 kg must be within 0 and 50 kg"),
         ({"speed": 1.0}, "unknown key 'speed'"),
         ({"frequency": 3.0}, "frequency = 3 Hz must be 0 or within 50 and 500 Hz"),
+        ({"max_jerk": 5.0}, "max_jerk = 5 m/s^3 with max_acceleration = 1 m/s^2 smooths targets over 0.4 s"),
         ({"cpu": 1000}, "cpu = 1000 must be -1 or within 0 and"),
     ],
 )

@@ -291,6 +291,9 @@ def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> No
     refused = peer.set_parameter("servo_gain", 5000.0)
     assert refused[0] is False
     assert "servo_gain = 5000 must be within 100 and 2000" in refused[1]
+    refused = peer.set_parameter("max_jerk", 5.0)
+    assert refused[0] is False
+    assert "max_jerk = 5 m/s^3 with max_acceleration = 1 m/s^2" in refused[1]
     assert "robot_ip is fixed while the driver is configured" in peer.set_parameter("robot_ip", "127.0.0.1")[1]
 
 

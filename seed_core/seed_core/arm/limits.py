@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from seed_core.config import ConfigError, field
 from seed_core.vector3 import Vector3
 
+LONGEST_SMOOTHING = 0.2  # [s] over which a driver takes the mean of its command to keep the jerk
+
 
 @dataclass(frozen=True)
 class MotionLimits:
@@ -40,3 +42,13 @@ class TargetLimits(MotionLimits):
     command_timeout: float = field(
         0.1, unit="s", low=0.01, high=2.0, doc="largest age of a target, and largest silence"
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a, j = self.max_acceleration, self.max_jerk
+        smoothing = 2.0 * a / j  # of seed_driver's limiter
+        if smoothing > LONGEST_SMOOTHING:
+            raise ConfigError(
+                f"max_jerk = {j:g} m/s^3 with max_acceleration = {a:g} m/s^2 smooths targets over {smoothing:.3g} s "
+                f"(2 a / j), at most {LONGEST_SMOOTHING:g} s: raise max_jerk or lower max_acceleration"
+            )

@@ -5,7 +5,7 @@ Each of its two stages is simple enough to be bounded by inspection:
 1. The inner pose chases the reference: v = v_reference + direction * min(sqrt(2 a e), e / 10 ms), with |v| and
    |dv/dt| limited. Holding is v_reference = 0 and no error: a deceleration at the limit, from whatever the state is.
 2. The command is the mean of the last n inner poses: it keeps every bound of the first stage (a mean of bounded
-   vectors is bounded), stays inside any convex workspace, and limits the jerk to 2 a / (n dt).
+   vectors is bounded), stays inside any convex workspace, and limits the jerk to 2 a / (n dt). n dt is bounded, too.
 
 The controller has a limiter of its own (seed_control.command.limiter), before this one: that one shapes the motion
 that the task wants, smoothly and with its lag known; this one guards the robot against whatever arrives here.
