@@ -65,6 +65,15 @@ def test_a_parameter_that_does_not_exist_is_named(tmp_path) -> None:
     assert node.process.wait(10.0) == 1
 
 
+def test_an_autostart_that_is_no_bool_is_named_without_a_trace(tmp_path) -> None:
+    node = Node(tmp_path, "robot_ip:=127.0.0.9", "autostart:=1")
+    assert node.process.wait(60.0) == 1
+    said = node.file.read_text()
+    assert "error: " in said
+    assert "'autostart' to '1' of type 'INTEGER', expecting type 'BOOL'" in said
+    assert "Traceback" not in said
+
+
 def test_a_node_without_a_robot_waits_and_ends_on_interrupt(tmp_path) -> None:
     host = private_host()
     node = Node(tmp_path, f"robot_ip:={host}")

@@ -19,6 +19,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -237,7 +238,7 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
             return 1
         if rclpy.ok():
             raise
-    except SeedError as error:
+    except (SeedError, ParameterException) as error:  # the latter: of a type that rclpy does not let in
         print(f"error: {error}", file=sys.stderr)
         return 1
     finally:

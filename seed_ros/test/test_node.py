@@ -36,6 +36,7 @@ from seed_ros import FixedRateLoop, SeedNode
 class Interrupted(SeedNode):
     def __init__(self):
         super().__init__("interrupted")
+        self.refuse_unknown()
         self.streams = [self.create_publisher(String, f"stream_{i}", 10) for i in range(30)]
         self.loop = FixedRateLoop(self, 100.0, lambda: print("spinning", flush=True))
 
@@ -179,6 +180,15 @@ def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path:
     (line,) = (line for line in done.stderr.splitlines() if not line.startswith("[ERROR]"))  # rcl has its own
     assert line.startswith("error: ")
     assert str(file) in line
+
+
+def test_a_parameter_of_a_wrong_type_is_named_without_a_trace() -> None:
+    command = [sys.executable, "-c", NODE, "--ros-args", "-p", "parameter_files:=foo.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert "'parameter_files' to 'foo.yaml' of type 'STRING', expecting type 'STRING_ARRAY'" in line
 
 
 def test_an_action_is_gone_with_its_node_though_somebody_still_holds_it(bench: Bench) -> None:

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -34,7 +35,8 @@ class DriverNode(SeedNode, LifecycleNode):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("driver", **arguments)
-        self.declare_parameter("autostart", True)
+        words = "configure and activate by itself when the node starts"
+        self.declare_parameter("autostart", True, ParameterDescriptor(description=words, read_only=True))
         self._declared = Declared(self, DriverConfig(), live=DriverConfig.__dataclass_fields__)
         self.refuse_unknown()
         self.add_on_set_parameters_callback(checking(self._check_parameters))
