@@ -19,6 +19,11 @@ SLOWEST = 50.0  # [Hz] of servo rates: a robot that is heard less often than eve
 class DriverConfig(ClearanceSettings):
     """Settings, with the limits of motion and targets; `check` refuses what is out of bounds."""
 
+    # fixed
+    loop_priority: int = field(
+        50, low=0, high=98, doc="SCHED_FIFO priority of the node's loop if allowed, below the servo process's; 0: none"
+    )
+
     # fixed while the driver is configured
     robot_ip: str = field("", doc="address of the controller; must be set")
     model: str = field("ur5e", choices=tuple(MODELS), doc="arm")
@@ -32,9 +37,6 @@ class DriverConfig(ClearanceSettings):
     publish_tf: bool = field(True, doc="publish base to flange on /tf; off where robot_state_publisher does")
     realtime_priority: int = field(
         60, low=0, high=98, doc="SCHED_FIFO priority of the servo process if allowed; 0: none"
-    )
-    loop_priority: int = field(
-        50, low=0, high=98, doc="SCHED_FIFO priority of the node's loop if allowed, below the servo process's; 0: none"
     )
     cpu: int = field(-1, low=-1, high=1023, doc="processor for the servo process; -1: any")
     simulated: bool = field(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A driver whose servo process cannot be started is not active: it says so and starts nothing later."""
+"""A driver before it is active: what may be set then, and a servo process that cannot be started."""
 
 from unittest.mock import Mock
 
@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from seed_driver.process.supervisor import Supervisor
@@ -28,5 +29,17 @@ def test_a_servo_process_that_cannot_be_started_leaves_the_driver_inactive(monke
         answer = bench.call(Trigger, "driver/resend_robot_program", Trigger.Request())
         assert (answer.success, answer.message) == (False, "the driver is not active")
         assert node.supervisor is None
+    finally:
+        bench.close()
+
+
+def test_a_priority_that_the_loop_has_taken_cannot_be_set() -> None:
+    """Not while the driver is unconfigured either, when everything else can be."""
+    bench = Bench()
+    try:
+        node = bench.add(DriverNode, robot_ip="127.0.0.9", autostart=False)
+        for name, value, may in (("loop_priority", 1, False), ("publish_rate", 99.0, True)):
+            (result,) = node.set_parameters([Parameter(name, value=value)])
+            assert result.successful is may
     finally:
         bench.close()

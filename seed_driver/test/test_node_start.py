@@ -65,6 +65,13 @@ def test_a_parameter_that_does_not_exist_is_named(tmp_path) -> None:
     assert node.process.wait(10.0) == 1
 
 
+def test_a_priority_of_the_loop_out_of_bounds_ends_the_node(tmp_path) -> None:
+    """It is read-only: nothing could be corrected."""
+    node = Node(tmp_path, "robot_ip:=127.0.0.9", "loop_priority:=99")
+    assert node.process.wait(60.0) == 1
+    assert "error: driver: loop_priority = 99 must be within 0 and 98" in node.file.read_text()
+
+
 def test_an_autostart_that_is_no_bool_is_named_without_a_trace(tmp_path) -> None:
     node = Node(tmp_path, "robot_ip:=127.0.0.9", "autostart:=1")
     assert node.process.wait(60.0) == 1

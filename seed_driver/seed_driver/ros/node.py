@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from seed_core.arm.target_checks import Target, refusal
 from seed_core.config import ConfigError
 from seed_core.errors import SeedError
-from seed_driver.config import FIXED, DriverConfig
+from seed_driver.config import FIXED, DriverConfig, from_json
 from seed_driver.motion.clearances import Clearances
 from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
@@ -37,7 +37,7 @@ class DriverNode(SeedNode, LifecycleNode):
         super().__init__("driver", **arguments)
         words = "configure and activate by itself when the node starts"
         self.declare_parameter("autostart", True, ParameterDescriptor(description=words, read_only=True))
-        self._declared = Declared(self, DriverConfig(), live=DriverConfig.__dataclass_fields__)
+        self._declared = Declared(self, DriverConfig(), live={*DriverConfig.__dataclass_fields__} - {"loop_priority"})
         self.refuse_unknown()
         self.add_on_set_parameters_callback(checking(self._check_parameters))
         self.add_post_set_parameters_callback(self._use_parameters)
@@ -49,13 +49,12 @@ class DriverNode(SeedNode, LifecycleNode):
         self.accepted = 0
         self._start_program = True  # by the first activation; later ones wait for a request
 
-        priority = self.get_parameter("loop_priority").value  # taken once; its bounds are checked when configured
         self.loop = FixedRateLoop(
             self,
             LOOP_RATE,
             self._step,
             steady=True,
-            priority=priority if isinstance(priority, int) else 0,
+            priority=from_json({"loop_priority": self.get_parameter("loop_priority").value}).loop_priority,
             service_period=SERVICE_PERIOD,
         )
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
