@@ -76,6 +76,28 @@ def test_its_covariance_comes_from_the_pose_from_what_is_identified_and_from_wha
     assert np.sqrt(total[5, 5]) == pytest.approx(np.hypot(40.0 * 0.01, 0.3), rel=1e-3)
 
 
+@pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.02, -0.01, -0.05)])
+def test_its_covariance_is_the_spread_over_uncertain_poses_wherever_the_centre_is(
+    centre: tuple[float, float, float],
+) -> None:
+    rng, model = np.random.default_rng(4), HystereticSpring(spring_of(centre=centre))
+    X_CT = inverse_pose(pose_from_rpy((0.02, 0.05, 0.01), (0.001, 0.0, 0.004)))
+    root = np.diag([np.deg2rad(0.5)] * 3 + [2e-5] * 3)
+    root[3, 1] = 1e-4  # [m] turn and shift go together
+    errors = rng.normal(size=(2000, 6)) @ root.T
+    wrenches = []
+    for e in errors:
+        X = make_pose(so3_exp(e[:3]) @ X_CT[:3, :3], X_CT[:3, 3] + e[3:])
+        model.reset()
+        wrenches.append(model.spring(RelativePoseEstimate(0.0, X, covariance=root @ root.T)).wrench.vector())
+    model.reset()
+    stated = model.spring(RelativePoseEstimate(0.0, X_CT, covariance=root @ root.T)).covariance
+    assert_allclose(np.sqrt(np.diag(stated)), np.std(wrenches, axis=0), rtol=0.1)
+    correlation = np.corrcoef(np.array(wrenches).T)
+    deviations = np.sqrt(np.diag(stated))
+    assert_allclose(stated / np.outer(deviations, deviations), correlation, atol=0.1)
+
+
 def test_what_was_not_identified_is_named_with_value_and_bound() -> None:
     model = HystereticSpring(spring_of())
     assert not model.spring(seen(make_pose(None, (0.0, 0.0, 0.012)))).reason

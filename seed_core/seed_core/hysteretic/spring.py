@@ -18,7 +18,7 @@ import numpy as np
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.config import ConfigError
 from seed_core.estimate import AXES, RelativePoseEstimate
-from seed_core.spatial import Array, Wrench, inverse_pose, rpy_from_rotation, skew, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rpy_from_rotation, skew, so3_exp, so3_log
 from seed_core.wrench_model import BushingModel, MapUncertainty, SpringWrench, observed_part, pose_covariance
 
 BEYOND = 1.5  # times what was identified, on any coordinate, is outside
@@ -109,18 +109,25 @@ class HystereticSpring:
         """The load at the estimate's pose, having come from the last one's straight along each coordinate."""
         s = self.identified
         X_TC = inverse_pose(observed_part(estimate))
-        B, xi = coordinates(X_TC[:3, :3], about(s.centre, X_TC[:3, :3], X_TC[:3, 3]))
-        B[:3] += skew(s.centre) @ B[3:]
+        R = X_TC[:3, :3]
+        about_centre = make_pose(R, about(s.centre, R, X_TC[:3, 3]))
+        B, xi = coordinates(R, about_centre[:3, 3])
         self._before = self._z, self._xi
         self._z = np.clip(self._z + (xi - self._xi) / s.yields, -1.0, 1.0)
         self._xi = xi
-        wrench = Wrench.from_vector(B @ self.load(xi, self._z))
-        C, _ = self._tangent.covariances(X_TC, wrench, pose_covariance(estimate))
+        wrench = B @ self.load(xi, self._z)
+        moved = np.eye(6)  # a turn of the tool shifts the centre
+        moved[3:, :3] = -skew(R.T @ s.centre)
+        of_pose = moved @ pose_covariance(estimate) @ moved.T
+        by_pose, _ = self._tangent.covariances(about_centre, Wrench.from_vector(wrench), of_pose)
+        to_T = np.eye(6)
+        to_T[:3, 3:] = skew(s.centre)
+        wrench, B, C = to_T @ wrench, to_T @ B, to_T @ by_pose @ to_T.T
         terms = np.vstack([xi, xi * np.abs(xi), self._z]).T  # (6, 2 + n)
         along = np.einsum("ji,jik,jk->j", terms, s.covariance, terms)
         C = C + (B * along) @ B.T
         C[np.diag_indices(6)] += s.residual**2
-        return SpringWrench(wrench, C, self._beyond(xi))
+        return SpringWrench(Wrench.from_vector(wrench), C, self._beyond(xi))
 
     def load(self, xi: Array, z: Array) -> Array:
         """(6,) along the coordinates xi (6,), with the elements at z (n, 6)."""
