@@ -52,6 +52,15 @@ def test_it_leaves_less_than_the_linear_fit_with_friction(full: HystereticFit) -
     assert (full.left < 0.7 * full.left_linear).all()
 
 
+def test_its_own_poses_lie_within_its_range_wherever_the_centre_is() -> None:
+    a = identify(NOMINAL, World(spring=SpringWorld(centre_mm=(0.0, 0.0, 30.0))), 3).analysis
+    model = HystereticSpring(fit_hysteretic(a).identified)
+    assert 1e3 * model.identified.centre[2] == pytest.approx(30.0, abs=3.0)
+    mine = a.problem.X_TC[a.problem.grip == a.nominal]
+    reasons = [model.spring(RelativePoseEstimate(0.0, inverse_pose(X))).reason for X in mine]
+    assert not any(reasons)
+
+
 def test_a_linear_spring_shows_neither_rise_nor_friction() -> None:
     fit = fitted(SpringWorld(), 2)
     assert sum(len(names) for names in fit.shown.values()) <= 1  # of twelve, at three deviations

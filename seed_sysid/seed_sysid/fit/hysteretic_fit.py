@@ -66,8 +66,6 @@ class _Fit:
 
     def __init__(self, problem: Problem, keep: np.ndarray, noise: Array) -> None:
         self._problem, self._keep = problem, keep
-        self.largest = np.abs(stiffness_map(problem.path, problem.parameters.model).xi).max(axis=0)
-        self.yields = np.outer(YIELDS, np.maximum(self.largest, 1e-9))
         self.wrench = problem.wrench[keep]
         time = problem.time[keep]
         self.s = (time - time.mean()) / (float(np.ptp(time)) or 1.0)
@@ -89,12 +87,14 @@ class _Fit:
         self._solve(start)
 
     def _place(self, centre: Array) -> None:
-        """B (n, 6, 6) and terms (n, 6, 2 + elements) about an elastic centre (3,) [m]."""
+        """B (n, 6, 6), terms (n, 6, 2 + elements) and range (6,) of the fitted poses about a centre (3,) [m]."""
         to_C, model, keep = make_pose(None, centre), self._problem.parameters.model, self._keep
         to_T = make_pose(None, -centre)
         path = stiffness_map(to_T @ self._problem.path @ to_C, model).xi
         self.B, xi = stiffness_map(to_T @ self._problem.X_TC[keep] @ to_C, model)
         self.B = wrench_transform(to_C) @ self.B
+        self.largest = np.maximum(np.abs(xi).max(axis=0), 1e-9)
+        self.yields = np.outer(YIELDS, self.largest)
         states = [stop_states(path, self._problem.index, y)[keep] for y in self.yields]
         self.terms = np.stack([xi, xi * np.abs(xi), *states], axis=2)
 
