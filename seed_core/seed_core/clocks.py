@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import ConfigError, field, load_file, save_file
 
 ONE, SIMULATED = "one", "simulated"
 DOC = "whether images and robot are dated by one clock: '' unknown, a clocks.yaml, 'one' or 'simulated'"
@@ -84,7 +82,7 @@ def boot() -> str:
 
 
 def save_clocks(path: Path, offset: float, deviation: float, date: str, robot: str = "", cameras: str = "") -> None:
-    """Write a comparison that was made here; date: ISO 8601."""
+    """Write a comparison that was made here, whole or not at all; date: ISO 8601."""
     known = ClockComparison(offset, deviation, date, socket.gethostname(), boot(), robot, cameras)
     head = "# SPDX-License-Identifier: Apache-2.0\n# Clocks of images and robot: offset and deviation in s.\n"
-    path.write_text(head + yaml.safe_dump(to_mapping(known), sort_keys=False), encoding="utf-8")
+    save_file(path, head, known)

@@ -15,6 +15,22 @@ def test_nothing_known_is_a_problem_that_says_what_to_run() -> None:
     assert "clocks:=one" in clocks("").problem
 
 
+def test_a_comparison_that_cannot_be_written_leaves_the_former_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "clocks.yaml"
+    save_clocks(file, 0.01, 0.001, "2026-11-22")
+
+    def full(path: Path, text: str, encoding: str) -> None:
+        path.write_bytes(text.encode(encoding)[:20])
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space"):
+        save_clocks(file, 0.02, 0.001, "2026-11-23")
+    assert clocks(str(file)).offset == 0.01
+
+
 @pytest.mark.parametrize("word", [ONE, SIMULATED])
 def test_one_clock_needs_no_comparison(word: str) -> None:
     known = clocks(word)
@@ -24,6 +40,7 @@ def test_one_clock_needs_no_comparison(word: str) -> None:
 def test_a_comparison_made_here_gives_its_offset(tmp_path: Path) -> None:
     file = tmp_path / "clocks.yaml"
     save_clocks(file, -0.0123, 0.0004, "2026-11-22T10:00:00+00:00", "arm 1", "bubbles 3 and 4")
+    assert list(tmp_path.iterdir()) == [file]
     known = clocks(str(file))
     assert (known.offset, known.deviation, known.problem) == (-0.0123, 0.0004, "")
     assert "-12.3 +- 0.4 ms" in known.remark
