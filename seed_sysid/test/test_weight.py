@@ -41,6 +41,14 @@ def test_too_few_orientations_and_a_weight_of_nothing_are_refused() -> None:
         fit_weight(X_TC, np.zeros_like(wrench))
 
 
+def test_an_axis_that_stands_still_under_its_load_is_told() -> None:
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(5))
+    X_TC[:, :3, :3], X_TC[:, 1, 3] = np.eye(3), 0.0  # as an estimator that does not see y tells
+    fit = fit_weight(X_TC, wrench)
+    assert "N only: too little for the noise of the poses" in fit.undetermined["y"]
+    assert np.isfinite(fit.stiffness[[3, 5]]).all()
+
+
 def test_a_light_weight_is_told_to_be_too_little_for_the_noise() -> None:
     X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.018, np.zeros(3), np.random.default_rng(4))
     fit = fit_weight(X_TC, wrench)

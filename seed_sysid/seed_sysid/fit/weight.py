@@ -13,13 +13,13 @@ import numpy as np
 from seed_core.bushing import Model
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
-from seed_sysid.fit.stiffness_schedule import fit_line
+from seed_sysid.fit.stiffness_schedule import Line, fit_line
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, stiffness_map
 
 ORIENTATIONS_DEG = ((0, 0), (90, 0), (-90, 0), (180, 0), (0, 90), (0, -90), (45, 0), (0, 45), (-135, 0), (0, -135))
 """Roll and pitch of the hand that load every axis; any other orientations do as well."""
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis is not given
-_LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by less is not loaded
+LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by less is not loaded
 _MINIMUM = 4
 
 
@@ -57,16 +57,21 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
     stiffness, std, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
     for j, axis in enumerate(AXES):
         span, unit = float(np.ptp(load[:, j])), LOAD_UNITS[j]
-        if span < _LOADED[j]:
+        if span < LOADED[j]:
             kind = "torque" if j < 3 else "force"
             reasons[axis] = f"the weight puts no {kind} on it (at most {span:.2g} {unit})"
             continue
-        compliance = fit_line(load[:, j], xi[:, j], np.zeros(len(xi)))
-        k, deviation = 1.0 / compliance.slope, compliance.slope_std / compliance.slope**2
-        if k <= 0.0 or deviation > _UNCERTAIN * k:
+        compliance = compliance_line(load[:, j], xi[:, j])
+        if compliance is None:
             reasons[axis] = f"its load varies by {span:.2g} {unit} only: too little for the noise of the poses"
             continue
-        stiffness[j], std[j] = k, deviation
+        stiffness[j], std[j] = 1.0 / compliance.slope, compliance.slope_std / compliance.slope**2
     if len(reasons) == 6:
         raise WeightError("the weight determines no axis: use a heavier one and turn the hand further")
     return WeightFit(stiffness, std, reasons)
+
+
+def compliance_line(load: Array, deflection: Array) -> Line | None:
+    """The line of deflections (n,) over known loads (n,); None where noise hides its slope, or it falls."""
+    line = fit_line(load, deflection, np.zeros(len(load)))
+    return line if line.slope > 0.0 and line.slope_std <= _UNCERTAIN * line.slope else None

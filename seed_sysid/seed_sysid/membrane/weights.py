@@ -11,18 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from seed_core.membrane.features import SCALES, Motions, features
 from seed_core.spatial import Array, inverse_pose
-from seed_sysid.fit.weight import WeightError
+from seed_sysid.fit.weight import LOADED, WeightError, compliance_line
 from seed_sysid.membrane.terms import MAIN
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
 
 _LEAST = 6  # loads
-_LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; a component that varies by less is not loaded
 _LEVER = 0.005  # [m] of the forces; torques below it come with the sag, and other motions bear them as well
-_UNCERTAIN = 0.10  # relative standard deviation above which a slope is not given
 NOT_TOLD = "how the axes act on each other, what the fingers do differently, and how the membranes stiffen"
 
 
@@ -34,7 +31,7 @@ class WeightSlopes:
         slope: (6,) [N m/rad, N/m] of torque and force on the tool in C over the roll, pitch, yaw, x, y, z that this
             estimator tells of the material,
             positive where it pulls back; nan where the weights cannot tell. half_width: (6,) of the 95 % interval.
-        undetermined: by axis why there is none. residual: (6,) rms [N m, N] around the lines.
+        undetermined: by axis why there is none. residual: (6,) standard deviation [N m, N] around the lines.
     """
 
     slope: Array
@@ -65,27 +62,22 @@ def fit_weights(motions: Sequence[Motions], middles: Array, X_CT: Array, wrench:
     z = np.array([features(m, middles) for m in motions])[:, MAIN] * SCALES[list(MAIN)]
     load = np.array([wrench_transform(X) @ w for X, w in zip(X_CT, wrench, strict=True)])
     slope, half, residual, reasons = np.full(6, np.nan), np.full(6, np.nan), np.full(6, np.nan), dict[str, str]()
-    degrees = len(z) - 2
     forces = float(np.ptp(load[:, 3:], axis=0).max())
-    quantile = float(student.isf(0.025, degrees))
     for j, axis in enumerate(AXES):
-        y, x = load[:, j] - load[:, j].mean(), z[:, j] - z[:, j].mean()
-        span = float(np.ptp(y))
-        least = max(_LOADED[j], _LEVER * forces if j < 3 else 0.0)
+        span = float(np.ptp(load[:, j]))
+        least = max(LOADED[j], _LEVER * forces if j < 3 else 0.0)
         if span < least:
             reasons[axis] = f"the weights put at most {span:.2g} {LOAD_UNITS[j]} on it (at least {least:.2g})"
             continue
-        compliance = float(x @ y) / float(y @ y)  # the load is known, the motion is measured
-        off = x - compliance * y
-        std = float(np.sqrt(off @ off / degrees / (y @ y)))
-        if compliance >= 0.0 or std > _UNCERTAIN * abs(compliance):
+        compliance = compliance_line(load[:, j], -z[:, j])  # the load is known, the motion is measured
+        if compliance is None:
             reasons[axis] = (
                 f"its load varies by {span:.2g} {LOAD_UNITS[j]} only: too little for the noise of the motion"
             )
             continue
-        slope[j] = -1.0 / compliance
-        half[j] = quantile * std / compliance**2
-        residual[j] = float(np.sqrt(np.mean((off / compliance) ** 2)))
+        slope[j] = 1.0 / compliance.slope
+        half[j] = compliance.slope_interval / compliance.slope**2
+        residual[j] = compliance.scatter / compliance.slope
     if len(reasons) == 6:
         raise WeightError("the weights determine no axis: use heavier ones and turn the hand further")
     return WeightSlopes(slope, half, reasons, residual)
