@@ -10,7 +10,7 @@ from simulated_data import at_rest
 from seed_core.bushing import Stiffness
 from seed_core.spatial import interpolate_pose
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, load
-from seed_sysid.fit.analysis import analyse, make_problem
+from seed_sysid.fit.analysis import analyse, cross_validate, make_problem
 from seed_sysid.fit.hysteresis import stop_states
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
 from seed_sysid.run.excitation import design, information_rows
@@ -95,6 +95,19 @@ def test_a_clean_grasp_has_no_outliers_no_friction_and_a_diagonal_stiffness() ->
     assert a.assumption.holds
     assert np.abs(a.assumption.coupling).max() < 0.03
     assert a.left_out_share.max() < 0.06
+
+
+def test_grips_that_were_visited_by_turns_are_cross_validated_like_others() -> None:
+    scenario = load("default")
+    widths = [0.026, 0.023, 0.020, 0.017, 0.014]
+    data, _ = at_rest(replace(scenario, procedure=replace(scenario.procedure, widths=widths)), 2031)
+    poses = len(data.samples) // len(widths)
+    by_turns = replace(data, samples=[s for i in range(poses) for s in data.samples[i::poses]])
+    (rms, share), (rms_in_turn, _) = (
+        cross_validate(make_problem(d, "kinematic", FitParameters())) for d in (by_turns, data)
+    )
+    np.testing.assert_allclose(rms, rms_in_turn, rtol=0.2)
+    assert share.max() < 0.06
 
 
 def test_a_coupling_between_axes_is_found() -> None:
