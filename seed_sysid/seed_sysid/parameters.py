@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seed_core.bushing import MODELS, Model, Stiffness
-from seed_core.config import field
+from seed_core.config import ConfigError, field
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
@@ -62,7 +62,17 @@ class SettleParameters:
     force: float = field(0.03, unit="N", low=1e-4, high=10.0, doc="change between halves that is still rest")
     torque: float = field(0.001, unit="N m", low=1e-5, high=1.0, doc="change between halves that is still rest")
     average: float = field(0.6, unit="s", low=0.05, high=30.0, doc="readings over this time make one sample")
-    timeout: float = field(6.0, unit="s", low=0.2, high=60.0, doc="then the pose is measured all the same, and marked")
+    timeout: float = field(
+        6.0, unit="s", low=0.2, high=60.0, doc="then the pose is measured all the same, and marked; >= window + hold"
+    )
+
+    def __post_init__(self) -> None:
+        least = self.window + self.hold
+        if self.timeout < least - 1e-9:
+            raise ConfigError(
+                f"settle.timeout = {self.timeout:g} s must be at least settle.window + settle.hold = {least:g} s: "
+                "no pose could come to rest before"
+            )
 
 
 @dataclass(frozen=True)
@@ -96,3 +106,7 @@ class Procedure:
     settle: SettleParameters = field(SettleParameters())
     motion: MotionParameters = field(MotionParameters())
     fit: FitParameters = field(FitParameters())
+
+    def __post_init__(self) -> None:
+        if not self.widths:
+            raise ConfigError("widths is empty: at least one width of the gripper is needed")

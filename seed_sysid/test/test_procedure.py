@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_data import at_rest
 
 from seed_bringup import identify
 from seed_core.config import ConfigError
@@ -16,7 +17,8 @@ from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.data.dataset import Header
-from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure
+from seed_sysid.fit.analysis import analyse
+from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure, SettleParameters
 from seed_sysid.run.excitation import Target, design
 from seed_sysid.run.live import MOST, Live, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
@@ -47,6 +49,26 @@ def test_a_bubble_that_reports_its_pressure_late_does_not_end_the_run() -> None:
     assert average(home, 0, readings[:1], 1.0, False).pressures == ()
 
 
+def test_a_pose_that_never_came_to_rest_is_marked_and_told() -> None:
+    readings = [Reading(0.1 * i, np.eye(4), np.full(6, float(i)), 0.02) for i in range(3)]
+    assert average(Target("a", "x", (0.0,) * 6), 0, readings, 0.0, False).settle == 0.001
+    data, _ = at_rest(load("default"), 6)
+    drifting = replace(data, samples=[replace(data.samples[0], settle=0.001), *data.samples[1:]])
+    told = [w for w in analyse(drifting, "kinematic").warnings if "had not come to rest" in w]
+    assert told == [f"1 poses had not come to rest (first: {data.samples[0].key}): raise settle.timeout"]
+
+
+def test_a_timeout_before_any_pose_can_be_at_rest_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"settle\.timeout = 0\.5 s must be at least .* = 1\.6 s"):
+        SettleParameters(timeout=0.5)
+    assert SettleParameters(window=0.1, hold=0.2, timeout=0.3).timeout == 0.3
+
+
+def test_a_procedure_without_a_width_is_refused() -> None:
+    with pytest.raises(ConfigError, match="widths is empty: at least one width"):
+        Procedure(widths=[])
+
+
 def test_slip_ends_the_run() -> None:
     scenario = load("default")
     cell, run = SimulatedCell(scenario, 1), Run(scenario.procedure)
@@ -72,8 +94,6 @@ def test_a_creeping_grasp_is_waited_for() -> None:
 
 
 def _stiffness(data):
-    from seed_sysid.fit.analysis import analyse
-
     return analyse(data, "kinematic").solution.value.stiffness
 
 

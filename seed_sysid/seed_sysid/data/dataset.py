@@ -67,7 +67,7 @@ class Sample:
     Attributes:
         wrench: mean load of the hand on the sensor about S, in S: [torque (N m), force (N)].
         wrench_std: standard deviation of the single readings.
-        settle: tolerance over change during the settling test; below 1 the pose was not at rest.
+        settle: tolerance over change during the settling test; below 1 the pose was not at rest, 0: unknown.
         clipped: drawn back towards the centre because a limit was met.
         lost: drawn back because the estimator lost the tool.
         via: where the arm turned on its way from the last sample, if it did not come straight; friction depends on it.

@@ -25,6 +25,7 @@ from seed_sysid.stiffness_map import wrench_transform
 
 _DRAW_BACK = 0.7  # factor on a pose whose wrench met a limit
 _ATTEMPTS = 3
+_NEVER = 0.001  # least quality of rest that is written; 0 says that nobody knows
 _CENTRE: Pose = (0.0,) * 6
 
 
@@ -279,7 +280,7 @@ def average(
         wrench_std=tuple(wrenches.std(axis=0).tolist()),
         pressures=tuple(np.mean(pressures, axis=0).tolist()),
         width=float(np.mean([r.width for r in readings])),
-        settle=round(settle, 3),
+        settle=max(round(settle, 3), _NEVER),
         readings=len(readings),
         slip=max(r.slip for r in readings),
         clipped=clipped,
