@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from quasi_static import Bench
 
 from seed_control.wrench.model_settings import age, choose_model
+from seed_control.wrench.stiffness_schedule import StiffnessSchedule
 from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
@@ -20,7 +21,7 @@ from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_map, texts
 from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
-from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
+from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
 from seed_core.wrench_settings import WrenchSettings
 
@@ -175,3 +176,13 @@ def test_the_force_comes_from_a_hysteretic_spring_where_its_file_is_chosen(tmp_p
         choose_model(settings, DEFAULT_STIFFNESS, replace(Hand(), name="other"))
     with pytest.raises(ConfigError, match=r"needs wrench\.file"):
         choose_model(WrenchSettings(model="hysteretic"), DEFAULT_STIFFNESS, Hand())
+
+
+def test_a_stiffness_that_is_to_follow_pressures_that_nobody_measured_is_refused() -> None:
+    grips = replace(GRIP, pressure_hpa=0.0), replace(GRIP, pressure_hpa=0.0, width_m=0.014)
+    stiffness = GripStiffness(replace(FILE, grips=grips))
+    with pytest.raises(ConfigError, match=r"have no pressures: set grip\.follow to width"):
+        StiffnessSchedule(stiffness, "pressure")
+    assert StiffnessSchedule(stiffness, "width").update(0.014) == grips[1].stiffness
+    alone = GripStiffness(replace(FILE, grips=grips[:1]))
+    assert StiffnessSchedule(alone, "pressure").update(1030.0) == GRIP.stiffness

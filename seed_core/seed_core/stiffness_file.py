@@ -23,7 +23,9 @@ HEADER = (
 class Grip:
     """Stiffness at one grip, with standard deviations (0 where unknown)."""
 
-    pressure_hpa: float = field(unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles")
+    pressure_hpa: float = field(
+        unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles; 0: unknown"
+    )
     width_m: float = field(unit="m", low=0.0, high=1.0, doc="gripper width")
     rotation: Vector3 = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
     translation: Vector3 = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
@@ -37,7 +39,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class StiffnessFile:
-    """A whole stiffness.yaml; grips stand in rising order of pressure."""
+    """A whole stiffness.yaml; grips stand in rising order of pressure, or without pressures in falling one of width."""
 
     hand: str = field(doc="name of the hand")
     tool: str = field(doc="name of the tool that was held")
@@ -49,10 +51,22 @@ class StiffnessFile:
     def __post_init__(self) -> None:
         if not self.grips:
             raise ConfigError("grips is empty: at least one grip is needed")
-        pressures = [g.pressure_hpa for g in self.grips]
-        for a, b in pairwise(pressures):
-            if not b > a:
-                raise ConfigError(f"grips must stand in rising order of pressure_hpa; {b:g} hPa follows {a:g} hPa")
+        for a, b in pairwise(self.grips):
+            if self.by_pressure and not b.pressure_hpa > a.pressure_hpa:
+                raise ConfigError(
+                    f"grips must stand in rising order of pressure_hpa; {b.pressure_hpa:g} hPa follows "
+                    f"{a.pressure_hpa:g} hPa"
+                )
+            if not self.by_pressure and not b.width_m < a.width_m:
+                raise ConfigError(
+                    "grips without pressure_hpa must stand in falling order of width_m; "
+                    f"{b.width_m:g} m follows {a.width_m:g} m"
+                )
+
+    @property
+    def by_pressure(self) -> bool:
+        """Whether pressure tells the grips apart; one grip needs none."""
+        return len(self.grips) == 1 or any(g.pressure_hpa > 0.0 for g in self.grips)
 
 
 class GripStiffness:
@@ -62,7 +76,9 @@ class GripStiffness:
         self.file = file
 
     def at_pressure(self, pressure_hpa: float) -> Stiffness:
-        """Stiffness at a pressure [hPa]. Raises ConfigError when it is not finite."""
+        """Stiffness at a pressure [hPa]. Raises ConfigError when it is not finite, or the grips have no pressures."""
+        if not self.file.by_pressure:
+            raise ConfigError("the grips of stiffness.yaml have no pressures: let the stiffness follow the width")
         return self._at("pressure_hpa", pressure_hpa, "pressure", "hPa")
 
     def at_width(self, width_m: float) -> Stiffness:

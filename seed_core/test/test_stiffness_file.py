@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """stiffness.yaml: there and back, between grips, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,16 @@ def test_one_grip_is_a_constant() -> None:
 def test_pressure_that_is_not_finite_is_refused() -> None:
     with pytest.raises(ConfigError, match="pressure = nan hPa must be finite"):
         GripStiffness(FILE).at_pressure(float("nan"))
+
+
+def test_grips_without_pressures_are_told_apart_by_width_alone() -> None:
+    grips = replace(LOOSE, pressure_hpa=0.0), replace(FIRM, pressure_hpa=0.0)
+    grip = GripStiffness(replace(FILE, grips=grips))
+    assert_allclose(grip.at_width(0.055).rotation, (4.0, 3.0, 4.0))
+    with pytest.raises(ConfigError, match="have no pressures: let the stiffness follow the width"):
+        grip.at_pressure(30.0)
+    with pytest.raises(ConfigError, match=r"falling order of width_m; 0\.06 m follows 0\.05 m"):
+        replace(FILE, grips=grips[::-1])
 
 
 @pytest.mark.parametrize(

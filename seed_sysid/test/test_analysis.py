@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fit finds what the plant hides: stiffness, frame offset, bias, outliers, friction."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -173,3 +174,35 @@ def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> Non
     middle = loaded.at_pressure(float(cell.truth.pressures[1]))
     assert isinstance(middle, Stiffness)
     np.testing.assert_allclose(middle.translation, cell.truth.stiffness[1, 3:], rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("pressures", "words"),
+    [
+        ((), "no pressures in the data of 3 of 3 grips: stiffness is tied to width only"),
+        ((1013.25, 1013.25), r"not rise .*\(1013\.2, 1013\.2, 1013\.2 hPa\): a sensor is stuck or .* to width only"),
+    ],
+)
+def test_grips_without_telling_pressures_are_written_by_width(tmp_path, pressures, words) -> None:
+    from seed_core.stiffness_file import GripStiffness, load_stiffness
+    from seed_sysid.report.results import write_results
+    from seed_sysid.report.summary import summary
+
+    data, cell = at_rest(load("default"), 2033)
+    a = analyse(replace(data, samples=[replace(s, pressures=pressures) for s in data.samples]), "kinematic")
+    assert re.search(words, "; ".join(a.warnings))
+    write_results(tmp_path, a, summary(a), "2026-01-01")
+    loaded = load_stiffness(tmp_path / "stiffness.yaml")
+    assert [g.pressure_hpa for g in loaded.grips] == [0.0] * 3
+    for width, true in zip(a.widths, cell.truth.stiffness, strict=True):
+        np.testing.assert_allclose(GripStiffness(loaded).at_width(width).translation, true[3:], rtol=0.03)
+
+
+def test_where_neither_pressure_nor_width_tells_the_grips_apart_the_middle_one_is_written() -> None:
+    from seed_sysid.report.summary import stiffness_file
+
+    data, _ = at_rest(load("default"), 2033)
+    a = analyse(replace(data, samples=[replace(s, pressures=(), width=0.0) for s in data.samples]), "kinematic")
+    assert any("stiffness is that of the middle grip: widths are alike" in w for w in a.warnings)
+    (grip,) = stiffness_file(a, "2026-01-01").grips
+    np.testing.assert_allclose(grip.translation, a.solution.value.stiffness[a.nominal, 3:])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.bushing import Stiffness
-from seed_core.config import field
+from seed_core.config import ConfigError, field
 from seed_core.stiffness_file import GripStiffness
 
 _WORTHWHILE = 0.005  # relative change of any stiffness that is passed on; less is noise of the pressure
@@ -25,6 +25,11 @@ class StiffnessSchedule:
     """Turns measured pressures or widths into changes of stiffness that are worth passing on."""
 
     def __init__(self, stiffness: GripStiffness, follow: str) -> None:
+        """Raises ConfigError: pressure is to tell the grip, and the grips of the file have none."""
+        if follow == "pressure" and not stiffness.file.by_pressure:
+            raise ConfigError(
+                "the grips of stiffness.yaml have no pressures: set grip.follow to width, or identify with pressures"
+            )
         self._at = stiffness.at_pressure if follow == "pressure" else stiffness.at_width
         self._passed: np.ndarray | None = None
 

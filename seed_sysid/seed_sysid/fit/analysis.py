@@ -28,7 +28,8 @@ class Analysis:
 
     Attributes:
         data, source: the samples that were fitted, and where their poses come from.
-        grips: number of each grip, (G,); widths [m] and pressures [hPa] are their means, nan where unknown.
+        grips: number of each grip, (G,); widths [m] and pressures [hPa] are their means.
+            Pressures are nan where they are unknown, or do not rise as the gripper closes; `no_pressures` says why.
         left_out: rms error of wrenches (6,) predicted for poses that the fit did not see;
             `left_out_share`: as a share of their spread.
         schedule: stiffness over pressure and width; None without two pressures.
@@ -48,11 +49,17 @@ class Analysis:
     schedule: StiffnessSchedule | None
     membrane: MembraneResult | None = None
     membrane_refused: str = ""
+    no_pressures: str = ""
 
     @property
     def nominal(self) -> int:
         """Index of the grip in the middle of the widths."""
         return int(np.argsort(self.widths, kind="stable")[len(self.widths) // 2])
+
+    @property
+    def grips_told_apart(self) -> bool:
+        """Whether pressure or width differs from grip to grip."""
+        return not self.no_pressures or len(np.unique(self.widths)) == len(self.widths)
 
     @property
     def hysteretic(self) -> tuple[str, ...]:
@@ -100,8 +107,11 @@ class Analysis:
         if self.outliers:
             out.append(f"outliers left out: {', '.join(self.outliers)}")
         out += self.assumption.warnings
-        no_schedule = ("no pressures in the data: stiffness is tied to width only",)
-        out += self.schedule.warnings if self.schedule else no_schedule
+        if self.schedule:
+            out += self.schedule.warnings
+        if self.no_pressures:
+            tied = "is tied to width only" if self.grips_told_apart else "is that of the middle grip: widths are alike"
+            out.append(f"{self.no_pressures}: stiffness {tied}")
         if self.membrane is not None:
             out += self.membrane.remarks
         if self.membrane_refused:
@@ -134,6 +144,9 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
     check_solution(solution)
     grips = np.unique([s.grip for s in data.samples])
     widths, pressures = np.array([_grip_state(data, grip) for grip in grips]).T
+    no_pressures = _no_pressures(widths, pressures)
+    if no_pressures:
+        pressures = np.full(len(grips), np.nan)
     left_out, share = cross_validate(problem)
     membrane, refused = membrane_result(data, problem, solution)
     return Analysis(
@@ -150,6 +163,7 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
         schedule=fit_schedule(widths, pressures, solution),
         membrane=membrane,
         membrane_refused=refused,
+        no_pressures=no_pressures,
     )
 
 
@@ -187,6 +201,17 @@ def _grip_state(data: Dataset, grip: int) -> tuple[float, float]:
     mine = [s for s in data.samples if s.grip == grip]
     known = [np.mean(s.pressures) for s in mine if s.pressures]
     return float(np.mean([s.width for s in mine])), float(np.mean(known)) if known else float("nan")
+
+
+def _no_pressures(widths: Array, pressures: Array) -> str:
+    """Why pressures [hPa] cannot tell grips of these widths [m] apart; '' where they rise as the gripper closes."""
+    if not np.isfinite(pressures).all():
+        return f"no pressures in the data of {np.isnan(pressures).sum()} of {len(pressures)} grips"
+    in_order = pressures[np.lexsort((pressures, -widths))]
+    if (np.diff(in_order) > 0.0).all():
+        return ""
+    values = ", ".join(f"{p:.1f}" for p in in_order)
+    return f"pressure does not rise as the gripper closes ({values} hPa): a sensor is stuck or too coarse"
 
 
 def cross_validate(problem: Problem) -> tuple[Array, Array]:

@@ -80,18 +80,19 @@ def membrane_figures(m: MembraneResult) -> dict[str, Any]:
 
 
 def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
-    """The result as the controller reads it, grips in rising order of pressure.
+    """The result as the controller reads it: grips in rising order of pressure, or in falling order of width.
+
+    Where neither tells the grips apart it has the middle one alone.
 
     Raises:
         DatasetError: an axis is undetermined: no file is better than a wrong one.
     """
     if a.undetermined:
         raise DatasetError(f"no stiffness.yaml is written: {', '.join(a.undetermined)} is not determined by these data")
-    known = bool(np.isfinite(a.pressures).all())
-    chosen = np.argsort(a.pressures, kind="stable") if known else [a.nominal]
+    firmer = np.lexsort((a.pressures, -a.widths))
     grips = []
-    for i in chosen:
-        pressure, width = float(a.pressures[i]) if known else 0.0, float(a.widths[i])
+    for i in firmer if a.grips_told_apart else [a.nominal]:
+        pressure, width = float(np.nan_to_num(a.pressures[i])), float(a.widths[i])
         stiffness_and_std = np.array([a.solution.value.stiffness[i], a.solution.std.stiffness[i]]).reshape(4, 3)
         grips.append(Grip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
