@@ -47,6 +47,28 @@ def test_an_arm_that_stands_still_tells_nothing_of_the_clocks() -> None:
         watch(0.02, travel=1e-3).offset()
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("seed", range(4))
+def test_estimates_that_do_not_follow_the_tool_tell_nothing_of_the_clocks(noise: float, seed: int) -> None:
+    """Constant, or noise about a constant, while the arm moves by millimetres."""
+    rng, stuck = np.random.default_rng(seed), ClockWatch()
+    for t in np.arange(0.0, 60.0, 0.02):
+        stuck.robot(t, make_pose(None, (0.005 * np.sin(0.3 * t), 0.004 * np.sin(0.17 * t), 0.0)))
+    for t in np.arange(0.0, 60.0, 1.0 / 15.0):
+        stuck.camera(t, make_pose(None, noise * rng.normal(size=3)))
+    with pytest.raises(ClockError, match="cannot be compared"):
+        stuck.offset()
+
+
+def test_estimates_that_do_not_move_are_named() -> None:
+    stuck = ClockWatch()
+    for t in np.arange(0.0, 60.0, 0.02):
+        stuck.robot(t, make_pose(None, (0.005 * np.sin(0.3 * t), 0.0, 0.0)))
+        stuck.camera(t, np.eye(4))
+    with pytest.raises(ClockError, match=r"share 0\.000 mm or mrad of motion \(at least 0\.1\)"):
+        stuck.offset()
+
+
 def test_too_few_estimates_are_refused() -> None:
     few = ClockWatch()
     few.robot(0.0, np.eye(4))

@@ -20,6 +20,7 @@ TRUSTED = 0.005  # [s] of standard deviation
 LEAST = 200  # estimates
 MOST = 20_000  # readings that are kept of each stream
 FLOOR = 1e-5  # [m], [rad] of noise that every estimate has
+SHOWN = 1e-4  # [m], [rad] rms of motion that both streams must share on one axis at least
 
 
 class ClockError(FailedError):
@@ -69,7 +70,7 @@ class ClockWatch:
         """The shift in time that makes both streams agree best.
 
         Raises:
-            ClockError: too few readings, or too little motion.
+            ClockError: too few readings, too little motion that both streams show, or no offset that fits best.
         """
         robot, camera = (np.array(rows).reshape(-1, 7) for rows in (self._robot, self._camera))
         if len(robot) > 1:
@@ -81,7 +82,18 @@ class ClockWatch:
         whole = sums.sum(axis=1)
         left_out = [_best(whole - sums[:, block]) for block in range(BLOCKS)]
         value, std = _best(whole), float(np.std(left_out)) * float(np.sqrt(BLOCKS - 1))  # the jackknife's
-        if not std <= TRUSTED or abs(value) > FARTHEST - STEP:
+        shared = _shared(whole)
+        if not shared >= SHOWN:
+            raise ClockError(
+                f"the clocks cannot be compared: arm and images share {1e3 * shared:.3f} mm or mrad of motion (at "
+                f"least {1e3 * SHOWN:g}): the estimates do not follow the tool, or the arm moved too little"
+            )
+        if not np.isfinite([value, std]).all():
+            raise ClockError(
+                f"the clocks cannot be compared: no offset within {FARTHEST:g} s fits best: the arm moved too little, "
+                "or the clocks are farther apart"
+            )
+        if std > TRUSTED:
             raise ClockError(
                 f"the clocks cannot be compared: offset {value:.3f} +- {std:.3f} s, the arm moved too little"
             )
@@ -100,12 +112,26 @@ def _sums(robot: Array, camera: Array, offset: float) -> Array:
     return np.array([part.sum(axis=1) for part in np.array_split(terms, BLOCKS, axis=1)])
 
 
-def _best(sums: Array) -> float:
-    """The offset of least residual, each axis weighed by its own noise."""
+def _scatter(sums: Array) -> tuple[Array, Array, Array]:
+    """Of sums (..., 6): the squares of robot and camera about their means, and what the robot explains of those."""
     n, r, c, rr, rc, cc = np.moveaxis(sums, -1, 0)
-    var_r, cov, var_c = rr - r * r / n, rc - r * c / n, cc - c * c / n
-    left = np.maximum(var_c - cov**2 / np.maximum(var_r, 1e-12), 0.0) + n * FLOOR**2
+    of_robot, both = rr - r * r / n, rc - r * c / n
+    return of_robot, cc - c * c / n, both**2 / np.maximum(of_robot, 1e-12)
+
+
+def _shared(sums: Array) -> float:
+    """Rms [m, rad] of the motion that both streams show on the axis that shows most, at its best offset."""
+    of_robot, _, explained = _scatter(sums)
+    return float(np.sqrt((np.minimum(of_robot, explained) / sums[..., 0]).max()))
+
+
+def _best(sums: Array) -> float:
+    """The offset of least residual, each axis weighed by its own noise; nan where none within reach fits best."""
+    _, of_camera, explained = _scatter(sums)
+    left = np.maximum(of_camera - explained, 0.0) + sums[..., 0] * FLOOR**2
     cost = (left / left.min(axis=0)).sum(axis=1)
-    i = int(np.clip(np.argmin(cost), 1, len(OFFSETS) - 2))
+    i = int(np.argmin(cost))
+    if i in (0, len(OFFSETS) - 1):
+        return float("nan")
     a, b, d = cost[i - 1 : i + 2]
     return float(OFFSETS[i] + STEP * np.clip(0.5 * (a - d) / max(a - 2.0 * b + d, 1e-12), -1.0, 1.0))
