@@ -146,6 +146,16 @@ def test_a_pose_that_no_arm_has_is_refused(bench: Bench) -> None:
     assert node.streams.X_WE is None
 
 
+def test_a_folder_that_cannot_be_written_is_told(bench: Bench, tmp_path: Path) -> None:
+    _, node = _nodes(bench)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    (tmp_path / "file").write_text("no folder")
+    goal = IdentifyStiffness.Goal(output=str(tmp_path / "file" / "hand1"))
+    result = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert not result.success
+    assert "Not a directory" in result.message
+
+
 def test_without_a_sensor_the_goal_is_refused_in_words(bench: Bench, tmp_path: Path) -> None:
     bench.add(SysidNode, **SENSOR, **QUICK)
     handle = bench.send_goal(

@@ -141,7 +141,7 @@ class SysidNode(SeedNode):
             if goal.request.zero_sensor:
                 await self._zero_sensor()
             active = self._start(goal)
-        except SeedError as error:
+        except (SeedError, OSError) as error:
             self.get_logger().error(f"identify_stiffness refused: {error}")
             goal.abort()
             return IdentifyStiffness.Result(success=False, message=str(error))
