@@ -167,6 +167,8 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
     covariance = np.asarray(message.pose.covariance, dtype=float).reshape(6, 6)
     if message.valid and not np.isfinite(covariance).all():
         raise MessageError("relative_pose.covariance has a value that is not finite")
+    if not math.isfinite(message.slip):
+        raise MessageError(f"relative_pose.slip = {message.slip} is not finite")
     X_CT = pose_to_matrix(message.pose.pose, "relative_pose") if message.valid else np.eye(4)
     o = [bool(v) for v in message.observed]
     return RelativePoseEstimate(

@@ -68,6 +68,9 @@ def test_what_is_not_finite_or_no_rotation_is_refused_by_name() -> None:
     wrench.force.z = float("inf")
     with pytest.raises(SeedError, match="wanted wrench has a value that is not finite"):
         c.wrench_to_core(wrench, "wanted wrench")
+    estimate = c.estimate_to_message(RelativePoseEstimate(0.0, np.eye(4), slip=float("nan")), "compliance", "tool")
+    with pytest.raises(SeedError, match=r"relative_pose\.slip = nan is not finite"):
+        c.estimate_from_message(estimate)
     with pytest.raises(SeedError, match=r"target_frame\.header\.frame_id = 'map' is unknown here; known: base"):
         c.check_frame("map", ("base",), "target_frame")
 

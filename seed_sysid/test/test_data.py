@@ -99,6 +99,16 @@ def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dat
         analyse(data, "estimator")
 
 
+def test_a_sample_that_could_not_be_read_again_is_not_written(data: Dataset, tmp_path: Path) -> None:
+    file = tmp_path / "samples.jsonl"
+    writer = Recorder(file, data.header)
+    writer.record(0.0, data.samples[0])
+    with pytest.raises(DatasetError, match=f"{data.samples[1].key} has a value that is not finite: .*slip=nan"):
+        writer.record(0.0, replace(data.samples[1], slip=float("nan")))
+    writer.close()
+    assert writer.samples == read(file).samples == data.samples[:1]
+
+
 def test_another_runs_file_is_left_alone(data: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "samples.jsonl"
     Recorder(file, data.header).close()

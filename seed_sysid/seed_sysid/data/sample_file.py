@@ -65,12 +65,16 @@ class Recorder:
         return [header_line(self.header), *(sample_line(s) for s in self.samples)]
 
     def record(self, stamp: float, sample: Sample | None, event: str = "") -> None:
-        """Write a finished sample and a remark (a limit met, a pose skipped), where there is one, to the disk."""
+        """Write a finished sample and a remark (a limit met, a pose skipped), where there is one, to the disk.
+
+        Raises:
+            DatasetError: the sample has a value that is not finite; it is not kept.
+        """
         if event:
             self._write(json.dumps({"event": {"stamp": stamp, "text": event}}))
         if sample:
-            self.samples.append(sample)
             self._write(sample_line(sample))
+            self.samples.append(sample)
 
     def _write(self, line: str) -> None:
         if self._file is not None:
@@ -90,8 +94,11 @@ def header_line(header: Header) -> str:
 
 
 def sample_line(sample: Sample) -> str:
-    """A sample as one line."""
-    return json.dumps({"sample": asdict(sample)})
+    """A sample as one line. Raises DatasetError: a value is not finite, and no file with it could be read."""
+    try:
+        return json.dumps({"sample": asdict(sample)}, allow_nan=False)
+    except ValueError as error:
+        raise DatasetError(f"{sample.key} has a value that is not finite: {sample}") from error
 
 
 def read(path: Path) -> Dataset:
