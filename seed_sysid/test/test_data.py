@@ -86,6 +86,26 @@ def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) ->
     assert np.abs(error).max() < 0.02
 
 
+def test_a_corrected_sensor_is_taken_over_by_the_run_that_goes_on(data: Dataset, tmp_path: Path) -> None:
+    file = tmp_path / "samples.jsonl"
+    wrong = replace(data.header, sensor_rpy=(0.0, 0.0, 0.0))
+    writer = Recorder(file, wrong)
+    for s in data.samples:
+        writer.record(0.0, s)
+    writer.close()
+    with pytest.raises(DatasetError, match=r"frames disagree.* sensor\.rpy_deg of the node .* sensor_rpy of its header"):
+        analyse(read(file), "kinematic")
+    again = Recorder(file, replace(data.header, created="later"))
+    again.close()
+    assert again.header == read(file).header == data.header
+    assert again.samples == data.samples
+    assert "sensor_rpy = (" in again.remark
+    assert "(was (0.0, 0.0, 0.0))" in analyse(again.dataset, "kinematic").warnings[0]
+    assert json.loads(file.read_text().splitlines()[-1])["event"]["text"] == again.remark
+    assert [f.name for f in tmp_path.iterdir()] == ["samples.jsonl"]
+    assert not Recorder(file, data.header).remark
+
+
 def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dataset) -> None:
     blind = {"0/010-pitch", "1/050-combination", "2/003-roll"}
     seen = _changed(data, lambda s: replace(s, estimator=None if s.key in blind else s.kinematic))
@@ -241,6 +261,8 @@ def test_a_bag_is_fitted_again_as_folder_and_as_file(data: Dataset, tmp_path: Pa
     single.write_bytes(inner.read_bytes())
     for path in (tmp_path / "bag", inner, single):
         assert read(path).samples == data.samples
+    held = header_line(replace(data.header, sensor_xyz=(0.0, 0.0, 0.05)))
+    assert read(_record(tmp_path / "corrected", [held, *lines])).header == data.header
     other = header_line(replace(data.header, run="another"))
     mixed = _record(tmp_path / "mixed", [*lines[:70], other, *lines[70:]])
     with pytest.raises(DatasetError, match="holds 2 identifications"):

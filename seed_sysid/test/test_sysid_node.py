@@ -13,13 +13,13 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
 
-from geometry_msgs.msg import PoseStamped  # noqa: E402
+from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from seed_core.clocks import clocks, save_clocks  # noqa: E402
-from seed_core.spatial import make_pose  # noqa: E402
+from seed_core.spatial import Wrench, make_pose  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
-from seed_ros.conversions import pose_stamped  # noqa: E402
+from seed_ros.conversions import pose_stamped, wrench_stamped  # noqa: E402
 from seed_ros.qos import LATCHED, QUEUE  # noqa: E402
 from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
@@ -129,6 +129,27 @@ def test_an_arm_that_holds_ends_the_goal_and_is_not_measured(bench: Bench, tmp_p
     assert "the arm holds: protective stop; 0 of " in result.message
     again = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
     assert again.message == "cannot start: the arm holds: protective stop"
+
+
+@pytest.mark.parametrize(("given", "frame"), [("", "ft_sensor"), ("wrist", "wrist")])
+def test_wrenches_of_another_frame_are_refused(bench: Bench, given: str, frame: str) -> None:
+    node = bench.add(SysidNode, **SENSOR, sensor_frame=given)
+    loads = bench.client.create_publisher(WrenchStamped, "ft_sensor/wrench", QUEUE)
+    told = {"ft_sensor": 1.0}
+    bench.every.append(lambda: [loads.publish(wrench_stamped(pressed(f), 0.0, name)) for name, f in told.items()])
+    if not given:
+        assert bench.until(lambda: node.streams.wrenches)
+        told["wrist"] = 2.0
+    assert bench.until(lambda: node.counters["wrenches_refused"])
+    assert f"ft_sensor/wrench.header.frame_id = '{'ft_sensor' if given else 'wrist'}' is unknown here" in (
+        node.counters.last
+    )
+    assert f"known: {frame}" in node.counters.last
+    assert {w[5] for w in node.streams.wrenches} == (set() if given else {1.0})
+
+
+def pressed(force: float) -> Wrench:
+    return Wrench(np.zeros(3), np.array([0.0, 0.0, force]))
 
 
 def test_a_file_of_the_whole_hand_is_taken(bench: Bench) -> None:

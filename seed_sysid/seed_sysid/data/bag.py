@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lines of a file of samples from a bag: the node publishes each on `identification/samples` (std_msgs/String)."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,16 @@ def bag_lines(path: Path) -> list[str]:
         raise DatasetError(f"{path} cannot be read as a bag: {error}") from error
     lines = list(dict.fromkeys(str(m.data) for m in messages))  # a run that goes on publishes what it has once more
     headers = [line for line in lines if f'"format": "{FORMAT}"' in line]
-    if len(headers) > 1:
-        raise DatasetError(f"{path} holds {len(headers)} identifications: record each in a bag of its own")
-    return headers + [line for line in lines if line not in headers]
+    runs = {_run(line) for line in headers}
+    if len(runs) > 1:
+        raise DatasetError(f"{path} holds {len(runs)} identifications: record each in a bag of its own")
+    return headers[-1:] + [line for line in lines if line not in headers]  # the last has the sensor as corrected
+
+
+def _run(header: str) -> tuple[str, str]:
+    """Name and date of the run of a header; all of it where it is none that we wrote."""
+    try:
+        data = json.loads(header)
+        return str(data["run"]), str(data["created"])
+    except (ValueError, RecursionError, KeyError, TypeError):
+        return header, ""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The file of samples: JSON lines, append-only, one header and then one line per finished pose.
 
-Line 1 is the header ({"format": "seed-stiffness-samples", "version": 1, ...}: hand, tool, units, sensor), every other
+Line 1 is the header ({"format": "seed-stiffness-samples", "version": 2, ...}: hand, tool, units, sensor), every other
 line a sample or an event (docs/identification_inside.md lists the keys). Each line is flushed to the disk before the
 next pose is visited, so that a crash loses at most the running one.
 """
@@ -9,7 +9,7 @@ next pose is visited, so that a crash loses at most the running one.
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +19,7 @@ from seed_sysid.data.membrane_sample import from_json
 
 LARGE = 1e300  # beyond it a number is none
 MAX_BYTES = 200_000_000
+SENSOR = ("sensor_frame", "sensor_xyz", "sensor_rpy", "sensor_range")  # of the header; no sample depends on them
 
 
 class Recorder:
@@ -27,10 +28,13 @@ class Recorder:
     def __init__(self, path: Path | None, header: Header) -> None:
         """Open path; `samples` and `header` are then what the file has. None keeps the samples in memory alone.
 
+        What the header says of the sensor is taken over into a file that goes on; `remark` tells of it.
+
         Raises:
             DatasetError: the file belongs to another run, or is no file of samples.
         """
         self.header, self.samples = header, list[Sample]()
+        self.remark = ""
         self._file: IO[str] | None = None
         if path is None:
             return
@@ -41,6 +45,8 @@ class Recorder:
         self._file = path.open("a", encoding="utf-8")
         if fresh:
             self._write(header_line(header))
+        if self.remark:
+            self._write(json.dumps({"event": {"text": self.remark}}))
 
     def _continue(self, path: Path) -> None:
         old = read(path)
@@ -49,16 +55,27 @@ class Recorder:
                 f"{path} belongs to the run '{old.header.run}', not to '{self.header.run}': choose another --out, "
                 "or move the file away; it was left as it is"
             )
-        self.samples, self.header = old.samples, old.header
+        given = {name: getattr(self.header, name) for name in SENSOR}
+        changed = [f"{n} = {v} (was {was})" for n, v in given.items() if v != (was := getattr(old.header, n))]
+        self.samples, self.header = old.samples, replace(old.header, **given)
         text = path.read_bytes()
-        if not text.endswith(b"\n"):  # the line that a crash cut short
-            with path.open("r+b") as file:
-                file.truncate(text.rfind(b"\n") + 1)
+        first, _, rest = text.partition(b"\n")
+        if changed:
+            self.remark = f"the sensor of {path} is corrected: {', '.join(changed)}"
+            first = header_line(self.header).encode()
+        whole = first + b"\n" + rest[: rest.rfind(b"\n") + 1]  # without a line that a crash cut short
+        if whole != text:
+            part = path.with_suffix(path.suffix + ".part")
+            with part.open("wb") as file:
+                file.write(whole)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
 
     @property
     def dataset(self) -> Dataset:
         """All that was recorded."""
-        return Dataset(self.header, self.samples)
+        return Dataset(self.header, self.samples, [self.remark] if self.remark else [])
 
     def lines(self) -> list[str]:
         """Header and samples, as they stand in the file."""

@@ -15,6 +15,10 @@ _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis tha
 _SATURATED = 3  # samples that share a channel's extreme value to the last digit
 _DISAGREE = np.array([6.0, 0.006])  # [deg, m]; median gap of two sources of pose
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
+_CORRECT = (
+    "correct sensor.position and sensor.rpy_deg of the node sysid and repeat the goal, or in a file sensor_xyz and "
+    "sensor_rpy of its header, and fit it again (--from)"
+)
 _IN_SI = (  # most that a displacement [m], a turn [rad], and the spread of torques [N m] and of forces [N] can be
     (
         0.2,
@@ -61,14 +65,14 @@ def check_solution(solution: Solution) -> None:
         g, j = np.argwhere(bad)[0]
         raise DatasetError(
             f"stiffness about {AXES[j]} at grip {g} is {stiffness[g, j]:.3g} {UNITS[j]}, below 0: "
-            "frames disagree, or the sensor's axes are swapped; check sensor_rpy in the header"
+            f"frames disagree, or the sensor's axes are swapped: {_CORRECT}"
         )
     turn, shift = float(np.rad2deg(np.linalg.norm(offset[:3]))), float(np.linalg.norm(offset[3:]))
     if turn > _OFFSET_DEG or shift > _OFFSET:
         raise DatasetError(
             f"frames disagree: sensor and tool seem {turn:.0f} deg and {1e3 * shift:.0f} mm off their nominal pose "
             f"(at most {_OFFSET_DEG:g} deg and {1e3 * _OFFSET:g} mm pass for a tolerance): "
-            "correct sensor_xyz, sensor_rpy"
+            f"{_CORRECT}"
         )
 
 

@@ -50,6 +50,7 @@ class Settings:
     rate: float = field(50.0, unit="Hz", low=10.0, high=500.0, doc="of target_frame and of the readings")
     tool: str = field("ft_sensor", doc="name of what is held")
     sensor: Frame = field(Frame((0.0, 0.0, 0.06)), doc="nominal pose of the sensor's frame in the tool's frame T")
+    sensor_frame: str = field("", doc="frame_id of ft_sensor/wrench, others are refused; empty: that of the first")
     sensor_range_force: float = field(0.0, unit="N", low=0.0, high=1e5, doc="where the sensor saturates; 0: unknown")
     sensor_range_torque: float = field(0.0, unit="N m", low=0.0, high=1e5, doc="where the sensor saturates; 0: unknown")
     clocks: str = field("", doc="what the estimator was given as clocks: the comparison counts from there")
@@ -70,6 +71,7 @@ class SysidNode(SeedNode):
         self.refuse_unknown(shared=("tool.", "grasp."))
 
         self.streams = Streams()
+        self._sensor_frame = self.settings.sensor_frame
         self._active: ActiveGoal | None = None
         self._clocks = ClocksBefore(clocks(self.settings.clocks).offset, self.settings.robot, self.settings.cameras)
 
@@ -113,6 +115,8 @@ class SysidNode(SeedNode):
             self._moving.clocks.robot(seconds(message.header.stamp), X_TC)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
+        self._sensor_frame = self._sensor_frame or message.header.frame_id
+        check_frame(message.header.frame_id, (self._sensor_frame,), "ft_sensor/wrench")
         self.streams.wrenches.append(wrench_to_core(message.wrench, "ft_sensor/wrench").vector())
         self.streams.wrench_stamp = self.now()
 
@@ -164,6 +168,7 @@ class SysidNode(SeedNode):
         head = Header(
             hand=self.hand.name,
             tool=s.tool,
+            sensor_frame=self._sensor_frame,
             sensor_xyz=s.sensor.position,
             sensor_rpy=tuple(float(v) for v in np.deg2rad(s.sensor.rpy_deg)),
             sensor_range=(s.sensor_range_force, s.sensor_range_torque),
@@ -174,6 +179,8 @@ class SysidNode(SeedNode):
         self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE, self._clocks)
         for line in live.recorder.lines():
             self._lines.publish(String(data=line))
+        if live.recorder.remark:
+            self.get_logger().warning(live.recorder.remark)
         to_go = live.run.total - live.run.done
         self.get_logger().info(f"identification: {to_go} of {live.run.total} poses to go, {folder}")
         return self._active

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """An identification on a live cell, without ROS: streams in, flange targets out, samples to the file.
 
-The first pose, C at the grasp, is remembered in the file's header, so that a resumed run refers to the same grasp.
+The first pose, C at the grasp, is remembered in the file's header, so that a resumed run refers to the same grasp. How
+the sensor is held may be corrected meanwhile.
 """
 
 import zlib
