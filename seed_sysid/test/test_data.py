@@ -20,6 +20,7 @@ from seed_sysid.data.bag import TOPIC, TYPE
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample, flat_pose
 from seed_sysid.data.sample_file import Recorder, header_line, parse, read, sample_line
 from seed_sysid.fit.analysis import analyse
+from seed_sysid.fit.checks import check_inliers
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,9 @@ def test_a_corrected_sensor_is_taken_over_by_the_run_that_goes_on(data: Dataset,
     for s in data.samples:
         writer.record(0.0, s)
     writer.close()
-    with pytest.raises(DatasetError, match=r"frames disagree.* sensor\.rpy_deg of the node .* sensor_rpy of its header"):
+    with pytest.raises(
+        DatasetError, match=r"frames disagree.* sensor\.rpy_deg of the node .* sensor_rpy of its header"
+    ):
         analyse(read(file), "kinematic")
     again = Recorder(file, replace(data.header, created="later"))
     again.close()
@@ -178,6 +181,29 @@ def test_bad_data_are_refused_by_name(data: Dataset, name: str) -> None:
     spoil, message = BAD[name]
     with pytest.raises(DatasetError, match=message):
         analyse(spoil(data), "kinematic")
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(0.15, True), (0.45, False)])
+def test_a_grip_with_too_many_outliers_is_refused(data: Dataset, share: float, accepted: bool) -> None:
+    """A load of 0.4 times the true one, at some poses of the middle grip."""
+    rng = np.random.default_rng(1)
+    mine = [i for i, s in enumerate(data.samples) if s.grip == 1]
+    weak = set(rng.choice(mine, int(share * len(mine)), replace=False).tolist())
+    samples = [_wrench(s, lambda w: 0.4 * w) if i in weak else s for i, s in enumerate(data.samples)]
+    if accepted:
+        assert analyse(replace(data, samples=samples), "kinematic").outliers
+        return
+    with pytest.raises(DatasetError, match=r"grip 1: \d+ of 60 poses do not fit one spring \(at most 30%"):
+        analyse(replace(data, samples=samples), "kinematic")
+
+
+def test_an_axis_whose_poses_are_all_outliers_is_refused(data: Dataset) -> None:
+    few = replace(data, samples=[s for s in data.samples if s.grip == 0 and abs(s.kinematic[2]) < 2.4e-4])
+    moved = [replace(s, kinematic=(*s.kinematic[:2], 0.004, *s.kinematic[3:])) for s in few.samples[:2]]
+    both = replace(few, samples=[*moved, *few.samples[2:]])
+    inlier = np.arange(len(both.samples)) >= 2
+    with pytest.raises(DatasetError, match=r"grip 0, without 2 outliers \(first: .*\): z was never excited"):
+        check_inliers(both, "kinematic", inlier)
 
 
 def test_refused_data_overwrite_nothing(data: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

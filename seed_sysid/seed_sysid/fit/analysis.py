@@ -8,7 +8,7 @@ import numpy as np
 from seed_core.spatial import Array, interpolate_pose, pose_from_rpy
 from seed_sysid.data.dataset import Dataset
 from seed_sysid.fit.assumption_2 import Assumption2, check_assumption_2
-from seed_sysid.fit.checks import check_data, check_solution
+from seed_sysid.fit.checks import check_data, check_inliers, check_solution
 from seed_sysid.fit.hysteresis import fit_with_friction
 from seed_sysid.fit.identification_fit import Solution, fit_stiffness
 from seed_sysid.fit.load_model import Problem
@@ -142,6 +142,7 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
     else:
         solution = fit_stiffness(problem)
     check_solution(solution)
+    check_inliers(data, source, solution.inlier)
     grips = np.unique([s.grip for s in data.samples])
     widths, pressures = np.array([_grip_state(data, grip) for grip in grips]).T
     no_pressures = _no_pressures(widths, pressures)

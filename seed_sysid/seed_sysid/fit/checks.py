@@ -13,6 +13,7 @@ from seed_sysid.stiffness_map import AXES, CHANNELS, UNITS, stiffness_map
 MINIMUM_POSES = 12  # at each grip; 12 unknowns with 6 numbers per pose, and something left to judge the fit by
 _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis that moved less is not excited
 _SATURATED = 3  # samples that share a channel's extreme value to the last digit
+_MOST_OUTLIERS = 0.3  # share of a grip's poses: of more nobody knows which are right; bent springs leave 0.25
 _DISAGREE = np.array([6.0, 0.006])  # [deg, m]; median gap of two sources of pose
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
 _CORRECT = (
@@ -46,6 +47,26 @@ def check_data(data: Dataset, source: str) -> None:
         _check_excitation(X_TC[grips == grip], int(grip))
     _check_sensor(wrenches, data.header.sensor_range)
     _check_frames(data)
+
+
+def check_inliers(data: Dataset, source: str, inlier: np.ndarray) -> None:
+    """Refuse a fit that leaves out too many poses of a grip, or all that excite an axis; inlier: (n,) what was fitted.
+
+    Raises:
+        DatasetError: naming the trouble and the remedy.
+    """
+    X_TC, grips = data.poses(source), np.array([s.grip for s in data.samples])
+    for grip in np.unique(grips):
+        mine = grips == grip
+        out = [s.key for s, left_out in zip(data.samples, mine & ~inlier, strict=True) if left_out]
+        if len(out) > _MOST_OUTLIERS * mine.sum():
+            raise DatasetError(
+                f"grip {grip}: {len(out)} of {mine.sum()} poses do not fit one spring (at most {_MOST_OUTLIERS:.0%} "
+                f"may be left out; first: {out[0]}): check that the tool sits fast and that nothing but the hand "
+                "touches the sensor, and record again"
+            )
+        if out:
+            _check_moved(X_TC[mine & inlier], int(grip), f", without {len(out)} outliers (first: {out[0]})")
 
 
 def check_solution(solution: Solution) -> None:
@@ -91,11 +112,15 @@ def _check_excitation(X_TC: Array, grip: int) -> None:
             f"grip {grip} has {len(X_TC)} poses; at least {MINIMUM_POSES} are needed, 60 are advised: "
             "resume the run, or leave this grip out"
         )
+    _check_moved(X_TC, grip)
+
+
+def _check_moved(X_TC: Array, grip: int, words: str = "") -> None:
     moved = np.ptp(stiffness_map(X_TC).xi, axis=0)
     idle = ", ".join(axis for axis, m, least in zip(AXES, moved, _EXCITED, strict=True) if m < least)
     if idle:
         raise DatasetError(
-            f"grip {grip}: {idle} was never excited (moved by less than "
+            f"grip {grip}{words}: {idle} was never excited (moved by less than "
             f"1 deg or 0.5 mm): its stiffness cannot be known; visit poses along {idle} both ways"
         )
 
