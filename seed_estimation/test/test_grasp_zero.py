@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grasp that is taken while the tool hangs or is pressed: the dots show how far it has dragged the membranes."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from rendered import PERIOD
 from seed_core.hand import Hand
 from seed_core.membrane.material import around, rigid_motion
 from seed_core.spatial import Array, make_pose, so3_exp
-from seed_estimation import Estimator, EstimatorError, EstimatorParameters
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
 from seed_sim.membrane.grasp import MembraneGrasp
 from seed_sim.membrane.parameters import MembraneParameters
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
@@ -73,6 +74,26 @@ def test_dots_that_are_others_tell_nothing_and_say_so() -> None:
     estimator.initialize_grasp([other.render(make_pose(p=np.array(HANGING)), (i - 5) * PERIOD) for i in range(5)])
     assert "cannot be told" in estimator.zero.words
     assert not estimator.zero.shift.any()
+
+
+def test_a_reference_without_dots_where_the_tool_touches_tells_nothing_and_says_so() -> None:
+    """A lamp's reflection fills the middle of the free bubbles; the tool takes it away."""
+    bubbles = TactileRenderer(TactileParameters(), Hand(), 1)
+
+    def dazzled(stamp: float) -> dict[str, TactileImages]:
+        out = {}
+        for finger, images in bubbles.no_contact(stamp).items():
+            ir = images.ir.copy()
+            h, w = ir.shape
+            ir[45 : h - 45, 65 : w - 65] = 65535.0
+            out[finger] = replace(images, ir=ir)
+        return out
+
+    estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+    estimator.capture_reference([dazzled(-1.0 + i * PERIOD) for i in range(4)])
+    estimator.initialize_grasp([bubbles.render(np.eye(4), (i - 3) * PERIOD) for i in range(3)])
+    assert "cannot be told" in estimator.zero.words
+    assert estimator.update(bubbles.render(np.eye(4), PERIOD), PERIOD).valid
 
 
 def test_a_membrane_with_mechanics_shows_the_same() -> None:

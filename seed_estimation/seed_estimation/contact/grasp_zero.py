@@ -31,6 +31,7 @@ TRUST = 1e-4  # [m] standard deviation that a good match still has: the membrane
 CLEAR = 2.5  # deviations from which on a motion counts
 MISJUDGED = 0.1  # [1] of a motion, standard deviation of what micro-slip makes of it
 STRETCH = 0.05  # [1] deviation of the patch's stretch
+ANYWHERE = 0.1, 1.0  # [m], [rad] deviations of motion and twist before a dot is seen: they hold what shows none
 _ITERATIONS = 12
 _FIRM = np.diag((1e-4, 1e-4, 5e-3, 5e-3, 5e-3, 5e-3))  # steps of the numerical Jacobian: [m], [m], [rad], [1]
 _ALONE = 1.0 / 6.0  # of neighbouring residuals counts as independent
@@ -170,7 +171,8 @@ def _refined(
     seen: FreeMembrane, pictures: tuple[Image, Image], values: tuple[Array32, Array32], x: Array
 ) -> tuple[Array, float, float]:
     """Gauss-Newton on the coarse, then the fine picture: motion, its deviation [m], and how alike the dots are."""
-    prior, deviation = np.diag((0.0, 0.0, 0.0, *(STRETCH**-2,) * 3)), 0.0
+    way, turn = ANYWHERE
+    prior, deviation = np.diag((way**-2, way**-2, turn**-2, *(STRETCH**-2,) * 3)), 0.0
     for free, value in zip(pictures, values, strict=True):
         for _ in range(_ITERATIONS):
             r = sample(free, seen.pixels(x)) - value
