@@ -95,6 +95,15 @@ def test_the_wrench_is_that_of_C_moved_to_the_tool() -> None:
     assert_allclose(about_C(X_CT, model.spring(stuck(X_CT)).wrench), model.spring(still).wrench.vector(), atol=1e-12)
 
 
+def test_an_axis_that_is_not_observed_does_not_turn_the_wrench() -> None:
+    X_CT = pose_from_rpy((0.0, 0.3, 0.0), (0.003, 0.002, -0.004))
+    unseen = replace(stuck(X_CT), observed=(True, True, True, True, False, True))
+    upright = replace(unseen, X_CT=pose_from_rpy((0.0, 0.0, 0.0), X_CT[:3, 3]))
+    wrench = MembraneMap(made()).spring(unseen).wrench
+    assert_allclose(wrench.vector(), MembraneMap(made()).spring(upright).wrench.vector(), atol=1e-12)
+    assert np.linalg.norm(wrench.force) > 1.0  # [N]
+
+
 @pytest.mark.parametrize("gas", [False, True])
 def test_local_stiffness_is_the_derivative_by_the_grippers_motion(gas: bool) -> None:
     X_CT = pose_from_rpy((0.03, -0.02, 0.04), (0.002, 0.001, -0.003))

@@ -35,7 +35,7 @@ from seed_core.membrane.features import (
 )
 from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, load_membrane_map, texts
 from seed_core.spatial import Array, Wrench, inverse_pose, skew, so3_log
-from seed_core.wrench_model import SpringWrench
+from seed_core.wrench_model import SpringWrench, observed_part
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
@@ -121,7 +121,7 @@ class MembraneMap:
         covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
         covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared) + (GRASPED * w_C) ** 2
         covariance[_TORQUE] += LEVER**2 * float(w_C[3:] @ w_C[3:])
-        X_TC = inverse_pose(estimate.X_CT)
+        X_TC = inverse_pose(observed_part(estimate))
         self._last = X_TC, w_C, slopes, motions
         to_T = _wrench_to(X_TC)
         doubt = max(1.0, self._growth(z) + squared)
