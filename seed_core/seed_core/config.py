@@ -222,10 +222,18 @@ def _numbers(node: _Node, unit: str) -> _Node | None:
     if count < 1 or " ".join(words[count:]) != unit:
         return None
     try:
-        values = [_Node(float(w), node.line) for w in words[:count]]
+        values = [_Node(_number(w), node.line) for w in words[:count]]
     except ValueError:
         return None
     return values[0] if len(values) == 1 else _Node(values, node.line)
+
+
+def _number(word: str) -> float:
+    """A word as a number, a whole one where it is written so. Raises ValueError: it is none."""
+    try:
+        return int(word)
+    except ValueError:
+        return float(word)
 
 
 def _convert(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:

@@ -21,6 +21,7 @@ class Outer:
     mode: str = field("slow", choices=("slow", "fast"))
     count: int = field(3, low=1, high=5)
     flag: bool = field(False)
+    width: int = field(7, unit="px", low=0, high=50)
     way: tuple[float, float] = field((0.0, 0.0), unit="m", quantity=True, low=-1, high=1)
     inner: Inner = field(Inner())
     maybe: float | None = field(None, unit="s", low=0.0)
@@ -61,6 +62,8 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
         ("speed: 1.5 m/s", "f.yaml:1: speed = 1.5 m/s must be within 0 and 1 m/s"),
         ("speed: nan m/s", "f.yaml:1: speed = nan m/s must be finite"),
         ("speed: 0.1 0.2 m/s", "f.yaml:1: speed = .0.1, 0.2. must be a number"),
+        ("speed: 0.5\nwidth: 7.5 px", "f.yaml:2: width = 7.5 must be a whole number"),
+        ("speed: 0.5\nwidth: 51 px", "f.yaml:2: width = 51 px must be within 0 and 50 px"),
         ("speed: [1", "f.yaml: not readable as YAML"),
         ("speed: " + 50_000 * "[" + 50_000 * "]", "f.yaml: not readable as YAML"),  # an error, and no crash
         ("speed: !!python/object/apply:os.system ['true']", r"speed = \['true'\] must be a number"),
@@ -72,9 +75,10 @@ def test_mistakes_name_line_value_and_bound(text: str, words: str) -> None:
 
 
 def test_a_number_may_be_written_with_its_unit() -> None:
-    assert load_text("speed: 0.5 m/s\nmaybe: 2 s\ninner: {gain: 2 1/s}", Outer) == Outer(
-        0.5, maybe=2.0, inner=Inner(2.0)
+    assert load_text("speed: 0.5 m/s\nmaybe: 2 s\ninner: {gain: 2 1/s}\nwidth: 9 px", Outer) == Outer(
+        0.5, width=9, maybe=2.0, inner=Inner(2.0)
     )
+    assert isinstance(load_text("speed: 1 m/s", Outer).speed, float)
 
 
 def test_values_from_code_are_checked_alike() -> None:
