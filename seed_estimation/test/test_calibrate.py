@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seed_core.config import ConfigError, load_text
 from seed_core.errors import SeedError
-from seed_core.hand import Hand
+from seed_core.hand import Frame, Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation.calibration import calibrate as cal
 from seed_estimation.calibration import file
@@ -72,6 +73,37 @@ def test_a_calibration_survives_its_file(tmp_path: Path, shown: dict) -> None:
     for finger in found.fingers:
         np.testing.assert_array_equal(again.fingers[finger].offset_map(), found.fingers[finger].offset_map())
         np.testing.assert_allclose(again.hand(Hand()).X_CL, found.hand(Hand()).X_CL, atol=1e-12)
+
+
+MINE = Hand(C_L=Frame((0.0, 0.09, 0.0), (90.0, 0.0, 0.0)), C_R=Frame((0.0, -0.09, 0.0), (-90.0, 0.0, 0.0)))
+
+
+def test_a_calibration_of_the_range_alone_leaves_the_cameras_of_any_hand_where_they_are(shown: dict) -> None:
+    assert cal.calibrate(**{**shown, "grasped": {}}, hand=Hand()).hand(MINE) == MINE
+
+
+def test_camera_poses_that_were_found_from_another_hand_s_drawing_are_refused(tmp_path: Path, shown: dict) -> None:
+    file.save(cal.calibrate(**shown, hand=Hand()), tmp_path / "c.yaml")
+    found = file.load(tmp_path / "c.yaml")
+    assert 0.0 < abs(found.hand(Hand()).C_L.position[1] - 0.105) < 0.005
+    with pytest.raises(ConfigError, match=r"left camera is drawn at \(0.0, 0.105, 0.0\) m.* at \(0.0, 0.09, 0.0\) m"):
+        found.hand(MINE)
+
+
+def test_a_calibration_of_an_earlier_release_counts_as_it_did() -> None:
+    text = "fingers: {left: {pose: {position: [0.0, 0.1, 0.0], rpy_deg: [90.0, 0.0, 0.0]}, width: 224, height: 171}}"
+    assert load_text(text, file.Calibration).hand(MINE).C_L.position == (0.0, 0.1, 0.0)
+
+
+def test_a_finger_of_another_name_is_refused() -> None:
+    with pytest.raises(ConfigError, match="fingers has the key 'Left'; it may have: left, right"):
+        load_text("fingers: {Left: {width: 224, height: 171}}", file.Calibration)
+
+
+def test_poses_that_only_one_camera_has_seen_are_refused(shown: dict) -> None:
+    grasped = {**shown["grasped"], "right": shown["grasped"]["right"][:-1]}
+    with pytest.raises(SeedError, match="poses of the cylinder in the capture: left 5, right 4; each must be"):
+        cal.calibrate(**{**shown, "grasped": grasped}, hand=Hand())
 
 
 def test_the_command_says_what_is_wrong_with_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -70,12 +70,12 @@ def calibrate(
     radius: float,
     hand: Hand,
 ) -> Calibration:
-    """Range offset and camera pose of each finger.
+    """Range offset of each finger, and the cameras' poses.
 
     Args:
         cameras: by finger.
         no_contact: depth images (H, W) [m] of the membrane touching nothing.
-        grasped: mean depth of the cylinder, one per pose; camera poses stay as drawn with fewer than three.
+        grasped: mean depth of the cylinder, one per pose; no camera poses are found with fewer than three.
         shape: of the membrane.
         radius: of the cylinder [m].
         hand: as drawn.
@@ -89,12 +89,17 @@ def calibrate(
         smooth = smooth_depth(offset, np.ones(offset.shape, bool), SMOOTH)
         nodes[finger] = [[round(float(v), 6) for v in row] for row in smooth[::STEP, ::STEP]]
         lines[finger] = [seen_axis(membrane, frame + offset, radius, PARAMETERS) for frame in grasped.get(finger, ())]
-    mutual = 0.0, 0.0
-    if len(cameras) == 2 and min(len(v) for v in lines.values()) >= 3:
-        X["left"], X["right"] = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
-        mutual = MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD
-    fingers = {f: FingerCalibration(frame_of(X[f]), c.width, c.height, nodes[f]) for f, c in cameras.items()}
-    return Calibration(fingers, *mutual)
+    fingers = {f: FingerCalibration(c.width, c.height, nodes[f]) for f, c in cameras.items()}
+    poses = {f: len(seen) for f, seen in lines.items()}
+    if len(set(poses.values())) > 1:
+        told = ", ".join(f"{f} {n}" for f, n in poses.items())
+        raise SeedError(f"poses of the cylinder in the capture: {told}; each must be before both cameras: capture anew")
+    if len(cameras) < 2 or min(poses.values()) < 3:
+        return Calibration(fingers)
+    found = dict(zip(("left", "right"), extrinsics(lines["left"], lines["right"], X["left"], X["right"]), strict=True))
+    drawn = {"left": hand.C_L, "right": hand.C_R}
+    fingers = {f: replace(one, pose=frame_of(found[f]), drawn=drawn[f]) for f, one in fingers.items()}
+    return Calibration(fingers, MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD)
 
 
 def at_rest(
@@ -170,11 +175,13 @@ def read_hand(path: Path) -> Hand:
 def table(calibration: Calibration, drawn: Hand) -> str:
     """What each camera was off by, for people: range [mm], and pose against the drawing [mm], [deg], in C."""
     X_CX = {"left": drawn.X_CL, "right": drawn.X_CR}
+    found = calibration.hand(drawn)
+    X_found = {"left": found.X_CL, "right": found.X_CR}
     lines = ["finger   range, true - measured [mm]     camera off its drawing: x, y, z [mm]   about x, y, z [deg]"]
     for finger, one in calibration.fingers.items():
         low, middle, high = 1e3 * np.percentile(one.offset_map(), (5, 50, 95))
-        shift = 1e3 * (one.pose.pose[:3, 3] - X_CX[finger][:3, 3])
-        turn = np.rad2deg(so3_log(one.pose.pose[:3, :3] @ X_CX[finger][:3, :3].T))
+        shift = 1e3 * (X_found[finger][:3, 3] - X_CX[finger][:3, 3])
+        turn = np.rad2deg(so3_log(X_found[finger][:3, :3] @ X_CX[finger][:3, :3].T))
         moved, turned = (" ".join(f"{v + 0.0:6.2f}" for v in np.round(values, 2)) for values in (shift, turn))
         lines.append(f"{finger:8s} {middle:5.1f} (90 %: {low:5.1f} to {high:5.1f})      {moved:>38s}   {turned}")
     if not calibration.mutual_position_std:

@@ -14,19 +14,22 @@ from seed_core.spatial import Array, rpy_from_rotation
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Image
 
+FINGERS = ("left", "right")
 STEP = 4  # [px] between the nodes of the stored range offset
+SAME = 1e-6  # [1], [m] by which two drawings of a camera's pose may differ
 
 
 @dataclass(frozen=True)
 class FingerCalibration:
-    """One camera: its pose in C, and its range offset on a grid of every STEP-th pixel."""
+    """One camera: its range offset on a grid of every STEP-th pixel, and its pose in C where that was found."""
 
-    pose: Frame = field(doc="optical frame in C")
     width: int = field(low=8, high=4096, unit="px")
     height: int = field(low=8, high=4096, unit="px")
     range_offset: list[list[float]] = field(
         [], unit="m", low=-0.05, high=0.05, doc="true minus measured; rows by columns"
     )
+    pose: Frame | None = field(None, doc="optical frame in C; none: as the hand is drawn")
+    drawn: Frame | None = field(None, doc="optical frame in C in the drawing from which the pose was found")
 
     def __post_init__(self) -> None:
         wanted = (-(-self.height // STEP), -(-self.width // STEP))
@@ -57,10 +60,30 @@ class Calibration:
         0.0, unit="m", low=0.0, high=0.02, doc="of the cameras' poses to each other, along each axis; 0: not told"
     )
 
+    def __post_init__(self) -> None:
+        unknown = [f for f in self.fingers if f not in FINGERS]
+        if unknown:
+            raise ConfigError(f"fingers has the key '{unknown[0]}'; it may have: {', '.join(FINGERS)}")
+
     def hand(self, hand: Hand) -> Hand:
-        """The hand with the calibrated camera poses."""
-        left, right = self.fingers.get("left"), self.fingers.get("right")
-        return replace(hand, C_L=left.pose if left else hand.C_L, C_R=right.pose if right else hand.C_R)
+        """The hand with the calibrated camera poses.
+
+        Raises:
+            ConfigError: they were found from the drawing of another hand.
+        """
+        drawn, found = {"left": hand.C_L, "right": hand.C_R}, {}
+        for finger, one in self.fingers.items():
+            if one.pose is None:
+                continue
+            here, then = drawn[finger], one.drawn
+            if then is not None and not np.allclose(then.pose, here.pose, atol=SAME):
+                raise ConfigError(
+                    f"the calibration is of another hand: its {finger} camera is drawn at {then.position} m, "
+                    f"{then.rpy_deg} deg in C, this hand's at {here.position} m, {here.rpy_deg} deg: calibrate again "
+                    "with this hand (--hand)"
+                )
+            found[finger] = one.pose
+        return replace(hand, C_L=found.get("left", hand.C_L), C_R=found.get("right", hand.C_R))
 
     @property
     def mutual_deviation(self) -> Array | None:

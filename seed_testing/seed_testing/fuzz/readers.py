@@ -161,8 +161,9 @@ def _membrane_map() -> bytes:
 
 
 def _calibration() -> bytes:
-    finger = camera_calibration.FingerCalibration(Hand().C_L, 16, 12, [[0.001] * 4] * 3)
-    made = camera_calibration.Calibration({"left": finger, "right": replace(finger, pose=Hand().C_R)}, 0.01, 0.0005)
+    finger = camera_calibration.FingerCalibration(16, 12, [[0.001] * 4] * 3, Hand().C_L, Hand().C_L)
+    other = replace(finger, pose=Hand().C_R, drawn=Hand().C_R)
+    made = camera_calibration.Calibration({"left": finger, "right": other}, 0.01, 0.0005)
     return _written("c.yaml", lambda f: camera_calibration.save(made, f))
 
 
