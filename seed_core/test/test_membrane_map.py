@@ -301,6 +301,16 @@ def test_bad_files_are_refused(tmp_path: Path, old: str, new: str, words: str) -
         load_membrane_map(path)
 
 
+@pytest.mark.parametrize("name", ["coefficients", "spread"])
+def test_a_matrix_without_rows_is_refused(name: str) -> None:
+    file = made()
+    with pytest.raises(ConfigError, match=f"{name} has no rows"):
+        replace(file, grips=(replace(file.grips[0], **{name: ()}),))
+    bare = replace(file.grips[0], coefficients=("",) * 6, spread=("",))
+    with pytest.raises(ConfigError, match="terms is empty"):
+        replace(file, terms=(), grips=(bare,))
+
+
 def test_a_map_that_pushes_is_refused() -> None:
     file = made()
     with pytest.raises(ConfigError, match="must be > 0"):

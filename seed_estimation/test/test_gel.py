@@ -8,12 +8,12 @@ import pytest
 
 from seed_core.errors import SeedError
 from seed_estimation import PinholeCamera
-from seed_estimation.gel.calibration import calibrated, load
+from seed_estimation.gel.calibration import calibrated, load, save
 from seed_estimation.gel.depth import Integrator
 from seed_estimation.gel.dots import DotFinder, matched
 from seed_estimation.gel.image import GelImage
 from seed_estimation.gel.settings import GelSettings
-from seed_estimation.gel.shading import Canvas, Press, filled, fit_shading
+from seed_estimation.gel.shading import Canvas, Press, Shading, filled, fit_shading
 
 CAMERA = PinholeCamera(320, 240, np.array(((370.5, 0.0, 159.5), (0.0, 370.5, 119.5), (0.0, 0.0, 1.0))))
 CANVAS = Canvas(CAMERA, 0.022, 2)
@@ -95,10 +95,17 @@ def test_what_is_no_calibration_is_refused(tmp_path: Path) -> None:
     with one.open("wb") as file:
         np.save(file, np.zeros(3))
     text.write_text("no calibration")
-    np.savez(shading, left=np.zeros(3))
-    for file in (zipped, one, text, shading, tmp_path / "missing.npz"):
+    np.savez(shading, left=np.zeros((10, 6, 2)))
+    for file in (zipped, one, text, shading):
         with pytest.raises(SeedError, match=f"{file.name}: no calibration of gels"):
             load(file)
+    with pytest.raises(SeedError, match=r"'left' are float64 of shape \(10, 6, 2\); .* \(19, 6, 2\) are needed"):
+        load(shading)
+    with pytest.raises(SeedError, match=r"missing.npz: there is no such file"):
+        load(tmp_path / "missing.npz")
+    whole = Shading(np.random.default_rng(0).normal(size=(19, 6, 2)))
+    save(shading, {"right": whole})
+    np.testing.assert_array_equal(load(shading)["right"].coefficients, whole.coefficients)
     settings, image = GelSettings(), GelImage(np.zeros((10, 10, 3), np.uint8), 0.0)
     with pytest.raises(SeedError, match="no image of the free gel"):
         calibrated([], [image], 0.002, CAMERA, settings)

@@ -101,6 +101,8 @@ class MembraneMapFile:
                 )
         if len(self.scales) != COUNT or not np.allclose(self.scales, SCALES, rtol=1e-6):
             raise ConfigError("scales are not those of this program's features: identify again")
+        if not self.terms:
+            raise ConfigError("terms is empty: at least one is needed")
         if len(self.largest) != COUNT:
             raise ConfigError(f"largest has {len(self.largest)} values; it needs {COUNT}, one for each feature")
         _ = self.products
@@ -139,8 +141,10 @@ def rows(texts: tuple[str, ...], name: str) -> Array:
     """The matrix (rows, columns) of rows of numbers; finite.
 
     Raises:
-        ConfigError: a word that is no finite number, or rows of different length.
+        ConfigError: no row, a word that is no finite number, or rows of different length.
     """
+    if not texts:
+        raise ConfigError(f"{name} has no rows; it needs at least one, of a number for each term")
     try:
         values = [[float(word) for word in text.split()] for text in texts]
     except ValueError as error:

@@ -4,16 +4,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_core.program.npz import read_npz
 from seed_estimation.gel.dots import DotFinder
 from seed_estimation.gel.image import GelImage
 from seed_estimation.gel.settings import GelSettings
-from seed_estimation.gel.shading import Canvas, Press, Shading, change, filled, fit_shading, mean_colour
+from seed_estimation.gel.shading import SHAPE, Canvas, Press, Shading, change, filled, fit_shading, mean_colour
 from seed_estimation.images.camera import PinholeCamera
 
 
@@ -57,11 +57,15 @@ def save(file: Path, shadings: dict[str, Shading]) -> None:
 
 def load(file: Path) -> dict[str, Shading]:
     """Shadings by finger. Raises SeedError: no such file, or none of ours."""
-    try:
-        with np.load(file, allow_pickle=False) as content:
-            out = {finger: Shading(np.asarray(content[finger], float)) for finger in content.files}
-    except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, BadZipFile) as error:
-        raise SeedError(f"{file}: no calibration of gels: {error}") from error
-    if not out or any(s.coefficients.ndim != 3 or not np.isfinite(s.coefficients).all() for s in out.values()):
-        raise SeedError(f"{file}: no calibration of gels")
+    problem = "no calibration of gels"
+    out = {}
+    for finger, values in read_npz(file, problem).items():
+        if values.shape != SHAPE or values.dtype.kind != "f" or not np.isfinite(values).all():
+            raise SeedError(
+                f"{file}: {problem}: coefficients of '{finger}' are {values.dtype} of shape {values.shape}; finite "
+                f"numbers of shape {SHAPE} are needed: calibrate again"
+            )
+        out[finger] = Shading(values)
+    if not out:
+        raise SeedError(f"{file}: {problem}: it is empty")
     return out

@@ -35,6 +35,7 @@ _POWERS = [
     (i, j, k) for n in range(1, ORDER + 1) for i in range(n, -1, -1) for j in range(n - i, -1, -1) for k in (n - i - j,)
 ]
 _PLACES = [(i, j) for i in range(PLACE_ORDER + 1) for j in range(PLACE_ORDER + 1 - i)]
+SHAPE = len(_POWERS), len(_PLACES), 2  # of the coefficients; the last are the slopes along x and y
 
 _STIFF = np.array([10.0 ** (sum(power) + sum(place) - 1) for power in _POWERS for place in _PLACES])
 
@@ -95,7 +96,7 @@ def change(rgb: Array32, free: Array32) -> Array32:
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """Coefficients (powers of colour, powers of place, 2) of one gel."""
+    """Coefficients (powers of colour, powers of place, 2) of one gel, of shape SHAPE."""
 
     coefficients: Array
 
