@@ -293,13 +293,16 @@ def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mappin
     return value
 
 
-def save_file(path: str | Path, header: str, value: Any, width: int = 80) -> None:
+def save_file(path: str | Path, header: str, value: Any, width: int = 80, compact: bool = False) -> None:
     """Write a dataclass as YAML, whole or not at all; load_file reads it.
 
     Args:
         header: comments that stand first, with their line ends. width: characters after which lines are broken.
+        compact: the innermost lists and mappings stand in one line each, as far as the width lets them.
     """
     target = Path(path)
     part = target.with_suffix(target.suffix + ".part")
-    part.write_text(header + yaml.safe_dump(to_mapping(value), sort_keys=False, width=width), encoding="utf-8")
+    style = None if compact else False
+    text = yaml.safe_dump(to_mapping(value), sort_keys=False, width=width, default_flow_style=style)
+    part.write_text(header + text, encoding="utf-8")
     part.replace(target)

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 
 from seed_core.bushing import Stiffness
-from seed_core.config import ConfigError, field, from_mapping
+from seed_core.config import ConfigError, field, from_mapping, load_text, plain_yaml
 from seed_core.spatial import Array, Wrench, cross, pose_from_rpy
 from seed_core.vector3 import Vector3
 
@@ -75,16 +74,20 @@ class Tool:
         return self.T_tip.pose
 
 
-def read_hand(path: str) -> tuple[Hand, Tool]:
+def read_hand(path: str, alone: bool = False) -> tuple[Hand, Tool]:
     """Hand and tool of the launch files' hand_file.
+
+    Args:
+        alone: a file of nothing but the hand serves as well.
 
     Raises:
         ConfigError: it cannot be read, or is another kind of file.
     """
     try:
-        data = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
-    except (OSError, RuntimeError, ValueError, yaml.YAMLError) as error:
+        text = Path(path).expanduser().read_text(encoding="utf-8")
+    except (OSError, RuntimeError, ValueError) as error:
         raise ConfigError(f"hand_file = {path!r} cannot be read: {error}") from error
+    data = plain_yaml(text, path)
     sections = list(data.values()) if isinstance(data, dict) else []
     for section in sections:
         parameters = section.get("ros__parameters") if isinstance(section, dict) else None
@@ -93,6 +96,8 @@ def read_hand(path: str) -> tuple[Hand, Tool]:
                 from_mapping(_mapping(parameters, "hand", path), Hand, f"{path}: hand"),
                 from_mapping(_mapping(parameters, "tool", path), Tool, f"{path}: tool"),
             )
+    if alone:
+        return load_text(text, Hand, path), Tool()
     raise ConfigError(f"hand_file = {path!r} has no 'hand' under ros__parameters: is it the launch's hand_file?")
 
 

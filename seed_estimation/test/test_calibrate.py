@@ -112,14 +112,6 @@ def test_the_command_says_what_is_wrong_with_a_capture(tmp_path: Path, capsys: p
     assert "x.npz" in capsys.readouterr().err
 
 
-def test_the_hand_of_the_launch_files_serves_as_well(tmp_path: Path) -> None:
-    hand = "E_C: {position: [0.0, 0.0, 0.2]}"
-    (tmp_path / "alone.yaml").write_text(hand)
-    (tmp_path / "all.yaml").write_text(f"/**:\n  ros__parameters:\n    hand:\n      {hand}\n    tool: {{mass: 0.2}}\n")
-    for name in ("alone.yaml", "all.yaml"):
-        assert cal.read_hand(tmp_path / name).E_C.position == (0.0, 0.0, 0.2)
-
-
 def test_a_membrane_elsewhere_is_refused(shown: dict) -> None:
     with pytest.raises(SeedError, match="shape and distance"):
         cal.calibrate(**{**shown, "shape": cal.MembraneShape(apex=0.2)}, hand=Hand())

@@ -22,9 +22,9 @@ from seed_bringup.ros.session import Session
 from seed_bringup.ros.tactile_streams import Frame, TactileStreams
 from seed_core.config import load_file
 from seed_core.errors import FailedError, SeedError
-from seed_core.hand import Hand
+from seed_core.hand import Hand, read_hand
 from seed_core.program.command_line import Parser, command, interrupts, number, whole
-from seed_estimation.calibration.calibrate import MembraneShape, read_hand
+from seed_estimation.calibration.calibrate import MembraneShape
 from seed_estimation.calibration.capture import LEAST_POSES, MOST_POSES, Capture
 
 FIRST = 15.0  # [s] for the first images
@@ -164,7 +164,7 @@ def main(argv: list[str]) -> int:
     p.add_argument("--brightness", default="ir", choices=("ir", "color"), help="default: %(default)s")
     p.add_argument("--rectified", action="store_true", help="streams are rectified: ignore D of camera_info")
     p.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
-    p.add_argument("--hand", type=Path, help="the launch's hand_file, or YAML of the hand alone")
+    p.add_argument("--hand", help="the launch's hand_file, or YAML of the hand alone")
     p.add_argument(
         "--radius", type=number(0.003, "m", 0.05), default=0.012, help="[m] of the cylinder; default: %(default)s"
     )
@@ -183,7 +183,7 @@ def main(argv: list[str]) -> int:
         raise SeedError(f"{options.out} exists: name another file with --out, or say --force")
     try_to_write(options.out)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
-    hand = read_hand(options.hand) if options.hand else Hand()
+    hand = read_hand(options.hand, alone=True)[0] if options.hand else Hand()
     with ExitStack() as stack:
         if options.practice:
             stack.enter_context(Practice.domain())

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.config import ConfigError, field, from_mapping, load_file, plain_yaml
+from seed_core.config import field, load_file
 from seed_core.errors import SeedError
-from seed_core.hand import Hand
+from seed_core.hand import Hand, read_hand
 from seed_core.program.command_line import Parser, command, number
 from seed_core.program.npz import read_npz
 from seed_core.spatial import Array, so3_log
@@ -163,15 +163,6 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
     return cameras, no_contact, grasped
 
 
-def read_hand(path: Path) -> Hand:
-    """The hand in the parameters of all nodes, as launch files take them, or a file of nothing else."""
-    try:
-        parameters = plain_yaml(path.read_text(encoding="utf-8"), str(path))["/**"]["ros__parameters"]["hand"]
-    except (OSError, ValueError, KeyError, TypeError, ConfigError):  # another file, or one that the next line refuses
-        return load_file(path, Hand)
-    return from_mapping(parameters, Hand, str(path))
-
-
 def table(calibration: Calibration, drawn: Hand) -> str:
     """What each camera was off by, for people: range [mm], and pose against the drawing [mm], [deg], in C."""
     X_CX = {"left": drawn.X_CL, "right": drawn.X_CR}
@@ -204,11 +195,11 @@ def main(argv: list[str]) -> int:
         "--out", type=Path, default=Path("calibration.yaml"), help="file to write; default: %(default)s"
     )
     parser.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
-    parser.add_argument("--hand", type=Path, help="the launch's hand_file, or YAML of the hand alone")
+    parser.add_argument("--hand", help="the launch's hand_file, or YAML of the hand alone")
     parser.add_argument("--radius", type=number(0.003, "m", 0.05), default=0.012, help="[m] of the grasped cylinder")
     options = parser.parse_args(argv)
     shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
-    hand = read_hand(options.hand) if options.hand else Hand()
+    hand = read_hand(options.hand, alone=True)[0] if options.hand else Hand()
     calibration = calibrate(*read_capture(options.capture), shape, options.radius, hand)
     save(calibration, options.out)
     print(table(calibration, hand))

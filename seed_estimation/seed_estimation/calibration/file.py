@@ -6,14 +6,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import yaml
 
-from seed_core.config import ConfigError, field, load_file, to_mapping
+from seed_core.config import ConfigError, field, load_file, save_file
 from seed_core.hand import Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Image
 
+HEADER = (
+    "# SPDX-License-Identifier: Apache-2.0\n"
+    "# Range [m] and poses in C of a hand's cameras, found by ./seed calibrate.\n"
+)
 FINGERS = ("left", "right")
 STEP = 4  # [px] between the nodes of the stored range offset
 SAME = 1e-6  # [1], [m] by which two drawings of a camera's pose may differ
@@ -113,8 +116,8 @@ def load(path: str | Path) -> Calibration:
 
 
 def save(calibration: Calibration, path: Path) -> None:
-    """As YAML."""
-    path.write_text(yaml.safe_dump(to_mapping(calibration), sort_keys=False, default_flow_style=None), encoding="utf-8")
+    """As YAML, whole or not at all."""
+    save_file(path, HEADER, calibration, compact=True)
 
 
 def frame_of(X: Array) -> Frame:

@@ -19,7 +19,7 @@ from seed_bringup.ros.link_frames import joints_of
 from seed_control.tasks.load import load_task, shipped_tasks
 from seed_core.clocks import clocks, save_clocks
 from seed_core.config import to_mapping
-from seed_core.hand import Hand
+from seed_core.hand import Hand, read_hand
 from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hysteretic
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
@@ -27,7 +27,7 @@ from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_
 from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
 from seed_driver.motion.kinematics import KEYS, LINKS, load_calibration
 from seed_estimation.calibration import file as camera_calibration
-from seed_estimation.calibration.calibrate import read_capture, read_hand
+from seed_estimation.calibration.calibrate import read_capture
 from seed_estimation.images import identity
 from seed_sim.identification.scenario import load as load_identification
 from seed_sim.scenario import load_scenario
@@ -81,7 +81,7 @@ def READERS() -> tuple[Reader, ...]:
         Reader("membrane_map", ".yaml", "yaml", (_membrane_map(),), load_membrane_map),
         Reader("camera_calibration", ".yaml", "yaml", (_calibration(),), _offsets),
         Reader("clocks", ".yaml", "yaml", (_clocks(),), lambda f: clocks(str(f))),
-        Reader("hand", ".yaml", "yaml", (hand, *_share("seed_bringup", "config/hand.yaml")), read_hand),
+        Reader("hand", ".yaml", "yaml", (hand, *_share("seed_bringup", "config/hand.yaml")), _hand),
         Reader("arm_calibration", ".yaml", "yaml", (_arm(),), lambda f: load_calibration(str(f), nominal).origins),
         Reader("samples", ".jsonl", "lines", (_samples(),), sample_file.read),
         Reader("launch", ".xml", "text", _launch_files(), lambda f: describe(f, {})),
@@ -90,6 +90,10 @@ def READERS() -> tuple[Reader, ...]:
         Reader("capture", ".npz", "bytes", (_capture(),), read_capture),
         Reader("bag", ".mcap", "bytes", (_bag(),), _bag_contents),
     )
+
+
+def _hand(file: Path) -> Any:
+    return read_hand(str(file), alone=True)
 
 
 def _launch_files() -> tuple[bytes, ...]:
