@@ -91,7 +91,7 @@ class Estimator:
         self._reference: Reference | None = None
         self.zero = NO_LOAD
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
-        self._stamp = -np.inf  # [s] of the last images since the grasp
+        self._stamp = -np.inf  # [s] of the last images since the grasp: of the older finger's
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
         self._mutual = calibration.mutual_deviation
         self._covariance = self._new_covariance()
@@ -154,7 +154,7 @@ class Estimator:
             models = [finger_model(s, grasp.depth[f], grasp.ir[f], grasp.masks[f], p) for f, s in finders]
             timing = Timing(p.finger_skew_std, p.depth_lag_std)
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip, timing)
-        self._stamp = max(i[-1].stamp for i in series.values())
+        self._stamp = min(i[-1].stamp for i in series.values())
 
     def _usable(
         self, frames: Sequence[Frame], correction: Mapping[str, Image], purpose: str
@@ -192,7 +192,7 @@ class Estimator:
 
         Args:
             images: of one time, by finger.
-            stamp: that time [s]; later than that of the images before.
+            stamp: that time [s], of the older finger's images; later than that of the images before.
 
         Returns:
             X_CT at `stamp` with covariance and the axes observed; or an estimate that is not valid, and its reason.

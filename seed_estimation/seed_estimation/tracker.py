@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool followed from frame to frame by the rigid fit: prediction, locked or lost, relocalisation.
 
-A frame is locked when the motion explains enough of the image of every finger that touches something, and no finger's
-depth contradicts it. Where the first fit is not, others are tried before the track is lost. A membrane that creeps
-along its edge or stretches does not move as one body: where one rigid motion explains less, a frame is locked all the
-same if depth fits as well as usual and the material of every finger, followed as it deforms, is found in its image:
-that of the patch, or that of the free band around it.
+A frame is locked when the motion explains enough of one finger's image, and no finger that touches something
+contradicts it by its depth, or by its image where depth tells nothing. A track that was lost is found when the motion
+explains enough of the image of every finger that touches something. Where the first fit is not locked, others are tried
+before the track is lost. A membrane that creeps along its edge or stretches does not move as one body: where one rigid
+motion explains less, a frame is locked all the same if depth fits as well as usual and the material of every finger,
+followed as it deforms, is found in its image: that of the patch, or that of the free band around it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -72,7 +73,7 @@ class Tracker:
         self._patches = Followed([MaterialTracker(m, m.patch) for m in models])
         self._bands = Followed([MaterialTracker(m, m.around) for m in models if m.around is not None])
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
-        self._stamp = max(i.stamp for i in images.values())
+        self._stamp = min(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
         self._found = 0  # frames in a row since it was found again
         self._relocaliser: Relocaliser | None = None

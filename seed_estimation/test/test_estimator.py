@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pose of the tool from rendered images by the rigid fit: all axes, micro-slip, one finger."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rendered import PERIOD, held
 
+from seed_core.hand import Hand
 from seed_core.spatial import make_pose, rotation_error, so3_exp
+from seed_estimation import Estimator, EstimatorParameters, TactileImages
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
+from seed_sim.tactile.renderer import TactileRenderer
 
 
 def errors(p: TactileParameters, seed: int, seconds: float, size: float = 1.0) -> tuple[np.ndarray, float]:
@@ -46,6 +51,23 @@ def test_a_small_micro_slip_is_corrected() -> None:
     rmse, valid = errors(TactileParameters(slip=0.05), 11, 3.0)
     assert valid == 1.0
     assert (rmse < (0.12, 0.12, 0.12, 0.08, 0.04, 0.08)).all(), rmse
+
+
+def test_a_finger_that_is_behind_the_other_by_more_than_a_period_is_followed_from_the_grasp_on() -> None:
+    """The right camera exposes 20 ms after the left one, at 60 Hz; an image's time is that of the older finger."""
+    period, behind = 1.0 / 60.0, 0.02  # [s]
+    bubbles = TactileRenderer(TactileParameters(), Hand(), 15)
+    estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+
+    def seen(t: float) -> dict[str, TactileImages]:
+        images = bubbles.no_contact(t) if t < 0.0 else bubbles.render(np.eye(4), t)
+        return {**images, "right": replace(images["right"], stamp=t + behind)}
+
+    estimator.capture_reference([seen(i * period - 1.0) for i in range(4)])
+    estimator.initialize_grasp([seen(i * period) for i in range(3)])
+    estimate = estimator.update(seen(3 * period), 3 * period)
+    assert estimate.valid, estimate.reason
+    assert "out of order" in estimator.update(seen(3 * period), 3 * period).reason
 
 
 def test_one_finger_gives_a_reduced_estimate() -> None:
