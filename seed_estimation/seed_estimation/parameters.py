@@ -35,7 +35,7 @@ class EstimatorParameters:
     threshold: float = field(0.0015, unit="m", low=1e-4, high=0.02, doc="indentation from which a pixel is in contact")
     largest: float = field(0.020, unit="m", low=0.002, high=0.1, doc="a larger indentation is a broken pixel")
     smooth: int = field(5, unit="px", low=1, high=25, doc="side of the box over which indentation is averaged")
-    opening: int = field(7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens and closes the patch")
+    opening: int = field(7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens the patch: what is narrower is none")
     least_area: int = field(150, unit="px", low=4, high=100000, doc="pixels from which a patch is a contact")
 
     loaded_grasp: str = field(

@@ -44,7 +44,6 @@ class Gel:
         self._dots = DotFinder(settings.dot * per_metre, settings.contrast)
         self._near = NEAR * settings.pitch * per_metre
         self._free: Array32 | None = None  # (h, w, 3) [counts] of the free gel, dots filled in
-        self._free_dots: Mask = np.zeros(self._canvas.shape, np.uint8)
         self._grasp: Grasp | None = None
         self._last: tuple[GelImage, Seen] | None = None
 
