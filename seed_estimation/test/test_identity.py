@@ -2,13 +2,34 @@
 """Images that are turned, or another finger's, are told by their dots."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rendered import held
 
 from seed_estimation import EstimatorError
+from seed_estimation.images import identity
 from seed_sim.tactile.parameters import TactileParameters
+
+
+def test_a_finger_that_comes_later_is_remembered_beside_the_one_that_is_known(tmp_path: Path) -> None:
+    """The first session has the left bubble only, the second both, the third both in each other's place."""
+    file, rng = tmp_path / "bubbles.npz", np.random.default_rng(3)
+    dots = [identity.pattern((1000 + 500 * rng.random((171, 224))).astype(np.float32)) for _ in range(2)]
+    left, right = (identity.Known(pattern, "camera", np.eye(3)) for pattern in dots)
+
+    def session(**seen: identity.Known) -> tuple[str, set[str]]:
+        bubbles = identity.Bubbles(str(file), dict.fromkeys(seen, "camera"))
+        bubbles.judge(seen)
+        return bubbles.status, set(identity.load(file))
+
+    session(left=left)
+    for strange in ({"left": right, "right": left}, {"right": left}):
+        assert session(**strange)[1] == {"left"}
+    assert session(left=left, right=right) == ("unverified", {"left", "right"})
+    assert session(left=left, right=right)[0] == "verified by dots"
+    np.testing.assert_array_equal(identity.load(file)["right"].pattern, right.pattern)
 
 
 def test_images_turned_or_swapped_are_named() -> None:

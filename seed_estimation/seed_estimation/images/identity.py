@@ -135,7 +135,10 @@ class Bubbles:
         self.status = self.UNVERIFIED
 
     def judge(self, seen: Mapping[str, Known]) -> None:
-        """Sets `status` from a new reference of every finger, and remembers it where nothing is known yet."""
+        """Sets `status` from a new reference, and remembers the fingers of which nothing is known yet.
+
+        Beside fingers that are known, another is remembered only where their dots are found again and are not its own.
+        """
         known = self.known
         same = [f in known and correlation(b.pattern, known[f].pattern) >= SAME + MARGIN for f, b in seen.items()]
         named = [b.frame_id == self.names[f] for f, b in seen.items()]
@@ -144,5 +147,8 @@ class Bubbles:
             self.status = "verified by dots"
         elif all(named) and len(set(self.names.values())) == len(self.names):
             self.status = "left and right verified by frame_id, which way is up is not"
-        if self._path and not self.known:
-            save(self._path, seen)
+        new = {f: b for f, b in seen.items() if f not in known}
+        found_again = all(alike for f, alike in zip(seen, same, strict=True) if f in known)
+        others = [correlation(b.pattern, k.pattern) for b in new.values() for k in known.values()]
+        if self._path and new and found_again and max(others, default=-1.0) < SAME + MARGIN:
+            save(self._path, {**known, **new})
