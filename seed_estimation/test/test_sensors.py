@@ -101,6 +101,13 @@ def test_the_bubbles_estimator_is_one_as_well() -> None:
     assert not bubbles.update({}, 1.0).valid
 
 
+def test_a_finger_that_is_behind_the_other_by_more_than_a_period_is_followed_from_the_grasp_on() -> None:
+    estimator, places = grasped()
+    estimator.initialize_grasp([{f: Marked(p, t) for (f, p), t in zip(places.items(), (0.1, 0.12), strict=True)}])
+    after = estimator.update({f: Marked(p, t) for (f, p), t in zip(places.items(), (0.117, 0.137), strict=True)}, 0.117)
+    assert after.valid, after.reason
+
+
 def test_a_rigid_motion_of_dots_is_found_with_a_covariance_that_holds() -> None:
     estimator, places = grasped()
     rng, squares = np.random.default_rng(7), []

@@ -63,7 +63,7 @@ class SensorEstimator(Generic[Image]):
         self.patches = {f: sensor.initialize_grasp(series[f]) for f, sensor in self._sensors.items()}
         self._X_CT, self._rate = np.eye(4), np.zeros(6)
         self._grasped, self._slid, self._lost = True, False, 0
-        self._stamp = max(images[-1].stamp for images in series.values())
+        self._stamp = min(images[-1].stamp for images in series.values())
 
     def _usable(self, frames: Sequence[Mapping[str, Image]], purpose: str) -> dict[str, list[Image]]:
         """The good images of each finger."""
@@ -77,7 +77,7 @@ class SensorEstimator(Generic[Image]):
         return out
 
     def update(self, frame: Mapping[str, Image], stamp: float) -> RelativePoseEstimate:
-        """The pose at stamp [s]; never raises on a bad frame, but says why."""
+        """The pose at stamp [s], of the older finger's image; never raises on a bad frame, but says why."""
         p = self.parameters
         problem = self._problem(frame, stamp)
         if problem:
