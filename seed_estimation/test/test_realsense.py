@@ -117,7 +117,7 @@ def test_the_smaller_serial_is_left_and_stays_so_when_a_camera_is_unplugged_and_
         for one, height in zip(shelf, (0.09, 0.07), strict=True):
             if one in there:
                 one.show(dome(height), np.full((64, 64), 77), time.time())
-        cameras.take(lambda finger, pictures: seen.append((finger, float(np.nanmin(pictures.depth)))))
+        cameras.take(lambda finger, _, pictures: seen.append((finger, float(np.nanmin(pictures.depth)))))
 
     until(lambda: len({f for f, _ in seen}) == 2, show)
     assert {f: round(v, 3) for f, v in seen} == {"left": 0.07, "right": 0.09}
@@ -176,6 +176,25 @@ def test_a_serial_that_is_not_there_is_told_with_those_that_are() -> None:
 
 
 @needs_library
+def test_images_come_with_the_camera_that_took_them_even_if_it_is_given_up_meanwhile(pair: Any) -> None:
+    shelf, _, cameras = pair
+    came: list[tuple[str, str, bool]] = []
+
+    def use(finger: str, camera: Camera, _: Pictures) -> None:
+        cameras._drop(finger, camera)  # as the thread that looks after them does
+        came.append((finger, camera.found.serial, cameras.camera(finger) is None))
+
+    def show() -> None:
+        cameras.look()
+        for one in shelf:
+            one.show(dome(), np.full((64, 64), 77), time.time())
+        cameras.take(use)
+
+    until(lambda: len({f for f, _, _ in came}) == 2, show)
+    assert set(came) == {("left", "100", True), ("right", "200", True)}
+
+
+@needs_library
 def test_a_recording_is_played_as_a_camera_and_dated_by_its_arrival(tmp_path: Path) -> None:
     rs, source, file = library(), software("77"), tmp_path / "press.db3"
     recorder = rs.recorder(str(file), source.device)
@@ -190,7 +209,7 @@ def test_a_recording_is_played_as_a_camera_and_dated_by_its_arrival(tmp_path: Pa
     del recorder
     cameras = Cameras(RealSenseSettings(fingers="left", recordings=[str(file)], width=64, height=64))
     got: list[Pictures] = []
-    until(lambda: len(got) >= 3, lambda: (cameras.look(), cameras.take(lambda _, p: got.append(p)))[0])
+    until(lambda: len(got) >= 3, lambda: (cameras.look(), cameras.take(lambda _f, _c, p: got.append(p)))[0])
     assert abs(got[-1].stamp - time.time()) < 2.0  # its own dates are of another year
     assert_allclose(np.nanmin(got[0].depth), 0.08, atol=1e-6)
     cameras.close()

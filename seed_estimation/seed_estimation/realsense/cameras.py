@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from seed_core.errors import SeedError
@@ -81,10 +82,10 @@ class Cameras:
         """The camera of a finger, while it is open."""
         return self._open.get(finger)
 
-    def take(self, use: Callable[[str, Pictures], None]) -> None:
-        """Give the images that have come to `use`, with their finger."""
+    def take(self, use: Callable[[str, Camera, Pictures], None]) -> None:
+        """Give the images that have come to `use`, with their finger and the camera that took them."""
         for finger, camera in tuple(self._open.items()):
-            camera.take(lambda pictures, finger=finger: use(finger, pictures))  # type: ignore[misc]
+            camera.take(partial(use, finger, camera))
 
     def counts(self, finger: str) -> tuple[int, int]:
         """Pairs of images taken and lost, of all cameras that the finger has had."""

@@ -5,8 +5,9 @@ import sys
 from typing import Any
 
 from seed_core.errors import SeedError
+from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.realsense import library
-from seed_estimation.realsense.camera import Pictures
+from seed_estimation.realsense.camera import Camera, Pictures
 from seed_estimation.realsense.cameras import Cameras, Find
 from seed_estimation.realsense.settings import RealSenseSettings
 from seed_ros import FixedRateLoop, FrameNames, SeedNode, diagnostics
@@ -28,7 +29,7 @@ class CamerasNode(SeedNode):
         self.refuse_unknown()
         self.cameras = Cameras(self.settings, find)
         self._outputs = {f: CameraPublisher(self, f, frames.camera(f), ir="mono8") for f in self.cameras.fingers}
-        self._calibrated: dict[str, int] = {}  # identity of the camera that a finger's publisher knows
+        self._calibrated: dict[str, PinholeCamera] = {}  # that a finger's publisher knows
         self._ages = dict.fromkeys(self.cameras.fingers, 0.0)  # [s] of the newest images when they arrived
         self.loop = FixedRateLoop(self, LOOP_RATE, self._tick, steady=True, priority=self.settings.realtime_priority)
         self.diagnose("RealSense", self._report)
@@ -44,12 +45,11 @@ class CamerasNode(SeedNode):
         while self.cameras.events:
             self.counters.add(*self.cameras.events.popleft())
 
-    def _publish(self, finger: str, pictures: Pictures) -> None:
-        camera = self.cameras.camera(finger)
-        if camera is not None and self._calibrated.get(finger) != id(camera):
-            c = camera.model
+    def _publish(self, finger: str, camera: Camera, pictures: Pictures) -> None:
+        c = camera.model
+        if self._calibrated.get(finger) is not c:
             self._outputs[finger].calibrate(Intrinsics(c.width, c.height, list(c.K.ravel()), list(c.D), c.model))
-            self._calibrated[finger] = id(camera)
+            self._calibrated[finger] = c
             self.get_logger().info(
                 f"{finger}: camera {camera.found}, firmware {camera.found.firmware}, {c.width} x {c.height}, depth in "
                 f"steps of {1e3 * camera.depth_unit:g} mm"
