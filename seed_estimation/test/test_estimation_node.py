@@ -25,6 +25,7 @@ from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error
 from seed_estimation import TactileImages
 from seed_estimation.images import identity
+from seed_estimation.ros import gathering
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import Intrinsics, camera_info
@@ -220,6 +221,22 @@ def test_no_reference_is_taken_with_a_tool_in_the_grasp(bench: Bench, renderer: 
     assert bench.until(lambda: not rig.poses[-1].valid)
     free = rig.call("capture_reference")
     assert free.success, free.message
+
+
+def test_a_reference_of_many_images_waits_as_long_as_they_come(
+    bench: Bench, renderer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gathering, "TIMEOUT", 1.0)  # [s]; 60 images take more than twice as long
+    rig = Rig(bench, renderer, reference_frames=60)
+    began = rig.now()
+    answer = rig.call("capture_reference")
+    assert answer.success, answer.message
+    assert "taken from 60 images" in answer.message
+    assert rig.now() - began > 2.0
+    rig.hooks.append(lambda *_: None)
+    cut_off = rig.call("capture_reference")
+    assert not cut_off.success
+    assert "of 60 images came, none for 1 s" in cut_off.message
 
 
 def test_without_camera_info_it_says_what_is_missing(bench: Bench, renderer: Any) -> None:

@@ -11,7 +11,7 @@ from seed_core.estimate import Regrasp, RelativePoseEstimate
 from seed_estimation.images.tactile_images import TactileImages
 from seed_ros import SeedNode
 
-TIMEOUT = 6.0  # [s] for all images of a reference or a grasp
+TIMEOUT = 6.0  # [s] without images of every finger, after which a reference or a grasp is given up
 
 Images = dict[str, TactileImages]  # by finger
 
@@ -27,7 +27,7 @@ class _Wanted:
     what: str
     count: int
     use: Callable[[list[Images]], str]
-    deadline: float  # [s]
+    deadline: float  # [s] for the next images
     images: list[Images] = field(default_factory=list)
     outcome: tuple[bool, str] | None = None
     answer: Future = field(default_factory=Future)
@@ -68,6 +68,7 @@ class Gathering:
         if wanted is None or wanted.outcome is not None:
             return False
         wanted.images.append(images)
+        wanted.deadline = self._node.now() + TIMEOUT
         if len(wanted.images) < wanted.count:
             return False
         try:
@@ -90,7 +91,7 @@ class Gathering:
             return
         if wanted.outcome is None:
             why = self._node.counters.last or "no images arrive"
-            came = f"{len(wanted.images)} of {wanted.count} images within {TIMEOUT:g} s"
+            came = f"{len(wanted.images)} of {wanted.count} images came, none for {TIMEOUT:g} s"
             started = "; a cell that has only just started needs some seconds: call again" if not wanted.images else ""
             self._finish(wanted, False, f"{came}; {why}{started}")
         self._give_answer()  # no pose may come any more
