@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from array import array
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,22 @@ from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import CameraInfo, Image, TimeReference
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from seed_core.clocks import save_clocks
+from seed_core.errors import SeedError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, pose_from_rpy, rotation_error
 from seed_estimation import TactileImages
+from seed_estimation.calibration import file as calibration_file
+from seed_estimation.calibration.file import Calibration, FingerCalibration
 from seed_estimation.images import identity
 from seed_estimation.ros import gathering
 from seed_estimation.ros.node import EstimatorNode
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import Intrinsics, camera_info
 from seed_ros.images.arrays import image_message
-from seed_ros.qos import COMMAND, QUEUE, SENSOR
+from seed_ros.qos import COMMAND, LATCHED, QUEUE, SENSOR
 from seed_ros.testing import Bench
 
 pytestmark = pytest.mark.ros
@@ -408,6 +413,36 @@ def test_the_method_changes_live_and_nonsense_is_refused(bench: Bench, renderer:
     assert bench.until(lambda: rig.poses[-1].valid and rig.poses[-1].method == "published")
 
 
+def test_the_cameras_frames_are_those_of_the_calibration_which_counts_from_the_start(
+    bench: Bench, renderer: Any, tmp_path: Path
+) -> None:
+    from rclpy.parameter import Parameter
+
+    fingers = {}
+    for finger, drawn, y in (("left", Hand().C_L, 0.1), ("right", Hand().C_R, -0.1)):
+        camera = renderer.cameras[finger]
+        found = replace(drawn, position=(0.0, y, 0.0))
+        fingers[finger] = FingerCalibration(camera.width, camera.height, pose=found, drawn=drawn)
+    file = tmp_path / "calibration.yaml"
+    calibration_file.save(Calibration(fingers, 0.001, 0.0001), file)
+    frames: dict[str, float] = {}
+
+    def heard(message: TFMessage) -> None:
+        frames.update({t.child_frame_id: t.transform.translation.y for t in message.transforms})
+
+    bench.client.create_subscription(TFMessage, "/tf_static", heard, LATCHED)
+    rig = Rig(bench, renderer, calibration=str(file), **QUICK)
+    assert bench.until(lambda: "bubble_left_optical" in frames)
+    assert frames["bubble_left_optical"] == pytest.approx(0.1)
+    assert frames["bubble_right_optical"] == pytest.approx(-0.1)
+    assert bench.until(lambda: rig.node.core is not None)
+    np.testing.assert_allclose(rig.node.core.hand.X_CL[:3, 3], (0.0, 0.1, 0.0), atol=1e-12)
+    refused = rig.node.set_parameters([Parameter("calibration", value="")])[0]
+    assert not refused.successful
+    with pytest.raises(SeedError, match=r"nothing.yaml: cannot be read"):
+        bench.add(EstimatorNode, calibration=str(tmp_path / "nothing.yaml"))
+
+
 def test_it_answers_what_time_it_is(bench: Bench) -> None:
     bench.add(EstimatorNode)
     answers: list[TimeReference] = []
@@ -457,6 +492,34 @@ def test_a_camera_info_that_contradicts_the_image_is_named(
 
     rig.spoil_info = spoilt
     assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
+
+
+def test_a_camera_info_that_is_refused_is_told_until_a_good_one_of_the_same_finger_comes(
+    bench: Bench, renderer: Any
+) -> None:
+    """The left camera's loses its focal length; the right one's stays good."""
+    rig = Rig(bench, renderer, **QUICK)
+    refused = "bubble_left/depth/camera_info: "
+
+    def spoilt(finger: str, info: CameraInfo) -> CameraInfo:
+        if finger == "left":
+            info.k = [0.0] * 9
+        return info
+
+    rig.spoil_info = spoilt
+    assert rig.reason(refused), [p.reason for p in rig.poses[-3:]]
+    rig.poses.clear()
+    assert bench.until(lambda: len(rig.poses) > 5)
+    assert all(refused in p.reason for p in rig.poses), [p.reason for p in rig.poses]
+    rig.spoil_info = lambda _, info: info
+    rig.grasped()
+    rig.spoil_info = spoilt
+    assert rig.reason(refused), [p.reason for p in rig.poses[-3:]]
+    rig.poses.clear()
+    assert bench.until(lambda: len(rig.poses) > 5)
+    assert not any(p.valid for p in rig.poses)
+    rig.spoil_info = lambda _, info: info
+    assert rig.reason("no reference")
 
 
 # whose images are these?

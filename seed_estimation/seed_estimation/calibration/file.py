@@ -111,8 +111,8 @@ class Calibration:
 
 
 def load(path: str | Path) -> Calibration:
-    """Raises ConfigError with file and line."""
-    return load_file(path, Calibration)
+    """What a file says, '' for nothing calibrated. Raises ConfigError with file and line."""
+    return load_file(path, Calibration) if str(path) else Calibration()
 
 
 def save(calibration: Calibration, path: Path) -> None:

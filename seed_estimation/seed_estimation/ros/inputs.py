@@ -80,7 +80,7 @@ class ImageInputs:
         self.fingers = FINGERS[settings.fingers]
         self.cameras: dict[str, PinholeCamera] = {}
         self.frame_ids: dict[str, str] = {}
-        self.camera_problem = ""
+        self._camera_problems: dict[str, str] = {}  # by finger whose camera_info was refused
         self._now, self._counters = node.now, node.counters
         self._ready, self._problem, self._calibrated = ready, problem, calibrated
         self.arrived = 0.0  # [s] when the images that are being worked on were complete
@@ -123,13 +123,14 @@ class ImageInputs:
             camera = PinholeCamera.from_info(*intrinsics(message, self.settings.rectified))
             _refuse(identity.other_lens(finger, camera.K, self._bubbles.known))
         except SeedError as error:
-            self.camera_problem = f"{self._topics[finger, 'info']}: {error}"
-            self._counters.add("camera_info_refused", self.camera_problem)
+            self._camera_problems[finger] = f"{self._topics[finger, 'info']}: {error}"
+            self._counters.add("camera_info_refused", self._camera_problems[finger])
+            self.cameras.pop(finger, None)  # it is another camera than before, or set up otherwise
             return
+        self._camera_problems.pop(finger, None)
         known = self.cameras.get(finger)
         if known is None or not known.matches(camera):
             self.cameras[finger] = camera
-            self.camera_problem = ""
             if set(self.cameras) == set(self.fingers):
                 self._calibrated()
 
@@ -194,7 +195,9 @@ class ImageInputs:
         missing = [f for f in self.fingers if f not in self.cameras]
         if missing:
             where = self._topics[missing[0], "info"]
-            reason = self.camera_problem or f"no message on {where} yet: without it depth has no geometry"
+            reason = (
+                self._camera_problems.get(missing[0]) or f"no message on {where} yet: without it depth has no geometry"
+            )
             self._no_images("images_without_camera_info", stamp, reason)
             return
         self._ready(stamp, images)

@@ -19,6 +19,7 @@ from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
+from seed_estimation.calibration import file as calibration_file
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
@@ -63,12 +64,15 @@ class EstimatorNode(SeedNode):
         self.settings = self.declare(NodeSettings())
         inputs = self.declare(InputSettings())
         self.frames = self.declare(FrameNames(), "frames")
-        self.hand = self.declare(Hand(), "hand")
-        live = tuple(EstimatorParameters.__dataclass_fields__)
+        self.drawn = self.declare(Hand(), "hand")
+        live = set(EstimatorParameters.__dataclass_fields__) - {"calibration"}
         self.parameters = self.declare(EstimatorParameters(), live=live, on_change=self._on_parameters)
+        self.calibration = calibration_file.load(self.parameters.calibration)
+        self.hand = self.calibration.hand(self.drawn)
         self.refuse_unknown(shared=("tool.", "grasp."))
 
         self.core: Estimator | None = None
+        self._no_core = ""  # why there is none although the cameras are known
         names = {finger: self.frames.camera(finger) for finger in FINGERS[inputs.fingers]}
         self.bubbles = identity.Bubbles(self.settings.identity_file, names)
         self.gathering = Gathering(self)
@@ -106,11 +110,11 @@ class EstimatorNode(SeedNode):
             self.counters.add("camera_changed", "camera_info has changed: capture the reference again")
         try:
             patterns = {f: known.pattern for f, known in self.bubbles.known.items()}
-            self.core = Estimator(self.parameters, self.hand, self.inputs.cameras, patterns=patterns)
+            cameras, calibration = self.inputs.cameras, self.calibration
+            self.core = Estimator(self.parameters, self.drawn, cameras, calibration, patterns)
         except SeedError as error:
-            self.core = None
-            self.counters.add("camera_info_refused", str(error))
-            self.inputs.camera_problem = str(error)
+            self.core, self._no_core = None, str(error)
+            self.counters.add("camera_info_refused", self._no_core)
 
     def _on_parameters(self, parameters: EstimatorParameters) -> None:
         self.parameters = parameters
@@ -119,7 +123,7 @@ class EstimatorNode(SeedNode):
 
     def _on_images(self, stamp: float, images: dict[str, TactileImages]) -> None:
         if self.core is None:
-            self._publish_invalid(stamp, self.inputs.camera_problem or "the estimator is not set up")
+            self._publish_invalid(stamp, self._no_core)
             return
         if set(images) == set(self.inputs.fingers) and self.gathering.add(images):
             return  # a new reference or grasp begins with the next images
