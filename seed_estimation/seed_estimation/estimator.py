@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.config import checked
+from seed_core.config import ConfigError, checked
 from seed_core.estimate import NO_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_estimation import report
@@ -78,8 +78,7 @@ class Estimator:
         if unknown or not cameras:
             raise EstimatorError(f"cameras of {sorted(cameras) or 'no finger'}: give 'left', 'right' or both")
         if calibration is None:
-            named = parameters.calibration
-            calibration = calibration_file.load(named) if named else calibration_file.Calibration()
+            calibration = calibration_file.load(parameters.calibration)
         self.parameters, self.hand = parameters, calibration.hand(hand)
         self.fingers = tuple(f for f in FINGERS if f in cameras)
         self.patterns = dict(patterns or {})
@@ -100,10 +99,20 @@ class Estimator:
     def reconfigure(self, parameters: EstimatorParameters) -> None:
         """New parameters; reference and grasp are kept where they do not depend on what changed.
 
+        What a reference or a grasp was made with counts from the next one on; the parameters' help says which that is.
+
         Raises:
-            ConfigError: a parameter is out of its bounds.
+            ConfigError: a parameter is out of its bounds, or `calibration` is another: that needs a new estimator.
         """
-        before, self.parameters = self.parameters, checked(parameters, "EstimatorParameters")
+        before, parameters = self.parameters, checked(parameters, "EstimatorParameters")
+        if parameters.calibration != before.calibration:
+            raise ConfigError(f"calibration = {parameters.calibration!r} cannot be changed while the estimator runs")
+        self.parameters = parameters
+        self._covariance.systematic = self._systematic()
+        if self._tracker is not None:
+            self._tracker.slip.most = parameters.max_slip
+        if self._patch_method is not None:
+            self._patch_method.parameters = parameters
         if before.decimate != parameters.decimate or before.method != parameters.method:
             self._forget_grasp()
         if before.decimate != parameters.decimate:
@@ -178,7 +187,10 @@ class Estimator:
         self._stamp, self.zero = -np.inf, NO_LOAD
 
     def _new_covariance(self) -> Covariance:
-        return Covariance(Systematic(self.parameters, {f: self._X_CX[f] for f in self.fingers}, self._mutual))
+        return Covariance(self._systematic())
+
+    def _systematic(self) -> Systematic:
+        return Systematic(self.parameters, {f: self._X_CX[f] for f in self.fingers}, self._mutual)
 
     @property
     def timing(self) -> Timing | None:

@@ -10,6 +10,8 @@ METHODS = ("rigid_fit", "published")
 METHOD_HELP = (
     "rigid_fit fits one motion of six axes to all images, published is the paper's: patches, and the flow's curl"
 )
+REFERENCE_LATER, GRASP_LATER = "from the next reference on", "from the next grasp on"
+REST_LATER = "in the reference from the next one on"
 
 
 @dataclass(frozen=True)
@@ -19,15 +21,22 @@ class EstimatorParameters:
     Lengths in pixels are meant for an image about 224 px wide: use `decimate` for larger ones.
     """
 
-    method: str = field("rigid_fit", choices=METHODS, doc="which estimator gives relative_pose")
-    calibration: str = field("", doc="file written by ./seed calibrate; without it the hand's drawing and raw range")
-    decimate: int = field(1, low=1, high=8, doc="use every n-th pixel and line")
+    method: str = field(
+        "rigid_fit", choices=METHODS, doc="which estimator gives relative_pose; a change ends the grasp"
+    )
+    calibration: str = field(
+        "", doc="file written by ./seed calibrate; without it the hand's drawing and raw range; counts from the start"
+    )
+    decimate: int = field(1, low=1, high=8, doc="use every n-th pixel and line; a change ends reference and grasp")
 
+    # What says so in its help waits for a new reference or grasp; all else changes with the next images.
     # what counts as membrane
-    near: float = field(0.050, unit="m", low=0.01, high=1.0, doc="nothing closer is membrane")
-    far: float = field(0.120, unit="m", low=0.02, high=2.0, doc="nothing further away is membrane")
-    steady: float = field(0.0025, unit="m", low=1e-5, high=0.05, doc="largest deviation of a pixel during reference")
-    rim: int = field(7, unit="px", low=0, high=50, doc="width cut off along the membrane's rim")
+    near: float = field(0.050, unit="m", low=0.01, high=1.0, doc=f"nothing closer is membrane; {REST_LATER}")
+    far: float = field(0.120, unit="m", low=0.02, high=2.0, doc=f"nothing further away is membrane; {REST_LATER}")
+    steady: float = field(
+        0.0025, unit="m", low=1e-5, high=0.05, doc=f"largest deviation of a pixel during reference; {REFERENCE_LATER}"
+    )
+    rim: int = field(7, unit="px", low=0, high=50, doc=f"width cut off along the membrane's rim; {REFERENCE_LATER}")
     least_valid: float = field(0.15, low=0.01, high=1.0, doc="share of a depth image that must lie in near to far")
     saturation: float = field(65535.0, unit="counts", low=100.0, high=65535.0, doc="infrared value of a full pixel")
 
@@ -35,7 +44,9 @@ class EstimatorParameters:
     threshold: float = field(0.0015, unit="m", low=1e-4, high=0.02, doc="indentation from which a pixel is in contact")
     largest: float = field(0.020, unit="m", low=0.002, high=0.1, doc="a larger indentation is a broken pixel")
     smooth: int = field(5, unit="px", low=1, high=25, doc="side of the box over which indentation is averaged")
-    opening: int = field(7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens the patch: what is narrower is none")
+    opening: int = field(
+        7, unit="px", low=1, high=31, doc="diameter of the ellipse that opens the patch: what is narrower is none"
+    )
     least_area: int = field(150, unit="px", low=4, high=100000, doc="pixels from which a patch is a contact")
 
     loaded_grasp: str = field(
@@ -47,11 +58,17 @@ class EstimatorParameters:
     max_drag: float = field(0.006, unit="m", low=0.0005, high=0.02, doc="of such a grasp's patches; more is refused")
 
     # rigid fit
-    core: float = field(0.65, low=0.0, high=0.95, doc="share of the deepest indentation from which a pixel is followed")
-    erosion: int = field(3, unit="px", low=0, high=40, doc="width cut off along the patch: its edge does not stick")
-    image_points: int = field(500, low=100, high=20000, doc="infrared pixels followed per finger")
-    depth_points: int = field(300, low=100, high=20000, doc="depth pixels followed per finger")
-    decay: float = field(0.0085, unit="m", low=0.001, high=0.1, doc="way beside the tool over which imprint falls by e")
+    core: float = field(
+        0.65, low=0.0, high=0.95, doc=f"share of the deepest indentation from which a pixel is followed; {GRASP_LATER}"
+    )
+    erosion: int = field(
+        3, unit="px", low=0, high=40, doc=f"width cut off along the patch: its edge does not stick; {GRASP_LATER}"
+    )
+    image_points: int = field(500, low=100, high=20000, doc=f"infrared pixels followed per finger; {GRASP_LATER}")
+    depth_points: int = field(300, low=100, high=20000, doc=f"depth pixels followed per finger; {GRASP_LATER}")
+    decay: float = field(
+        0.0085, unit="m", low=0.001, high=0.1, doc=f"way beside the tool over which imprint falls by e; {GRASP_LATER}"
+    )
     iterations: int = field(8, low=1, high=50, doc="most Gauss-Newton steps of one frame")
     lock: float = field(
         0.75, low=0.1, high=0.999, doc="share of the image explained by the motion below which it is lost"
@@ -76,10 +93,18 @@ class EstimatorParameters:
     depth_scale_std: float = field(0.006, low=0.0, high=0.2, doc="of the scale of depth, as a share of it")
     depth_offset_std: float = field(0.0002, unit="m", low=0.0, high=0.02, doc="of depth and of the membrane's shape")
     finger_skew_std: float = field(
-        0.01, unit="s", low=0.0, high=0.1, doc="of one finger's images behind the other's, beyond stamps; 0: not learnt"
+        0.01,
+        unit="s",
+        low=0.0,
+        high=0.1,
+        doc=f"of one finger's images behind the other's, beyond stamps; 0: not learnt; {GRASP_LATER}",
     )
     depth_lag_std: float = field(
-        0.02, unit="s", low=0.0, high=0.2, doc="of depth behind infrared, which some cameras filter; 0: not learnt"
+        0.02,
+        unit="s",
+        low=0.0,
+        high=0.2,
+        doc=f"of depth behind infrared, which some cameras filter; 0: not learnt; {GRASP_LATER}",
     )
 
     def __post_init__(self) -> None:

@@ -33,6 +33,8 @@ class PublishedMethod:
     """Sec. VII, from the moment of grasp on.
 
     Attributes:
+        parameters: in force. `curl_gain`, pitch over mean curl, is the paper's normalisation constant; `flow_window` is
+            Farneback's.
         observed: x, y, z, roll, pitch, yaw. Sec. VIII-B works with roll as well, but that of a long handle has the
             wrong sign.
         deviation: by which the method errs: roll, pitch, yaw [rad], x, y, z [m]; measured on rendered bubbles.
@@ -48,12 +50,8 @@ class PublishedMethod:
         X_CX: Mapping[str, Array],
         parameters: EstimatorParameters,
     ) -> None:
-        """patches, ir (H, W) [counts] and X_CX (poses of the optical frames in C) of 'left' and 'right' at the grasp.
-
-        parameters: `curl_gain`, pitch over mean curl, is the paper's normalisation constant; `flow_window` is
-            Farneback's.
-        """
-        self._gain, self._window = parameters.curl_gain, parameters.flow_window
+        """patches, ir (H, W) [counts] and X_CX (poses of the optical frames in C) of both fingers at the grasp."""
+        self.parameters = parameters
         self._before = {finger: eight_bit(image) for finger, image in ir.items()}
         self._sign = {finger: float(np.sign(X_CX[finger][1, 2])) for finger in ir}  # optical axis along +-y_C
         X_CP = patch_frame(patches["left"].centroid_C, patches["right"].centroid_C, 0.0)
@@ -66,8 +64,9 @@ class PublishedMethod:
         silent = [f for f, patch in patches.items() if not patch.in_contact]
         if silent:
             return None, f"{' and '.join(silent)} bubble touches nothing"
+        gain, window = self.parameters.curl_gain, self.parameters.flow_window
         pitches = [
-            pitch_from_curl(before, eight_bit(images[f].ir), masks[f], self._sign[f] * self._gain, self._window)
+            pitch_from_curl(before, eight_bit(images[f].ir), masks[f], self._sign[f] * gain, window)
             for f, before in self._before.items()
         ]
         X_CP = patch_frame(patches["left"].centroid_C, patches["right"].centroid_C, float(np.mean(pitches)))

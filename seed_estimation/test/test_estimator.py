@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rendered import PERIOD, held
 
+from seed_core.config import ConfigError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, rotation_error, so3_exp
 from seed_estimation import Estimator, EstimatorParameters, TactileImages
@@ -79,6 +80,21 @@ def test_one_finger_gives_a_reduced_estimate() -> None:
     np.testing.assert_allclose(estimate.X_CT[:3, 3], X[:3, 3], atol=0.6e-3)
 
 
+def test_what_the_cameras_may_get_wrong_counts_from_the_next_images_on() -> None:
+    estimator, bubbles = held(TactileParameters(), 14)
+    before = estimator.parameters
+    for i in range(1, 11):
+        X = make_pose(p=(0.0, 0.0, 0.0004 * i))
+        small = estimator.update(bubbles.render(X, i * PERIOD), i * PERIOD)
+    estimator.reconfigure(replace(before, focal_std=0.2))
+    large = estimator.update(bubbles.render(X, 11 * PERIOD), 11 * PERIOD)
+    assert large.valid, large.reason
+    assert large.covariance[5, 5] > 2.0 * small.covariance[5, 5]  # 20 % of 4 mm, by two cameras
+    with pytest.raises(ConfigError, match=r"calibration = 'another.yaml' cannot be changed while the estimator runs"):
+        estimator.reconfigure(replace(before, calibration="another.yaml"))
+    assert estimator.parameters.focal_std == 0.2
+
+
 def test_slip_of_a_fifth_is_learnt() -> None:
     estimator, bubbles = held(TactileParameters(slip=0.2), 14)
     for i in range(1, 90):
@@ -87,3 +103,5 @@ def test_slip_of_a_fifth_is_learnt() -> None:
         X = make_pose(so3_exp(q[:3] * np.deg2rad((10, 8, 8))), q[3:] * (0.006, 0.0028, 0.004))
         estimate = estimator.update(bubbles.render(X, t), t)
     assert estimate.slip == pytest.approx(0.2, abs=0.06)
+    estimator.reconfigure(replace(estimator.parameters, max_slip=0.1))
+    assert estimator.update(bubbles.render(X, t + PERIOD), t + PERIOD).slip <= 0.1

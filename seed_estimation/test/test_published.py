@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's method: what it sees on rendered bubbles, and what not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rendered import held
@@ -79,6 +81,8 @@ def test_the_published_methods_constant_is_calibrated_from_known_pitches() -> No
     known = np.deg2rad((-8.0, -4.0, 4.0, 8.0))
     gain = fitted_gain([curl(p, 0.1 * (i + 1)) for i, p in enumerate(known)], known)
     assert gain * curl(0.1, 1.0) == pytest.approx(0.1, rel=0.05)
+    estimator.reconfigure(replace(estimator.parameters, curl_gain=2.0 * gain))  # counts from the next images on
+    assert curl(0.1, 1.1) == pytest.approx(0.2, rel=0.05)
     with pytest.raises(SeedError, match="turn the tool"):
         fitted_gain([0.0, 0.0], [0.1, -0.1])
 

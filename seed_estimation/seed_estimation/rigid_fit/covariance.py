@@ -37,12 +37,12 @@ class Covariance:
     """Of the poses that are found in one grasp.
 
     Attributes:
+        systematic: errors of the cameras.
         creep: (6,) variances in the last one that are doubt about the membrane, not about what the images show.
     """
 
     def __init__(self, systematic: Systematic) -> None:
-        """systematic: errors of the cameras."""
-        self._systematic = systematic
+        self.systematic = systematic
         self._creep = Creep()
         self.creep = np.zeros(6)
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
@@ -58,7 +58,7 @@ class Covariance:
         C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
         effect = fit.slip_information.effect
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
-        C += self._systematic.of_pose(fit) + timing.covariance
+        C += self.systematic.of_pose(fit) + timing.covariance
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T
