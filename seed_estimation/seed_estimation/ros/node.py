@@ -47,7 +47,8 @@ class NodeSettings:
     )
     grasp_frames: int = field(8, low=1, high=500, doc="images averaged by ~/initialize_grasp")
     identity_file: str = field(
-        "", doc="what tells the bubbles apart, from one session to the next; written by the first reference"
+        "",
+        doc="what tells the bubbles apart, from one session to the next; written by the first reference of each bubble",
     )
     realtime_priority: int = field(
         20, low=0, high=98, doc="SCHED_FIFO priority if allowed, below the controller's; 0: none"
