@@ -15,6 +15,7 @@ from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import Deadlines
 from seed_driver.process.shared_memory import Modes, Sample, SharedMemory, TargetSlot
+from seed_driver.robot.tool import Tool
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
 from seed_ur.pose import pose_from_matrix
@@ -57,7 +58,7 @@ class RigRobot:
         self.tells = True  # how it is scaled
         self.commands: deque[tuple[float, Any]] = deque()  # time of arrival, and what arrives
         self.states: deque[tuple[float, Any]] = deque()
-        self.connected, self.control = True, None
+        self.connected, self.control, self.tool = True, None, Tool()
         self.newest = (0.0, self._sample())
         self.cycles, self.sent = 0, [0.0] * 0
         self.top_joint = self.top_speed = self.top_turning = 0.0
