@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from seed_sysid.data.dataset import Dataset
     from seed_sysid.fit.analysis import Analysis
 
-SPACING = 0.0065  # [m] of the membranes' nodes: coarse enough for a live cell
+SPACING = 0.0052  # [m] of the membranes' nodes: coarse enough for a live cell
 HIDDEN = "scenario.yaml"  # what is simulated, in the folder of the results
 FOUND = "identification"  # folder of stiffness.yaml, membrane_map.yaml and the procedure's own report
 
