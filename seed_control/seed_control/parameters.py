@@ -78,7 +78,13 @@ class ControllerParameters(MotionLimits):
     max_tracking_error: float = field(
         0.005, unit="m", low=0.001, high=0.1, doc="of the arm behind its command, beyond its lag, that makes it hold"
     )
-    max_angular_tracking_error: float = field(0.05, unit="rad", low=0.01, high=3.0, doc="the same of the arm's turn")
+    max_angular_tracking_error: float = field(
+        0.05,
+        unit="rad",
+        low=0.01,
+        high=3.0,
+        doc="of the arm's turn behind its command, beyond its lag, that makes it hold",
+    )
     max_deflection: float = field(0.03, unit="m", low=0.002, high=0.1, doc="of the grasp, against slip")
     max_rotation: float = field(30.0, unit="deg", low=2.0, high=60.0, doc="of the grasp, against slip")
     max_drift: float = field(20.0, unit="deg", low=1.0, high=90.0, doc="of torque-controlled axes from the reference")

@@ -86,8 +86,9 @@ class FollowServer:
         self._run: _Run | None = None
         self._reading: _Reading | None = None
         self._worker = ThreadPoolExecutor(1, "tasks")
-        self._worker.submit(int)  # begins its thread before the loop, with which it then goes ahead of other programs:
-        # one that waits for them in the middle of a task would keep Python's lock from the loop
+        # Begins its thread before the loop, which raises the priority of all threads that there are: a worker that had
+        # to wait for other programs in the middle of a task would keep Python's lock from the loop.
+        self._worker.submit(int)
         self._server = node.serve_action(FollowSetpoints, "~/follow_setpoints", self._execute)
 
     @property
