@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from seed_bringup.commands.launch import checked_arguments
-from seed_bringup.launching.description import Description, declared_arguments, describe
+from seed_bringup.launching.description import TERM_AFTER, Description, declared_arguments, describe
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
 from seed_control.parameters import ControllerParameters
@@ -103,6 +103,25 @@ def test_group_keeps_its_settings_and_include_shares_them(prefix: Path) -> None:
         )
 
 
+def test_dirname_is_refused_where_ros2_would_take_it_for_another_folder(prefix: Path) -> None:
+    """ROS 2 Jazzy does not go back to the file's own folder after an include (ros2/launch issue 618)."""
+    (prefix / "parts").mkdir()
+    (prefix / "parts/part.xml").write_text("<launch/>")
+    include = '<include file="$(dirname)/parts/part.xml"/>\n'
+    resolve(prefix, include)
+    with pytest.raises(LaunchError, match=r"under_test_launch.xml:3: \$\(dirname\) after an <include> is the folder of"):
+        resolve(prefix, include + '<let name="x" value="$(dirname)"/>')
+    resolve(prefix, include + '<let name="x" value="$(dirname)" if="false"/>')
+
+
+def test_a_variable_gives_all_nodes_their_time_to_end(prefix: Path) -> None:
+    """As `ros2 launch` has it; its nodes take no substitution for an attribute."""
+    nodes = '<node pkg="cell" exec="sleeper"/><node pkg="cell" exec="sleeper" sigterm_timeout="0.5"/>'
+    given = resolve(prefix, '<let name="sigterm_timeout" value="120.0"/>' + nodes).nodes
+    assert [n.sigterm_timeout for n in given] == [120.0, 0.5]
+    assert [n.sigterm_timeout for n in resolve(prefix, nodes).nodes] == [TERM_AFTER, 0.5]
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -126,6 +145,15 @@ def test_group_keeps_its_settings_and_include_shares_them(prefix: Path) -> None:
         (
             '<node pkg="cell" exec="sleeper"><param from="/no/where.yaml"/></node>',
             r":2: from='/no/where.yaml': no such",
+        ),
+        (
+            '<node pkg="cell" exec="sleeper" sigterm_timeout="$(env HOME)"/>',
+            r":2: sigterm_timeout='\$\(env HOME\)' must be a number from 0 on, without \$\(...\)",
+        ),
+        ('<node pkg="cell" exec="sleeper" respawn_delay="-1"/>', r":2: respawn_delay='-1' must be a number from 0 on"),
+        (
+            '<let name="sigterm_timeout" value="long"/><node pkg="cell" exec="sleeper"/>',
+            r":2: sigterm_timeout:='long' must be a number",
         ),
         ('<include file="gone.xml"/>', r":2: file='gone.xml': no such launch file"),
         (
@@ -383,3 +411,11 @@ def test_a_simulated_cell_refuses_to_be_told_of_another_tool_and_names_other_num
     heavy.write_text(hand_file_of(replace(pen, tool=replace(pen.tool, mass=0.03))))
     assert "mass 0.02 kg, told 0.03 kg" in compare(pen, str(heavy))
     assert compare(replace(pen, true_mass=0.025), str(ROOT / "seed_bringup/config/hands/pen.yaml")) == ""  # hidden
+
+
+def test_the_guard_of_an_arm_of_ones_own_has_its_clock_and_timeout() -> None:
+    """With the clock of a simulator it would refuse all targets as old."""
+    file = ROOT / "seed_bringup/launch/own_arm_launch.xml"
+    nodes = {n.name: n for n in describe(file, {"use_sim_time": "true", "command_timeout": "0.5"}).nodes}
+    told = {key: value for given in nodes["guard"].parameters if isinstance(given, dict) for key, value in given.items()}
+    assert (told["use_sim_time"], told["command_timeout"]) == (True, 0.5)

@@ -78,7 +78,7 @@ def declared_arguments(file: Path) -> list[Argument]:
 
 def _resolve(file: Path, arguments: dict[str, str], strict: bool) -> Description:
     """Not strict: missing arguments count as empty, conditions on them as true."""
-    resolver = _Resolver()
+    resolver = _Resolver(file)
     resolver.run(read_launch_file(file), Scope(dict(arguments), dict(os.environ), strict=strict))
     return resolver.description
 
@@ -86,14 +86,20 @@ def _resolve(file: Path, arguments: dict[str, str], strict: bool) -> Description
 class _Resolver:
     """Walks the elements in order; the method _TAG carries out the element <TAG>."""
 
-    def __init__(self) -> None:
+    def __init__(self, file: Path) -> None:
         self.description = Description()
+        self.folder = file.resolve().parent  # of the file begun last: $(dirname) to ROS 2 Jazzy, even after its end
         self.depth = 0
         self.given_by_include: set[str] = set()
 
     def run(self, element: Element, scope: Scope) -> None:
         for child in element.children:
             if self._wanted(child, scope):
+                if self.folder != child.file.resolve().parent and child.says("$(dirname)"):
+                    raise child.error(
+                        f"$(dirname) after an <include> is the folder of what was included ({self.folder}) in ROS 2 "
+                        "Jazzy: write $(find-pkg-share PACKAGE)/..."
+                    )
                 getattr(self, f"_{child.tag}")(child, scope)
 
     def _wanted(self, element: Element, scope: Scope) -> bool:
@@ -148,6 +154,7 @@ class _Resolver:
         scope.variables.update(given)
         before, self.given_by_include = self.given_by_include, self.given_by_include | given.keys()
         self.depth += 1
+        self.folder = file.resolve().parent
         self.run(read_launch_file(file), scope)
         self.depth -= 1
         self.given_by_include = before
@@ -175,8 +182,17 @@ class _Resolver:
             environment=scope.environment | own_environment,
             shutdown_on_exit=on_exit == "shutdown",
             respawn=scope.boolean(element, "respawn", False),
-            respawn_delay=float(scope.text(element, "respawn_delay", "0")),
-            sigterm_timeout=float(scope.text(element, "sigterm_timeout", str(TERM_AFTER))),
+            respawn_delay=float(element.attributes.get("respawn_delay", 0.0)),
+            sigterm_timeout=self._sigterm_timeout(element, scope),
             origin=f"{element.file}:{element.line}",
         )
         self.description.nodes.append(node)
+
+    @staticmethod
+    def _sigterm_timeout(element: Element, scope: Scope) -> float:
+        """[s] of a node's own attribute, or of the variable `sigterm_timeout`, which is that of all nodes."""
+        text = element.attributes.get("sigterm_timeout", scope.variables.get("sigterm_timeout", str(TERM_AFTER)))
+        try:
+            return float(text)
+        except ValueError as error:
+            raise element.error(f"sigterm_timeout:={text!r} must be a number [s]") from error

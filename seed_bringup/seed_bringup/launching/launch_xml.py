@@ -28,8 +28,13 @@ class Element:
         """An error at this tag."""
         return LaunchError(f"{self.file}:{self.line}: {text}")
 
+    def says(self, text: str) -> bool:
+        """Whether an attribute of this tag or of one inside has the text."""
+        return any(text in value for value in self.attributes.values()) or any(c.says(text) for c in self.children)
+
 
 COMMON = {"if", "unless"}
+NUMBERS = ("respawn_delay", "sigterm_timeout")  # [s] of a node; ROS 2 Jazzy takes them as they stand in the file
 ACTIONS = {"arg", "let", "group", "include", "node", "set_env", "unset_env", "push_ros_namespace", "log"}
 # tag: (required attributes, further attributes, tags allowed inside)
 GRAMMAR: dict[str, tuple[set[str], set[str], set[str]]] = {
@@ -99,6 +104,9 @@ def _check(element: Element) -> None:
         if name not in required | further:
             known = ", ".join(sorted(required | further)) or "none"
             raise element.error(f"<{element.tag}> has no attribute {name!r}; it takes: {known}")
+    for name in NUMBERS:
+        if name in element.attributes and not _is_time(element.attributes[name]):
+            raise element.error(f"{name}={element.attributes[name]!r} must be a number from 0 on, without $(...)")
     for name in sorted(required - element.attributes.keys()):
         raise element.error(f"<{element.tag}> lacks the attribute {name!r}")
     for child in element.children:
@@ -109,3 +117,10 @@ def _check(element: Element) -> None:
             _check(child)
         elif child.attributes.keys() != {"name", "value"}:
             raise child.error("<arg> inside <include> takes name and value, and nothing else")
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return float(text) >= 0.0
+    except ValueError:
+        return False
