@@ -2,6 +2,7 @@
 """The comparison of wrench models: what a watcher tells of nodes, the motion, and scores that are kept."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Wrench, make_pose, so3_exp, so3_log
 from seed_sim.membrane import BubbleState, GraspState
 from seed_sysid.membrane.terms import MODELS
-from seed_testing.validation.maps import band
+from seed_testing.validation.maps import band, image_run, score
 from seed_testing.validation.maps.membrane_run import NOISE_SHIFT, NOISE_TURN, Watcher, combined_motion, poses
-from seed_testing.validation.maps.score import OF_POSE, score_membranes, table
+from seed_testing.validation.maps.score import OF_ELEMENTS, OF_POSE, score_membranes, table
 
 MOVED = make_pose(so3_exp([0.05, -0.08, 0.1]), [0.001, -0.002, 0.003])
 
@@ -75,6 +76,28 @@ def test_the_motion_starts_at_the_grasp_and_has_its_size() -> None:
     assert_allclose(motion[0], np.eye(4), atol=1e-12)
     assert_allclose(np.std([X[:3, 3] for X in motion], axis=0), 3e-3, rtol=1e-6)
     assert_allclose(np.rad2deg(np.std([so3_log(X[:3, :3]) for X in motion], axis=0)), 6.0, rtol=0.1)
+
+
+def test_an_estimator_in_the_loop_tells_the_wrench_by_what_it_has_identified_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A coarse membrane, few poses and a small motion: whether the chain holds, not how exact it is."""
+    monkeypatch.setattr(image_run, "SPACING", 0.008)
+    plain = image_run.load("default")
+    few = replace(plain.procedure.excitation, poses=40)
+    plain = replace(plain, procedure=replace(plain.procedure, excitation=few))
+    monkeypatch.setattr(image_run, "load", lambda _: plain)
+    monkeypatch.setattr(image_run, "size_of", lambda *_: 0.4)
+    monkeypatch.setattr(score, "SHARES", (0.2,))
+    result = score_membranes([5902], None, 1, None, frames=20)
+    assert result["scored"] == 1, result["runs"]
+    (motion,) = result["runs"][0]["motions"]
+    assert motion["told"] > 0.9
+    shares = motion["shares"]
+    assert not any(name in shares for name in OF_ELEMENTS)
+    assert max(shares["smooth"][3:]) < 0.25
+    assert shares["smooth"][1] < 0.5 * shares[OF_POSE][1]  # pitch, in which a tool slides
+    assert "as the estimator sees them" in table(result)
 
 
 def test_kept_scores_are_not_made_again(tmp_path: Path) -> None:

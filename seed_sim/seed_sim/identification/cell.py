@@ -65,7 +65,7 @@ class SimulatedCell:
         if seen is None or not seen.valid:
             followed = None if seen is None else False
             return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, followed=followed)
-        membrane = self._with_pressure(seen.membrane, pressures)
+        membrane = self.with_pressure(seen.membrane, pressures)
         X_seen = inverse_pose(seen.X_CT)
         return Reading(
             self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane, followed=True
@@ -75,9 +75,10 @@ class SimulatedCell:
         """Open the gripper and close it on the tool again; a bushing has nothing to forget."""
 
     @staticmethod
-    def _with_pressure(
+    def with_pressure(
         membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]
     ) -> tuple[MembraneMotion, ...]:
+        """The motions, with the pressures [hPa] of the left and of the right bubble."""
         told = dict(zip(("left", "right"), pressures, strict=True))
         return tuple(replace(m, pressure=told[m.finger]) for m in membrane)
 

@@ -7,7 +7,7 @@ seed validate estimator --world hidden --draws 20 [--jobs 2] [--json]
 seed validate slip --seed 7 [--json]
 seed validate grip --runs 20 --seed 1 [--kind pull] [--jobs 2] [--json]
 seed validate gel --draws 20 --seed 100 [--jobs 2] [--json]
-seed validate map --membranes 20 [--noise 1] [--out FOLDER] [--json]
+seed validate map --membranes 20 [--images | --noise 1] [--out FOLDER] [--json]
 seed validate band --membranes 10 --seed 1 [--jobs 2] [--json]
 seed validate surfaces --runs 20 --seed 1 [--kind cylinder] [--out FILE] [--jobs 2] [--json]
 seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--json]
@@ -97,7 +97,13 @@ def _parser() -> argparse.ArgumentParser:
         help="which function of what the membranes do gives the wrench",
     )
     three.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
-    three.add_argument(
+    errors = three.add_mutually_exclusive_group()
+    errors.add_argument(
+        "--images",
+        action="store_true",
+        help="the estimator itself, on images, in the identification and after it; some minutes each",
+    )
+    errors.add_argument(
         "--noise",
         type=number(0.0, "1"),
         default=0.0,
@@ -195,7 +201,8 @@ def _band(options: argparse.Namespace) -> int:
 
 def _map(options: argparse.Namespace) -> int:
     seeds = range(options.seed, options.seed + options.membranes)
-    result = score.score_membranes(seeds, options.noise, options.jobs, options.out)
+    noise = None if options.images else options.noise
+    result = score.score_membranes(seeds, noise, options.jobs, options.out)
     print(to_json(result) if options.json else score.table(result))
     return 0
 

@@ -46,17 +46,18 @@ class Truth:
     """Frames of a motion: what an estimator would tell, and the load on the tool about T, in T (n, 6)."""
 
     estimates: list[RelativePoseEstimate]
-    elements: Array  # (n, 2, 2, 6) change since the grasp of what finite_elements.Watcher tells
+    elements: Array | None  # (n, 2, 2, 6) change since the grasp of what finite_elements.Watcher tells
     wrench: Array
     sliding: float  # mean share of the touching nodes
     size: float  # times 2 mm and 4 degrees rms
+    told: float = 1.0  # share of the frames in which the membranes' motion is told; others are not scored
 
 
 class Run(NamedTuple):
     """A membrane's identification, and motions by the share of the touching nodes that was to slide."""
 
     data: Dataset
-    elements: Array  # (n, 2, 2, 6) of its samples, as of Truth
+    elements: Array | None  # (n, 2, 2, 6) of its samples, as of Truth
     motions: dict[float, Truth]
 
 
@@ -153,16 +154,7 @@ def move(
     dots: finite_elements.Watcher,
 ) -> Truth:
     """A motion (n, 6) from a new grasp, made so large that a share of the touching nodes slides on average."""
-    low, high, size = LEAST, MOST, share
-    for _ in range(TRIES):
-        grasp.close(squeeze)
-        coarse = [grasp.solve(X, i / RATE) for i, X in enumerate(poses(motion, size)) if i % COARSE == 0]
-        slides = float(np.mean([s.sliding_share for s in coarse if s.converged]))
-        if abs(slides - share) < NEAR:
-            break
-        low, high = (size, high) if slides < share else (low, size)
-        guess = size * (share / max(slides, 0.05)) ** 1.5
-        size = guess if low < guess < high else 0.5 * (low + high)
+    size = size_of(grasp, squeeze, motion, share)
     ambient = grasp.parameters.ambient
     watcher = Watcher(closed := grasp.close(squeeze), noise, rng)
     first = dots.seen(closed, IMAGES)
@@ -178,9 +170,24 @@ def move(
     return Truth(estimates, np.array(elements), np.array(loads), float(np.mean(sliding)), size)
 
 
-def combined_motion(rng: np.random.Generator, frames: int) -> Array:
+def size_of(grasp: MembraneGrasp, squeeze: float, motion: Array, share: float) -> float:
+    """How large a motion (n, 6) at RATE must be, times itself, for a share of the touching nodes to slide."""
+    low, high, size = LEAST, MOST, share
+    for _ in range(TRIES):
+        grasp.close(squeeze)
+        coarse = [grasp.solve(X, i / RATE) for i, X in enumerate(poses(motion, size)) if i % COARSE == 0]
+        slides = float(np.mean([s.sliding_share for s in coarse if s.converged]))
+        if abs(slides - share) < NEAR:
+            break
+        low, high = (size, high) if slides < share else (low, size)
+        guess = size * (share / max(slides, 0.05)) ** 1.5
+        size = guess if low < guess < high else 0.5 * (low + high)
+    return size
+
+
+def combined_motion(rng: np.random.Generator, frames: int, rate: float = RATE) -> Array:
     """(frames, 6) [rad, m] from the grasp on: three slow waves on each axis, 2 mm and 4 degrees rms."""
-    t = np.arange(frames) / RATE
+    t = np.arange(frames) / rate
     frequency, phase = rng.uniform(0.05, 0.25, (6, 3, 1)), rng.uniform(0.0, 2.0 * np.pi, (6, 3, 1))
     waves = np.sin(2.0 * np.pi * frequency * t + phase).sum(axis=1)
     waves -= waves[:, :1] * np.exp(-t)

@@ -11,6 +11,7 @@ from joblib import delayed
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.membrane.features import by_finger, features
 from seed_core.membrane.map import MembraneMap
 from seed_core.spatial import Array, inverse_pose
@@ -21,6 +22,7 @@ from seed_sysid.membrane.result import map_file
 from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS, values
 from seed_sysid.stiffness_map import CHANNELS, wrench_transform
 from seed_testing.validation.maps.finite_elements import SUMS, FiniteElements
+from seed_testing.validation.maps.image_run import run_on_images
 from seed_testing.validation.maps.membrane_run import Run, run_membrane
 
 OF_POSE = "pose of the tool"
@@ -32,12 +34,19 @@ FRAMES = 100
 
 
 def score_membrane(
-    seed: int, shares: tuple[float, ...] = SHARES, noise: float = 0.0, frames: int = FRAMES
+    seed: int, shares: tuple[float, ...] = SHARES, noise: float | None = 0.0, frames: int = FRAMES
 ) -> dict[str, Any]:
-    """What is unexplained by motion and model, with the default model's nees; `failed` says why there are none."""
+    """What is unexplained by motion and model, with the default model's nees; `failed` says why there are none.
+
+    noise: share of the estimator's usual errors; None: the estimator itself, on images.
+    """
     try:
-        run = run_membrane(seed, shares, noise, frames)
-        analysis = analyse(run.data, "kinematic")
+        if noise is None:
+            run = run_on_images(seed, shares, frames)
+            analysis = analyse(run.data, "estimator")
+        else:
+            run = run_membrane(seed, shares, noise, frames)
+            analysis = analyse(run.data, "kinematic")
         if analysis.membrane is None:
             return {"seed": seed, "failed": analysis.membrane_refused}
     except SeedError as error:
@@ -48,10 +57,7 @@ def score_membrane(
 def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     assert analysis.membrane is not None
     fit = analysis.membrane.fit
-    elements = FiniteElements.fitted(run.elements[fit.data.kept], fit.wrench)
-    left = fit.data.wrench - elements.wrench(run.elements[fit.data.kept])[-1]
-    of_left = fit_membrane(fit.data._replace(wrench=left), DEFAULT_MODEL, fit.nuisance)
-    middle = len(fit.data.widths) // 2  # the grip of the motions
+    elements = _Elements(fit, run.elements) if run.elements is not None else None
     files = {m: map_file(_fitted(fit, m), "membrane", "handle", "") for m in MODELS}
     out: dict[str, Any] = {"left_out": {OF_POSE: analysis.left_out_share.tolist(), DEFAULT_MODEL: fit.share.tolist()}}
     out["motions"] = []
@@ -59,12 +65,9 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
         of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
-        to_T = np.array([wrench_transform(inverse_pose(e.X_CT)) for e in truth.estimates])
-        of_elements = elements.wrench(truth.elements)
-        Z = np.array([features(by_finger(e.membrane), fit.data.middles[middle]) for e in truth.estimates])
-        of_both = of_elements[-1] + values(Z, of_left.terms) @ of_left.coefficients(0.0)[0].T
-        for name, told in zip((*OF_ELEMENTS, OF_BOTH), (*of_elements, of_both), strict=True):
-            shares[name] = _share(np.einsum("nij,nj->ni", to_T, told), truth.wrench)
+        if elements is not None and truth.elements is not None:
+            for name, told in elements.told(truth.estimates, truth.elements).items():
+                shares[name] = _share(told, truth.wrench)
         for name, file in files.items():
             model = MembraneMap(file)
             at_grasp = file.grips[len(file.grips) // 2].pressure_hpa
@@ -81,6 +84,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
                 "asked": asked,
                 "size": truth.size,
                 "sliding": truth.sliding,
+                "told": truth.told,
                 "rms": rms(truth.wrench).tolist(),
                 "shares": shares,
                 "nees": nees,
@@ -88,6 +92,27 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
             }
         )
     return out
+
+
+class _Elements:
+    """Finite elements fitted to an identification, alone and with the default model of what they leave."""
+
+    def __init__(self, fit: MembraneFit, changes: Array) -> None:
+        """changes: (n, 2, 2, 6) of all samples, as of Run."""
+        kept = changes[fit.data.kept]
+        self._elements = FiniteElements.fitted(kept, fit.wrench)
+        left = fit.data.wrench - self._elements.wrench(kept)[-1]
+        self._of_left = fit_membrane(fit.data._replace(wrench=left), DEFAULT_MODEL, fit.nuisance)
+        self._middles = fit.data.middles[len(fit.data.widths) // 2]  # of the motions' grip
+
+    def told(self, estimates: list[RelativePoseEstimate], changes: Array) -> dict[str, Array]:
+        """(n, 6) load on the tool about T, in T, by name."""
+        Z = np.array([features(by_finger(e.membrane), self._middles) for e in estimates])
+        alone = self._elements.wrench(changes)
+        both = alone[-1] + values(Z, self._of_left.terms) @ self._of_left.coefficients(0.0)[0].T
+        to_T = np.array([wrench_transform(inverse_pose(e.X_CT)) for e in estimates])
+        by_name = zip((*OF_ELEMENTS, OF_BOTH), (*alone, both), strict=True)
+        return {name: np.einsum("nij,nj->ni", to_T, load) for name, load in by_name}
 
 
 def _fitted(fit: MembraneFit, model: str) -> MembraneFit:
@@ -99,9 +124,12 @@ def _share(wrench: Array, true: Array) -> list[float]:
 
 
 def score_membranes(
-    seeds: Sequence[int], noise: float, jobs: int, folder: Path | None, frames: int = FRAMES
+    seeds: Sequence[int], noise: float | None, jobs: int, folder: Path | None, frames: int = FRAMES
 ) -> dict[str, Any]:
-    """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any."""
+    """Scores of every membrane, and median, 90 % and worst over them; finished ones are kept in the folder, if any.
+
+    noise: as of `score_membrane`.
+    """
     calls = [delayed(_kept)(s, noise, frames, folder) for s in seeds]
     runs = list(in_parallel(calls, jobs, "membrane"))
     good = [r for r in runs if "failed" not in r]
@@ -117,6 +145,7 @@ def score_membranes(
                 "size": _spread(np.array([[r["size"]] for r in mine])),
                 "sliding": _spread(np.array([[r["sliding"]] for r in mine])),
                 "doubted": float(np.mean([r["doubted"] for r in mine])),
+                "told": float(np.mean([r.get("told", 1.0) for r in mine])),
                 "shares": models,
                 "nees": _spread(nees[:, None]),
             }
@@ -124,8 +153,9 @@ def score_membranes(
     return {"membranes": len(runs), "scored": len(good), "noise": noise, "summary": summary, "runs": runs}
 
 
-def _kept(seed: int, noise: float, frames: int, folder: Path | None) -> dict[str, Any]:
-    file = folder / f"membrane-{seed}-{noise:g}-{frames}.json" if folder is not None else None
+def _kept(seed: int, noise: float | None, frames: int, folder: Path | None) -> dict[str, Any]:
+    errors = "images" if noise is None else f"{noise:g}"
+    file = folder / f"membrane-{seed}-{errors}-{frames}.json" if folder is not None else None
     if file is not None and file.exists():
         return dict(json.loads(file.read_text(encoding="utf-8")))
     result = score_membrane(seed, SHARES, noise, frames)
@@ -146,9 +176,9 @@ def _spread(values: Array) -> dict[str, list[float]]:
 
 def table(result: dict[str, Any]) -> str:
     """The comparison, in words."""
-    lines = [
-        f"{result['scored']} of {result['membranes']} membranes; features with {result['noise']:g} of the usual noise"
-    ]
+    noise = result["noise"]
+    seen = "as the estimator sees them" if noise is None else f"features with {noise:g} of the usual noise"
+    lines = [f"{result['scored']} of {result['membranes']} membranes; {seen}"]
     for part in result["summary"]:
         sliding, nees = part["sliding"], part["nees"]
         size, told = (
@@ -158,6 +188,7 @@ def table(result: dict[str, Any]) -> str:
         lines.append(
             f"{sliding['median'][0]:.0%} of the nodes slide ({part['asked']:.0%} asked; motions of {2 * size:.1f} mm "
             f"and {4 * size:.1f} deg rms); nees {told}; beyond what was identified: {part['doubted']:.0%} of the frames"
+            + (f"; not told, and not scored: {1.0 - part['told']:.0%}" if part["told"] < 1.0 else "")
         )
         lines.append(f"  {'unexplained [%], median / 90 % / worst':<40}" + "".join(f"{c:>17}" for c in CHANNELS))
         for name, shares in part["shares"].items():

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A random membrane identified by the suite's own procedure from its images, and then moved on all six axes at once.
+
+The estimator is in the loop: what the material does is what it tells, in the identification and in use.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.spatial import Array
+from seed_sim.identification.cell import SimulatedCell
+from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
+from seed_sim.identification.session import simulate
+from seed_sim.identification.tactile_poses import TactilePoses
+from seed_sim.membrane import MembraneGrasp
+from seed_sim.membrane.hold import pressures
+from seed_sim.scenario import Scenario, on_membrane, tactile_of
+from seed_sim.tactile.parameters import ToolShape
+from seed_testing.validation.maps.membrane_run import RADII, RATE, Run, Truth, combined_motion, poses, size_of
+
+SPACING = 0.0052  # [m] of nodes
+IMAGES = 3  # for each frame of a motion: 30 Hz
+
+
+def scenario_of(seed: int) -> IdentificationScenario:
+    """A round handle in the light grip of a random membrane, identified at that grip."""
+    scenario = identify_on_membrane(load("default"), seed)
+    drawn = on_membrane(Scenario(tactile=scenario.tactile), seed)
+    handle = ToolShape(radius=float(np.random.default_rng([seed, 0x3A9]).uniform(*RADII)))
+    return replace(
+        scenario,
+        membrane=replace(drawn.membrane, spacing=SPACING),
+        tactile=replace(tactile_of(drawn), tool=handle),
+        procedure=replace(scenario.procedure, widths=[float(np.median(scenario.procedure.widths))]),
+    )
+
+
+def run_on_images(seed: int, shares: tuple[float, ...], frames: int) -> Run:
+    """Identify the random membrane of a seed, and move it.
+
+    Args:
+        seed: draws membrane, dots, handle, sensor and motion.
+        shares: motions in which so many of the touching nodes slide, on average.
+        frames: of each motion at RATE; there are IMAGES times as many images.
+
+    Raises:
+        SeedError: the membrane cannot be inflated or grasped, or the estimator does not follow it.
+    """
+    scenario, rng = scenario_of(seed), np.random.default_rng([seed, 0x1336])
+    seen = TactilePoses(scenario, seed)
+    data, _ = simulate(scenario, seed, None, seen, progress=lambda *_: None)
+    motion = combined_motion(rng, IMAGES * frames, IMAGES * RATE)
+    grasp = MembraneGrasp(scenario.membrane, scenario.tactile.tool)
+    motions = {}
+    for share in shares:
+        size = size_of(grasp, scenario.membrane.squeeze, motion[::IMAGES], share)
+        motions[share] = _moved(seen, scenario, poses(motion, size), size, rng)
+    return Run(data, None, motions)
+
+
+def _moved(
+    seen: TactilePoses, scenario: IdentificationScenario, way: list[Array], size: float, rng: np.random.Generator
+) -> Truth:
+    """A motion from a new grasp; images whose membranes the estimator does not tell are counted, not scored."""
+    hold = seen.hold
+    assert hold is not None
+    hold.close(scenario.membrane.squeeze)
+    seen.take_grasp(0.0)
+    estimates, loads, sliding = list[RelativePoseEstimate](), list[Array](), list[float]()
+    for i, X_CT in enumerate(way):
+        estimate = seen.look(X_CT, (i + 1) / (IMAGES * RATE))
+        sliding.append(hold.state.sliding_share)
+        if estimate.valid and len(estimate.membrane) == 2 and hold.state.converged:
+            gas = np.array(list(pressures(hold.state.bubbles, scenario.membrane.ambient).values()))
+            told = tuple((gas + scenario.grasp.pressure_noise * rng.normal(size=2)).tolist())
+            estimates.append(replace(estimate, membrane=SimulatedCell.with_pressure(estimate.membrane, told)))
+            loads.append(hold.state.wrench.vector())
+    return Truth(estimates, None, np.array(loads), float(np.mean(sliding)), size, len(estimates) / len(way))
