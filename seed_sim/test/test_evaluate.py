@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose
 from seed_control.tasks import load_task
 from seed_core.bushing import Stiffness
 from seed_sim import evaluate
-from seed_sim.closed_loop.command import _text, main
+from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
-from seed_sim.closed_loop.sweep import column_summary, summary
+from seed_sim.closed_loop.sweep import column_summary, plot, summary
 from seed_sim.replay.plots import run_figure
 from seed_sim.scenario import load_scenario
 
@@ -204,10 +204,63 @@ def test_summary_of_known_numbers():
     assert summary([1.0, 2.0, 3.0]) == {"mean": 2.0, "p95": 2.9, "max": 3.0}
 
 
+def stopped_early(contact: bool) -> Recording:
+    """A run that ended in its approach, or as it touched."""
+    recording = Recording(["approach", "press", "wipe"])
+    pressing = np.array((0.0, 0.0, -8.0)) if contact else np.zeros(3)
+    still = {name: np.zeros(3) for name in ("torque_T", "wanted_torque_T", "tip", "reference", "lean")}
+    for k in range(10):
+        recording.add(t=0.004 * k, phase=int(contact), force=pressing, wanted_force=pressing, **still)
+    return recording
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_a_run_that_stops_before_it_is_scored_has_no_figures(held, contact):
+    scored = score(stopped_early(contact), "wipe")
+    assert scored["samples"] == 0
+    figures = [*scored["force_z"].values(), *scored["torque_x"].values(), *scored["lean_deg"].values()]
+    assert np.isnan([*figures, scored["path_rmse_mm"]]).all()
+    told = _text({**held, **scored, "message": "the estimate is stale"})
+    assert "nothing to score" in told
+    assert "the estimate is stale" in told
+    assert "0.000" not in told
+    assert "rmse" not in told
+
+
+@pytest.fixture(scope="module")
+def missed(short: str, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """A sweep of one run, whose table lies deeper than the tool may go in search of it."""
+    file = tmp_path_factory.mktemp("low") / "low.yaml"
+    file.write_text("table: {tilt_x: 0, tilt_y: 0, height: -50}")
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main([short, "--scenarios", "1", "--scenario", str(file), "--json"]) == 1
+    return json.loads(out.getvalue())
+
+
+def test_a_sweep_in_which_no_run_was_scored_fails_and_says_why(missed):
+    (column,) = missed["columns"].values()
+    assert (column["scored"], column["failed"]) == (0, [7])
+    assert column["runs"][0]["force_z"]["rmse"] is None
+    assert "no run was scored: arm holds: no contact within" in _table(missed)
+
+
+def test_a_run_that_was_not_scored_counts_in_no_mean(held, missed, tmp_path):
+    (column,) = missed["columns"].values()
+    both = column_summary([held, *column["runs"]])
+    assert (both["scored"], both["failed"]) == (1, [7])
+    assert both["force_z_rmse"]["mean"] == held["force_z"]["rmse"]
+    assert both["lean_deg_rms"]["mean"] == held["lean_deg"]["rms"]
+    swept = {**missed, "columns": {"low": column, "both": both}}
+    assert "1 of 2  [7]" in _table(swept)
+    plot(swept, tmp_path / "sweep.png")
+    assert (tmp_path / "sweep.png").stat().st_size > 1000
+
+
 def test_failed_run_is_told_and_not_averaged():
     good = {
         "seed": 1,
         "finished": True,
+        "samples": 500,
         "force_z": {"rmse": 0.1},
         "torque_x": {"rmse": 0.0},
         "lean_deg": {"rms": 1.0, "max": 2.0},

@@ -20,7 +20,7 @@ from seed_bringup.demo.terminal import say
 from seed_bringup.pictures.scene import Scene, setup_picture
 from seed_core.program.command_line import to_json
 from seed_core.spatial import inverse_pose, rpy_from_rotation
-from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.closed_loop.recording import SETTLING, Recording, score, scored_phase
 from seed_sim.replay.plots import TOUCH
 
 BOUNDS, HIDDEN_BOUNDS = (0.5, 0.08), (1.0, 0.15)  # [N], [N m] rms, of a known and of a hidden world
@@ -185,10 +185,14 @@ class _Conclusion:
             return "The tool never touched the table."
         force = self.score["force_z"]
         held = "held" if self.held else "not held well enough"
-        words = (
-            f"The tool touched the table after {contact:.1f} s; over '{phase}' it pressed with {-force['mean']:.2f} N "
-            f"on average, {force['rmse']:.2f} N rms off, and the force counts as {held} (at most {self.bounds[0]:g} N)."
-        )
+        words = f"The tool touched the table after {contact:.1f} s; "
+        if self.score["samples"]:
+            words += (
+                f"over '{phase}' it pressed with {-force['mean']:.2f} N on average, {force['rmse']:.2f} N rms off, "
+                f"and the force counts as {held} (at most {self.bounds[0]:g} N)."
+            )
+        else:
+            words += f"'{phase}' did not last until {SETTLING:g} s later, so its force is not scored."
         return f"{words} {self.live.early[:1].upper()}{self.live.early[1:]}." if self.live.early else words
 
     def _scene(self) -> Scene:

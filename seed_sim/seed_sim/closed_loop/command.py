@@ -14,7 +14,7 @@ from seed_core.program.command_line import Parser, command, number, results_fold
 from seed_estimation.parameters import METHOD_HELP
 from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
 from seed_sim.closed_loop.progress import progress_bar
-from seed_sim.closed_loop.recording import scored_phase
+from seed_sim.closed_loop.recording import SETTLING, scored_phase
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
@@ -26,7 +26,7 @@ from seed_sim.world.score import DRAWS, score_draws, table
 
 @command("seed evaluate")
 def main(argv: list[str]) -> int:
-    """Command line: 1 when the task did not come to its end."""
+    """Command line: 1 when the task did not come to its end, in a sweep or in draws that of any run."""
     parser = _parser()
     args = parser.parse_args(argv)
     hidden = args.world == "hidden" or (args.world is None and bool(args.draws or args.late_stamps or args.membranes))
@@ -154,17 +154,23 @@ def _text(r: dict[str, Any]) -> str:
     lines = [f"{r['task']}, scenario {r['scenario']}, seed {r['seed']}, law {r['law']}, estimator {r['estimator']}"]
     if not made["made"]:  # nothing to score
         return f"{lines[0]}\n  no contact, so nothing to score; {r['message'] or 'no end'}"
-    for key, unit in (("force_z", "N  "), ("torque_x", "N m"), ("torque_z", "N m")):
-        e = r[key]
-        if key != "torque_z" or (e is not None and e["mean"]):
-            name, worst = key.replace("_", " "), f"{e['max_abs_error']:8.3f} {unit}".rstrip()
-            lines.append(f"  {name:10s} rmse {e['rmse']:8.3f} {unit}   mean {e['mean']:8.3f} {unit}   worst {worst}")
+    if r["samples"]:
+        for key, unit in (("force_z", "N  "), ("torque_x", "N m"), ("torque_z", "N m")):
+            e = r[key]
+            if key != "torque_z" or (e is not None and e["mean"]):
+                name, worst = key.replace("_", " "), f"{e['max_abs_error']:8.3f} {unit}".rstrip()
+                lines.append(
+                    f"  {name:10s} rmse {e['rmse']:8.3f} {unit}   mean {e['mean']:8.3f} {unit}   worst {worst}"
+                )
+    else:
+        lines.append(f"  nothing to score: the phase that counts did not last until {SETTLING:g} s after first contact")
     if s := r["surface"]:
         worst = f"mean {s['force_mean']:8.3f} N     peak {s['peak']:.2f} times the wanted one"
         lines.append(f"  normal     rms  {s['force_rms']:8.3f} N     {worst}")
         lines.append(f"  found      rms  {s['normal_rms_deg']:8.2f} deg   worst {s['normal_max_deg']:7.2f} deg")
-    lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
-    lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
+    if r["samples"]:
+        lines.append(f"  lean       rms  {lean['rms']:8.2f} deg   worst {lean['max']:7.2f} deg")
+        lines.append(f"  path       rmse {r['path_rmse_mm']:8.2f} mm")
     if hole := r["insertion"]:
         end = f"{hole['inserted']:.1f} s after contact" if hole["success"] else "not inserted"
         lines.append(
@@ -210,7 +216,7 @@ def _sweep(args: argparse.Namespace) -> int:
     if path is not None:
         plot(result, path)
         print(f"plot: {path}", file=sys.stderr)
-    return 1 if any("error" in r for c in result["columns"].values() for r in c["runs"]) else 0
+    return 1 if any(c["failed"] for c in result["columns"].values()) else 0
 
 
 def _plot_file(asked: Path | None, name: str, *, json: bool = False) -> Path | None:
@@ -226,14 +232,15 @@ def _plot_file(asked: Path | None, name: str, *, json: bool = False) -> Path | N
 
 
 def _table(result: dict[str, Any]) -> str:
-    lines = [
-        f"{'column':18s} {'force rmse mean':>15s} {'p95':>7s} {'max':>7s} {'lean rms':>9s} {'lean max':>9s}  failed"
-    ]
+    figures = f"{'force rmse mean':>15s} {'p95':>7s} {'max':>7s} {'lean rms':>9s} {'lean max':>9s}"
+    lines = [f"{'column':18s} {figures} {'scored':>9s}  failed"]
     for name, c in result["columns"].items():
-        if "force_z_rmse" not in c:
-            lines.append(f"{name:18s} every run failed: {c['runs'][0]['error']}")
+        if not c["scored"]:
+            first = c["runs"][0]
+            lines.append(f"{name:18s} no run was scored: {first.get('error') or first['message'] or 'no end'}")
             continue
         f, rms, most = c["force_z_rmse"], c["lean_deg_rms"]["mean"], c["lean_deg_max"]["max"]
         numbers = f"{f['mean']:13.3f} N {f['p95']:7.3f} {f['max']:7.3f} {rms:9.2f} {most:9.2f}"
-        lines.append(f"{name:18s} {numbers}  {c['failed'] or '-'}")
+        scored = f"{c['scored']} of {len(c['runs'])}"
+        lines.append(f"{name:18s} {numbers} {scored:>9s}  {c['failed'] or '-'}")
     return "\n".join(lines)

@@ -14,6 +14,7 @@ from seed_core.spatial import Array, so3_log
 
 SETTLING = 2.0  # [s] after first contact that the score leaves out
 CONTACT_FORCE = 0.05  # [N] that counts as contact in the plant
+_ERRORS = ("rmse", "mean", "max_abs_error")
 
 
 @dataclass
@@ -94,19 +95,19 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
     """Force along the task's z, torque about T's x, lean and path, over the named phase.
 
     `mean` is the mean signed force or torque, that is, the set-point and the mean error. A run without scored rows
-    (no contact, or stopped early) is scored with the whole set-point as its error.
+    (no contact, or stopped early) has `samples` 0, and not a number for every figure.
     """
     keep = recording.scored(phase)
     contact = recording.contact_time
     out: dict[str, Any] = {"contact": {"made": contact is not None, "time": contact}, "finished": recording.finished}
     if not keep.any():
-        size = float(np.abs(recording["wanted_force"][:, 2]).max(initial=0.0))
+        none = float("nan")
         return out | {
-            "force_z": {"rmse": size, "mean": 0.0, "max_abs_error": size},
-            "torque_x": {"rmse": 0.0, "mean": 0.0, "max_abs_error": 0.0},
+            "force_z": dict.fromkeys(_ERRORS, none),
+            "torque_x": dict.fromkeys(_ERRORS, none),
             "torque_z": None,
-            "lean_deg": {"rms": 0.0, "max": 0.0},
-            "path_rmse_mm": float("nan"),
+            "lean_deg": {"rms": none, "max": none},
+            "path_rmse_mm": none,
             "samples": 0,
         }
     force, torque = recording["force"][keep], recording["torque_T"][keep]
@@ -127,4 +128,4 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
 def _errors(actual: Array, wanted: Array) -> dict[str, float]:
     error = actual - wanted
     rmse, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return {"rmse": rmse, "mean": float(actual.mean()), "max_abs_error": worst}
+    return dict(zip(_ERRORS, (rmse, float(actual.mean()), worst), strict=True))

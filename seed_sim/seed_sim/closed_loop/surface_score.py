@@ -14,14 +14,16 @@ def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
 
     Returns:
         Rms [N] of the force along the normal against the wanted one, with its mean; rms and worst [deg] of the normal
-        found; the largest force over the wanted one, of the whole run; None for other tasks.
+        found; the largest force over the wanted one, of the whole run; None for other tasks. A run that does not reach
+        the last of these phases has the whole wanted force and 90 degrees as its errors.
     """
     along = {p.name for p in task.phases if p.along == "surface" and p.control is not None}
     if not along:
         return None
     names = np.array([*recording.phases, ""])[recording["phase"].astype(int)]
-    last = [p.name for p in task.phases if p.name in along][-1]
-    keep, size = names == last, float(np.abs(recording["wanted_force"]).max(initial=0.0))
+    last = [p for p in task.phases if p.name in along][-1]
+    assert last.control is not None
+    keep, size = names == last.name, float(np.linalg.norm(last.control.force))
     out: dict[str, Any] = {"peak": float(np.linalg.norm(recording["force"], axis=1).max() / max(size, 1e-9))}
     if not keep.any():
         return out | {"force_rms": size, "force_mean": 0.0, "normal_rms_deg": 90.0, "normal_max_deg": 90.0}

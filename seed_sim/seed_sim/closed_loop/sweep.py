@@ -51,9 +51,10 @@ def one_run(task: str, column: str, seed: int, law: str, estimator: str, force: 
 
 
 def column_summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The runs of one column, the seeds that failed, and a summary of the others."""
-    good = [r for r in runs if "error" not in r]
-    out: dict[str, Any] = {"runs": runs, "failed": [r["seed"] for r in runs if not r.get("finished")]}
+    """The runs of one column, how many were scored, the seeds that failed, and a summary of what was scored."""
+    good = [r for r in runs if r.get("samples")]
+    failed = [r["seed"] for r in runs if not r.get("finished")]
+    out: dict[str, Any] = {"runs": runs, "scored": len(good), "failed": failed}
     for key, figure in (("force_z", "rmse"), ("torque_x", "rmse"), ("lean_deg", "rms"), ("lean_deg", "max")):
         if good:
             out[f"{key}_{figure}"] = summary([r[key][figure] for r in good])
@@ -73,15 +74,18 @@ def plot(result: dict[str, Any], path: Path) -> None:
     figure = Figure(figsize=(10, 4), layout="constrained")
     drawn = (("force_z", "rmse", "force error, RMSE [N]"), ("lean_deg", "max", "largest lean [deg]"))
     for axis, (key, sub, label) in zip(figure.subplots(1, 2), drawn, strict=True):
+        means = "mean"
         for i, column in enumerate(result["columns"].values()):
-            values = [r[key][sub] for r in column["runs"] if key in r]
-            axis.plot([i] * len(values), values, "o", alpha=0.5)
-            axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-", label="mean" if i == 0 else None)
+            if values := [r[key][sub] for r in column["runs"] if r.get("samples")]:
+                axis.plot([i] * len(values), values, "o", alpha=0.5)
+                axis.plot([i - 0.2, i + 0.2], [np.mean(values)] * 2, "k-", label=means)
+                means = ""
         axis.set_xticks(range(len(result["columns"])), list(result["columns"]), rotation=20)
         axis.set(ylabel=label)
         axis.set_ylim(bottom=0)
         axis.grid(axis="y", alpha=0.3)
-        axis.legend(fontsize=8)
+        if not means:
+            axis.legend(fontsize=8)
     how = f"law {result['law']}, poses: {result['estimator']}"
     figure.suptitle(f"{result['task']}, {how}, {len(result['seeds'])} seeds per scenario")
     figure.savefig(path, dpi=130)

@@ -48,7 +48,7 @@ def wipe(condition: str | Condition, seed: int, law: str = "seed") -> Wipe:
     poses = CorrelatedPoses(scenario, seed, c.correlated, c.stated)
     recording = play(task, plant, SeedSteering(plant, scenario, law, "noisy", seed, poses))
     wiped = np.isin(recording["phase"], [i for i, name in enumerate(recording.phases) if name.startswith("wipe")])
-    wanted = float(np.abs(recording["wanted_force"][:, 2]).max())
+    wanted = max(abs(p.control.force[2]) for p in task.phases if p.control is not None)
     if not recording.finished or not wiped.any():
         return Wipe(c.name, seed, wanted, wanted, _lean(recording), 0.0, recording.message)
     error = (recording["force"] - recording["wanted_force"])[wiped, 2]
