@@ -16,9 +16,13 @@ from seed_core.bushing import Stiffness
 from seed_sim import evaluate
 from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
+from seed_sim.closed_loop.surface_score import surface_score
 from seed_sim.closed_loop.sweep import column_summary, plot, summary
+from seed_sim.comparison.score import scores_of
+from seed_sim.membrane import MembraneParameters
 from seed_sim.replay.plots import run_figure
 from seed_sim.scenario import load_scenario
+from seed_sim.world.trial import beliefs
 
 SHORT = """
 name: squeegee
@@ -225,6 +229,31 @@ def test_a_run_that_stops_before_it_is_scored_has_no_figures(held, contact):
     assert "the estimate is stale" in told
     assert "0.000" not in told
     assert "rmse" not in told
+
+
+def test_a_tool_that_is_lost_before_the_first_set_point_is_a_run_that_is_not_scored(short):
+    """Eight kilograms, of which the controller knows one, tear the tool out as the holder lets go."""
+    squeegee = load_scenario("nominal").tool
+    scenario = replace(
+        load_scenario("membrane"),
+        tool=replace(squeegee, mass=1.0, center_of_mass=(0.0, 0.2, 0.0)),
+        true_mass=8.0,
+        membrane=MembraneParameters(spacing=0.008, squeeze=0.0125),
+    )
+    done = evaluate(short, scenario=scenario, seed=1)
+    assert not done.recording.rows
+    assert (done.result["finished"], done.result["samples"]) == (False, 0)
+    assert "the tool pierces the left membrane" in done.result["message"]
+    run_figure(done.recording, "wipe", "a wipe")  # nothing to draw is no error either
+
+
+def test_every_score_takes_a_run_without_rows():
+    empty, follow = Recording(["press", "along"]), load_task("follow")
+    assert surface_score(empty, follow)["force_rms"] == -follow.phases[-2].control.force[2]
+    assert beliefs(empty, "along")["believed_z"] is None
+    assert scores_of(empty, 10.0)["rms"] == 10.0
+    with pytest.raises(KeyError):
+        empty["forces"]
 
 
 @pytest.fixture(scope="module")

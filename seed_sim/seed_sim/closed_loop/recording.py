@@ -15,6 +15,16 @@ from seed_core.spatial import Array, so3_log
 SETTLING = 2.0  # [s] after first contact that the score leaves out
 CONTACT_FORCE = 0.05  # [N] that counts as contact in the plant
 _ERRORS = ("rmse", "mean", "max_abs_error")
+_VECTORS = ("force", "normal", "torque_T", "wanted_force", "wanted_torque_T", "tip", "reference", "lean")
+_BELIEFS = ("believed_force", "stated_force", "found_normal")
+# The shapes of a row's columns, for a run that has ended before its first row:
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "t": (),
+    "phase": (),
+    "wrench_error": (6,),
+    "wrench_covariance": (6, 6),
+    **dict.fromkeys((*_VECTORS, *_BELIEFS), (3,)),
+}
 
 
 @dataclass
@@ -28,6 +38,8 @@ class Recording:
         wanted_force: (n, 3) [N].  wanted_torque_T: (n, 3) [N m].
         tip: (n, 3), reference: (n, 3) [m] in the task frame.
         lean: (n, 3) [rad] rotation vector from the reference orientation to the tool, in T.
+
+    A run that ends before its first set-point has no rows: n is 0.
     """
 
     phases: list[str]
@@ -43,6 +55,8 @@ class Recording:
             self.rows.setdefault(name, []).append(value)
 
     def __getitem__(self, name: str) -> Array:
+        if not self.rows:
+            return np.zeros((0, *_SHAPES[name]))
         return np.asarray(self.rows[name])
 
     @property

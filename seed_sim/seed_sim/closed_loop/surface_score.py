@@ -24,7 +24,8 @@ def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
     last = [p for p in task.phases if p.name in along][-1]
     assert last.control is not None
     keep, size = names == last.name, float(np.linalg.norm(last.control.force))
-    out: dict[str, Any] = {"peak": float(np.linalg.norm(recording["force"], axis=1).max() / max(size, 1e-9))}
+    largest = float(np.linalg.norm(recording["force"], axis=1).max(initial=0.0))
+    out: dict[str, Any] = {"peak": largest / max(size, 1e-9)}
     if not keep.any():
         return out | {"force_rms": size, "force_mean": 0.0, "normal_rms_deg": 90.0, "normal_max_deg": 90.0}
     normal, found = recording["normal"][keep], recording["found_normal"][keep]

@@ -170,7 +170,7 @@ def _reports(recording: Recording, contact: float | None) -> list[dict[str, Any]
     """Reasons, contradictions and doubts as they come up, each once, numbers in them aside."""
     seen: set[str] = set()
     out = []
-    for t, mode, told in zip(recording["t"], recording.rows["mode"], recording.rows["told"], strict=True):
+    for t, mode, told in zip(*(recording.rows.get(name, ()) for name in ("t", "mode", "told")), strict=True):
         for text in told:
             kind = "".join(c for c in text if not c.isdigit() and c not in ".-+")
             if kind not in seen:
