@@ -41,8 +41,8 @@ class DampedBushing:
         torque = N.T @ (self._rotational * (N @ V_TC[:3])) + 0.5 * np.cross(p, force)
         return self._bushing.wrench(X_TC).plus(Wrench(torque, force))
 
-    def reset(self) -> None:
-        self.asked = 0
+    def reset(self, t: float) -> None:
+        self.asked, self.latest = 0, t
 
 
 def flange(height: float) -> Array:
@@ -87,7 +87,7 @@ def test_grasp_from_outside_carries_the_tool_where_it_hangs():
             turn = so3_log(X_TC[:3, :3])
             return Wrench(4.0 * turn + 0.05 * V_TC[:3], 400.0 * X_TC[:3, 3] + 10.0 * V_TC[3:])
 
-        def reset(self) -> None:
+        def reset(self, t: float) -> None:
             pass
 
     still = Scenario(servo=ServoSection(repeatability=0.0))

@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.tasks import load_task
 from seed_core.config import ConfigError, load_text
 from seed_core.spatial import make_pose, so3_exp
 from seed_sim.closed_loop.evaluate import evaluate
+from seed_sim.closed_loop.run import start_pose
 from seed_sim.plant.holes.contact import HoleContact
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.holes.section import Section
+from seed_sim.plant.plant import Plant
+from seed_sim.scenario import load_scenario
 
 DT = 2.5e-4  # [s]
 CENTRED = HoleSection(away=0.0, yaw=0.0, friction=(0.3, 0.3), chamfer=0.0, peg_chamfer=0.0, depth=0.05)
@@ -100,6 +104,24 @@ def test_a_peg_is_found_its_hole_and_put_in_with_little_force() -> None:
     assert hole["largest_force"] < 12.0
     tip = run.plant.hole.place_of(run.plant.X_WT)[:3, 3]
     assert tip[2] > 0.04  # pulled out again
+
+
+def test_a_new_grasp_remembers_the_largest_force_and_a_new_start_does_not() -> None:
+    scenario, task = load_scenario("round_peg"), load_task("insert_peg")
+    start = start_pose(scenario, task)
+    plant = Plant(scenario, 1, task.frame.pose, start)
+    lower = start.copy()
+    lower[2, 3] -= 0.05
+    plant.command(lower)
+    plant.advance(1.0)
+    hole = plant.hole
+    felt = hole.largest, hole.squeeze, hole.deepest
+    assert hole.largest > 1.0  # [N] the peg stands on the plate
+    plant.grasp()
+    assert (hole.largest, hole.squeeze, hole.deepest) == felt
+    assert not hole.load.force.any()
+    plant.reset(start)
+    assert (hole.largest, hole.squeeze, hole.deepest) == (0.0, 0.0, 0.0)
 
 
 class FreePeg:

@@ -61,6 +61,17 @@ def test_sensor_reads_the_membranes_load_at_every_grip(cell, grip):
     assert abs(gas[0] - gas[1]) > 0.3  # the tool is nearer to one of them
 
 
+def test_a_grip_that_is_closed_late_creeps_from_then_on():
+    creeping = replace(SCENARIO, rate=8.0, membrane=replace(COARSE, creep=0.2, creep_time=2.0))  # whole binary steps
+    cell, gas = MembraneCell(creeping, 0), []
+    for stamp in (0.0, 100.0):
+        cell.stamp = stamp
+        cell.grip_anew()
+        gas.append([cell.step(command(np.eye(4), 1)).pressures for _ in range(100)])
+    assert_allclose(gas[1], gas[0], atol=1e-3)  # [hPa]
+    assert np.ptp(np.array(gas[0])[:, 0]) > 0.05
+
+
 def test_hidden_stiffness_is_the_tangent_and_rises_with_the_grip(cell):
     y = 4  # a handle with flat sides touches no more of the sheet when squeezed: x and z hardly change
     assert (np.diff(cell.truth.stiffness, axis=0)[:, y] > 100.0).all()  # [N/m]

@@ -107,6 +107,26 @@ def test_friction_remembers_where_the_tool_has_been():
     assert hold.most_sliding > 0.2
 
 
+def test_a_grasp_that_is_taken_late_creeps_from_then_on():
+    """Not by all the time before, at its first solve: 0.05 s after the grasp the gas is as after a grasp at 0 s."""
+    creeping = replace(SCENARIO, membrane=replace(COARSE, creep=0.2, creep_time=0.5))
+    plant = Plant(creeping, 0, WORK, flange(0.3))
+    told = []
+    for start in (0.0, 2.0):
+        plant.advance(start)
+        plant.carry(1.0)
+        plant.grasp()
+        closed = plant.grip.pressure
+        plant.advance(start + 0.05)
+        soon = plant.grip.pressure
+        plant.advance(start + 2.0)
+        told.append((soon - closed, plant.grip.pressure - closed))
+    assert_allclose(told[1], told[0], atol=1e-3)  # [hPa]
+    soon, late = told[0]
+    assert abs(soon) < 0.3 * abs(late)
+    assert abs(late) > 0.05
+
+
 def test_between_solves_the_load_follows_the_tangent():
     plant = Plant(SCENARIO, 0, WORK, flange(0.3))
     grip = plant.grip

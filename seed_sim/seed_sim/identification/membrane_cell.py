@@ -56,7 +56,7 @@ class MembraneCell(SimulatedCell):
 
     def _spring(self, X_TC: Array, grip: int) -> Array:
         if grip != self._grip:
-            self.hold.close(self._squeezes[grip])
+            self.hold.close(self._squeezes[grip], self.stamp)
             self._grip, self._asked = grip, np.full((4, 4), np.nan)
             if self._poses is not None:
                 self._poses.take_grasp(self.stamp)

@@ -143,10 +143,14 @@ class MembraneGrasp:
         """The state, to come back to."""
         return Saved(tuple(b.memory() for b in self.bubbles.values()), self._X_CT, self.squeeze, self._t)
 
-    def restore(self, state: Saved) -> None:
-        """Come back to a saved state."""
+    def restore(self, state: Saved, t: float | None = None) -> None:
+        """Come back to a saved state, as if it had come about at time t [s]; default: when it was saved."""
         self._recall(state)
         self._closed = state is not self._blank
+        if t is not None:
+            self._t = t
+            for bubble in self.bubbles.values():
+                bubble.t = t
 
     def energy(self) -> float:
         """[J] of sheets, gas and normal contact springs, up to a constant."""

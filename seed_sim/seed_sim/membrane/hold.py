@@ -38,26 +38,26 @@ class MembraneHold:
         self.most_sliding = 0.0
         self.close(parameters.squeeze)
 
-    def close(self, squeeze: float) -> None:
-        """Open the gripper and close it on the tool anew, to an imprint of `squeeze` [m], at time 0 [s].
+    def close(self, squeeze: float, t: float = 0.0) -> None:
+        """Open the gripper and close it on the tool anew, to an imprint of `squeeze` [m], at time t [s].
 
         Raises:
             MembraneError: the tool pierces the membranes, or they find no equilibrium.
         """
         self.grasped = self._grasp.close(squeeze)
         self._closed = self._grasp.save()
-        self.restart()
+        self.restart(t)
 
     @property
     def time(self) -> float:
         """Of the last solve [s]."""
         return self._at[1]
 
-    def restart(self) -> None:
-        """Right after the closing of the gripper again, at time 0 [s]."""
-        self._grasp.restore(self._closed)
+    def restart(self, t: float = 0.0) -> None:
+        """Right after the closing of the gripper again, at time t [s]."""
+        self._grasp.restore(self._closed, t)
         self.state, self._failed = self.grasped, 0
-        self._at = (np.eye(4), 0.0)
+        self._at = (np.eye(4), t)
 
     def at(self, X_CT: Array, t: float) -> GraspState:
         """With the tool moved on to X_CT (4, 4) at time t [s]; asked for the same once more, the same is told.

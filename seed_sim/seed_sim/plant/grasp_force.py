@@ -23,8 +23,8 @@ class GraspForce(Protocol):
         """
         ...
 
-    def reset(self) -> None:
-        """The tool is taken anew, or time goes back: forget what the grasp has been through."""
+    def reset(self, t: float) -> None:
+        """The tool is taken anew at time t [s], to which time may have gone back: forget what the grasp has been."""
         ...
 
 

@@ -50,18 +50,18 @@ class MembraneGrip:
                 "inertia of the gripper pads (grasp.pad_mass, grasp.pad_radius), or less damping"
             )
         self.width = scenario.grasp.nominal_width
-        self.reset()
+        self.reset(0.0)
 
     def _rate(self) -> float:
         return rate_of(self._inertia, self.hold.state.tangent, np.diag(self._D))
 
     # the plant's force
-    def reset(self) -> None:
-        """The tool is taken anew, at X_CT = identity and time 0."""
-        self.hold.restart()
+    def reset(self, t: float) -> None:
+        """The tool is taken anew, at X_CT = identity and time t [s]."""
+        self.hold.restart(t)
         if self.width != self._grasp.nominal_width:
             self.hold.squeeze(self._squeeze(self.width))
-        self._linearise(0.0)
+        self._linearise(t)
 
     def wrench(self, X_TC: Array, V_TC: Array, t: float) -> Wrench:
         """See `GraspForce.wrench`."""

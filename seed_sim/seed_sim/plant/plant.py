@@ -208,6 +208,8 @@ class Plant:
         self._state = self._initial.copy()
         self.set_gripper_width(self.scenario.grasp.nominal_width)
         self._place_gripper(self._state, _pose_and_velocity(self._X_WC, _ZERO, _ZERO))
+        if self.hole is not None:
+            self.hole.reset()
         self.grasp()
         if self._cell.patches is not None:
             self._place_table(self._state)
@@ -219,9 +221,9 @@ class Plant:
         """Take the tool anew: T coincides with C, or lies at p_CT (3,) [m] in it, and rests relative to it."""
         self._X_WT = None
         if self._grasp_force is not None:
-            self._grasp_force.reset()
+            self._grasp_force.reset(self.time)
         if self.hole is not None:
-            self.hole.reset()
+            self.hole.part()
         self._cell.apply(_ZERO, _ZERO)
         if not self.welded:
             q, v = self._cell.tool_at

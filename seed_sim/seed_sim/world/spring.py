@@ -47,13 +47,13 @@ class WorldSpring:
         self.friction = world.hysteresis * k * full  # (6,) of all elements together
         self.yields = np.outer(YIELDS, full)  # (elements, 6)
         self._centre = 1e-3 * np.array(world.centre_mm)
-        self.reset()
+        self.reset(0.0)
 
-    def reset(self) -> None:
-        """At rest in the grasp, at time 0."""
+    def reset(self, t: float) -> None:
+        """At rest in the grasp, at time t [s]."""
         self._z = np.zeros_like(self.yields)
         self._xi, self._relaxed = np.zeros(6), np.zeros(6)
-        self._t: float | None = None
+        self._t = t
 
     def wrench(self, X_TC: Array, V_TC: Array, t: float) -> Wrench:
         """Load on the tool about T's origin, in T; see `seed_sim.plant.grasp_force.GraspForce`."""
@@ -73,8 +73,7 @@ class WorldSpring:
     def _load(self, xi: Array, t: float) -> Array:
         """(6,) along the coordinates."""
         world = self.world
-        dt = 0.0 if self._t is None else t - self._t
-        self._t = t
+        dt, self._t = t - self._t, t
         if world.hysteresis > 0.0:
             self._z = np.clip(self._z + (xi - self._xi) / self.yields, -1.0, 1.0)
         if world.relaxation > 0.0:

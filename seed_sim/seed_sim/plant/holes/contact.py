@@ -59,11 +59,15 @@ class HoleContact:
         self._end = _edges(self._peg, -self._peg_chamfer)
         self._mouth = _edges(self._hole, self._chamfer) if hole.drilled else np.zeros((0, 3))
         self._stick = StickSlip(2 * len(self._end) + len(self._mouth), self.friction, hole.stiffness)
-        self.largest = self.squeeze = self.deepest = 0.0
-        self._load = NOTHING
+        self.reset()
 
     def reset(self) -> None:
-        """The tool is taken anew: nothing touches."""
+        """As it was built: nothing touches, and nothing has."""
+        self.largest = self.squeeze = self.deepest = 0.0
+        self.part()
+
+    def part(self) -> None:
+        """Nothing touches: the peg is away, or the tool is taken anew."""
         self._stick.restart()
         self._load = NOTHING
 
@@ -88,12 +92,11 @@ class HoleContact:
         self.deepest = max(self.deepest, -float(p[2]))
         if end[:, 2].min() > _NEAR:
             if self._load is not NOTHING:
-                self.reset()
+                self.part()
             return self._load
         at, normal, depth, on = self._touching(end, R, p)
         if len(on) == 0:
-            self._stick.restart()
-            self._load = NOTHING
+            self.part()
             return NOTHING
         R_HW = self._to_hole[:3, :3]
         w = R_HW @ V[:3]
