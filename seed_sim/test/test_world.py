@@ -305,6 +305,38 @@ def test_the_command_keeps_single_runs_known_and_refuses_what_would_be_ignored(c
         with pytest.raises(SystemExit):
             command.main(arguments)
         assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--perturb", "mass", "--draws", "3"], "--draws has no part in --perturb"),
+        (["--perturb", "mass", "--model", "bushing"], "--model has no part in --perturb"),
+        (["--perturb", "mass", "--out", "draws.jsonl"], "--out has no part in --perturb"),
+        (["--perturb", "mass", "--membrane", "0"], "--membrane has no part in --perturb"),
+        (["--perturb", "mass", "--scenarios", "2"], "--scenarios has no part in --perturb"),
+        (["--model", "bushing"], "--model belongs to hidden worlds: give --world hidden"),
+        (["--draws", "2", "--column", "nominal"], "--column belongs to known worlds: give --scenario NAME"),
+        (["--draws", "2", "--membrane", "0"], "--membrane belongs to known worlds: give --membranes"),
+        (["--draws", "2", "--late-stamps", "--estimator", "noisy"], "--late-stamps is of images"),
+        (["--scenarios", "1", "--membrane", "2"], "--membrane is of one run"),
+        (["--scenarios", "1", "--scenario", "slip20", "--column", "nominal"], "give one of them"),
+    ],
+)
+def test_an_option_that_would_have_no_effect_is_refused(arguments, words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        command.main(["squeegee", *arguments])
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["mounts", "hanging", "late_60", "all"])
+@pytest.mark.parametrize("estimator", ["truth", "noisy"])
+def test_what_images_alone_show_is_not_perturbed_without_them(name, estimator, capsys):
+    assert command.main(["squeegee", "--perturb", name, "--estimator", estimator]) == 2
+    assert f"is of images, which the estimator '{estimator}' does not look at" in capsys.readouterr().err
+
+
+def test_perturbations_and_baselines_that_are_none_are_refused(capsys):
     assert command.main(["squeegee", "--perturb", "gravity"]) == 2
     assert "perturbation 'gravity' is unknown; known: all, none" in capsys.readouterr().err
     assert command.main(["squeegee", "--draws", "1", "--law", "welded"]) == 2

@@ -230,3 +230,18 @@ def test_a_slip_on_membranes_with_mechanics_makes_the_estimate_invalid(monkeypat
     scenario = on_membrane(load_scenario("long_cylinder", *run.FOLDERS), 1)
     told = slip.alarm_delay(scenario, 31004)
     assert told.invalid <= slip.IN_TIME
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--world", "hidden", "--membrane", "3"], "leave out --world hidden"),
+        (["--world", "hidden", "--renderer", "other"], "leave out --world hidden"),
+        (["--renderer", "other", "--membrane", "3"], "leave out --renderer other"),
+        (["--astray", "1"], "give --renderer other"),
+        (["--from", "bag", "--membrane", "3"], "leave out --from"),
+    ],
+)
+def test_an_option_that_would_have_no_effect_is_refused(arguments, words, capsys):
+    assert validate.main(["estimator", *arguments]) == 2
+    assert words in capsys.readouterr().err

@@ -23,6 +23,8 @@ from seed_sim.world.perturb import PERTURBATIONS
 from seed_sim.world.procedures.find_out import MODELS
 from seed_sim.world.score import DRAWS, score_draws, table
 
+_OF_HIDDEN = ("draws", "membranes", "late_stamps", "model", "out")  # options
+
 
 @command("seed evaluate")
 def main(argv: list[str]) -> int:
@@ -34,22 +36,40 @@ def main(argv: list[str]) -> int:
         args.estimator = "rigid_fit" if hidden or args.perturb else "truth"
     if args.plot is not None and (hidden or args.perturb):
         parser.error("--plot is of one run or of a sweep in known worlds: use it without --world hidden and --perturb")
+    if why := _left_out(args, hidden):
+        parser.error(why)
     if args.perturb:
         return _perturb(args)
     if hidden:
-        if args.scenarios:
-            parser.error("--scenarios belongs to known worlds: give --draws N")
-        if args.membrane is not None:
-            parser.error("--membrane belongs to known worlds: give a scenario with grasp.kind: membrane")
         return _draws(args)
-    for name in ("draws", "membranes", "late_stamps", "arm_sensor", "out"):
-        if getattr(args, name):
-            parser.error(f"--{name.replace('_', '-')} belongs to hidden worlds: give --world hidden")
-    if args.scenarios:
-        return _sweep(args)
-    if args.column is not None:
-        parser.error("--column belongs to a sweep: give --scenarios N as well")
-    return _one(args)
+    return _sweep(args) if args.scenarios else _one(args)
+
+
+def _left_out(args: argparse.Namespace, hidden: bool) -> str:
+    """Why an option would have no effect, and what to give instead; '' if all have one."""
+    given = {name for name, value in vars(args).items() if value is not None and value is not False}
+    if args.perturb:
+        other = sorted(given & {*_OF_HIDDEN, "scenarios", "column", "membrane"})
+        return f"{_option(other[0])} has no part in --perturb: leave out either" if other else ""
+    if hidden:
+        for name, instead in (("scenarios", "--draws N"), ("column", "--scenario NAME"), ("membrane", "--membranes")):
+            if name in given:
+                return f"{_option(name)} belongs to known worlds: give {instead}"
+        if args.late_stamps and args.estimator not in FROM_IMAGES:
+            return f"--late-stamps is of images, which --estimator {args.estimator} does not look at: give another"
+        return ""
+    if other := [name for name in (*_OF_HIDDEN, "arm_sensor") if name in given]:
+        return f"{_option(other[0])} belongs to hidden worlds: give --world hidden"
+    if not args.scenarios:
+        return "--column belongs to a sweep: give --scenarios N as well" if args.column else ""
+    if args.membrane is not None:
+        return "--membrane is of one run: leave out --scenarios, or give --draws N --membranes"
+    both = args.column and args.scenario is not None
+    return "--column and --scenario both name what a sweep goes over: give one of them" if both else ""
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _parser() -> argparse.ArgumentParser:

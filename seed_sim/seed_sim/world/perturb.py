@@ -10,6 +10,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.progress import progress_bar
+from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
 from seed_sim.world.trial import run_trial
 
@@ -20,6 +21,11 @@ class Perturbation:
 
     words: str
     world: World
+
+    @property
+    def seen(self) -> bool:
+        """Whether images alone show it."""
+        return self.world.images != ImageWorld() or self.world.cell.hanging
 
 
 def _both(**values: Any) -> ImageWorld:
@@ -102,12 +108,18 @@ def perturbed(
     """The rows of the table, one per name ('all': every one); `shown`: a bar on a terminal tells of each run.
 
     Raises:
-        SeedError: a name is unknown.
+        SeedError: a name is unknown, or one of images for an estimator that looks at none.
     """
     wanted = list(PERTURBATIONS) if "all" in names else list(names)
     unknown = [n for n in wanted if n not in PERTURBATIONS]
     if unknown:
         raise SeedError(f"perturbation '{unknown[0]}' is unknown; known: all, {', '.join(PERTURBATIONS)}")
+    if estimator not in FROM_IMAGES and (seen := [n for n in wanted if PERTURBATIONS[n].seen]):
+        others = ", ".join(n for n, p in PERTURBATIONS.items() if not p.seen)
+        raise SeedError(
+            f"perturbation '{seen[0]}' is of images, which the estimator '{estimator}' does not look at: take one of "
+            f"{', '.join(FROM_IMAGES)}, or of the perturbations {others}"
+        )
     rows = []
     for name in wanted:
         p = PERTURBATIONS[name]

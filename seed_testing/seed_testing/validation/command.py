@@ -145,10 +145,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _estimator(options: argparse.Namespace) -> int:
+    if why := _left_out(options):
+        raise SeedError(why)
     scenario, name = load_scenario(options.scenario, *run.FOLDERS), options.scenario
     if options.world == "hidden":
-        if options.bag is not None or options.report is not None:
-            raise SeedError("--from and --report are of one run: leave out --world hidden")
         draws = range(options.seed, options.seed + options.draws)
         result = worlds.score_worlds(scenario, options.method, draws, options.jobs)
         print(to_json(result) if options.json else worlds.table(result))
@@ -174,6 +174,24 @@ def _estimator(options: argparse.Namespace) -> int:
         result["report"] = str(draw({options.method: series}, options.report, name))
     print(json.dumps(result, indent=2) if options.json else _table(result))
     return 0
+
+
+def _left_out(options: argparse.Namespace) -> str:
+    """Why an option of `estimator` would have no effect, and what to do; '' if all have one."""
+    other = options.renderer == "other"
+    if options.world == "hidden":
+        if options.bag is not None or options.report is not None:
+            return "--from and --report are of one run: leave out --world hidden"
+        if options.membrane is not None or other or options.astray:
+            return "--membrane, --renderer and --astray are of one run: leave out --world hidden"
+        return ""
+    if options.bag is not None and (options.membrane is not None or other):
+        return "--membrane and --renderer are of rendered images: leave out --from"
+    if other and options.membrane is not None:
+        return "--membrane is of the own renderer: leave out --renderer other"
+    if options.astray and not other:
+        return "--astray is of the other renderer: give --renderer other"
+    return ""
 
 
 def _slip(options: argparse.Namespace) -> int:
