@@ -16,6 +16,7 @@ from seed_core.bushing import Stiffness
 from seed_sim import evaluate
 from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
+from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.closed_loop.surface_score import surface_score
 from seed_sim.closed_loop.sweep import column_summary, plot, summary
 from seed_sim.comparison.score import scores_of
@@ -339,6 +340,30 @@ def test_exact_poses_of_a_grasp_that_lifts_its_tip_as_it_is_pressed_keep_the_for
     )
     result = printed(["squeegee", "--scenario", str(file)])
     assert result["force_z"]["rmse"] < 0.05
+
+
+def test_a_known_world_has_the_estimator_of_its_scenario() -> None:
+    scenario = replace(load_scenario("nominal"), estimator={"erosion": 6})
+    source = pose_source("rigid_fit", scenario, 0, 250.0)
+    assert source.estimator.parameters.erosion == 6
+    assert source.estimator.parameters.method == "rigid_fit"
+
+
+@pytest.mark.parametrize("estimator", ["truth", "noisy", "rigid_fit"])
+def test_a_mistake_in_the_section_estimator_is_named_whatever_the_estimator(estimator, tmp_path, capsys) -> None:
+    file = tmp_path / "mistaken.yaml"
+    file.write_text("name: mistaken\nestimator: {erosoin: 6}")
+    assert main(["squeegee", "--scenario", str(file), "--estimator", estimator]) == 2
+    assert "scenario mistaken: estimator: unknown key 'erosoin'" in capsys.readouterr().err
+
+
+def test_a_calibration_is_refused_where_none_is_carried_out(tmp_path, capsys) -> None:
+    file = tmp_path / "calibrated.yaml"
+    file.write_text("name: calibrated\ncalibrate: true")
+    asked = ["squeegee", "--scenario", str(file)]
+    for where in ([], ["--perturb", "mass"]):
+        assert main([*asked, "--estimator", "rigid_fit", *where]) == 2
+        assert "carries out no calibration: leave it out" in capsys.readouterr().err
 
 
 def test_a_task_that_never_touched_is_not_scored(held):

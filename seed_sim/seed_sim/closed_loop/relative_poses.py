@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.bushing import Bushing
+from seed_core.config import from_mapping
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
@@ -36,6 +37,21 @@ def taken_at(scenario: Scenario, hold: MembraneHold | None = None) -> Array:
     if hold is not None:
         return hold.under(Wrench(np.zeros(3), load)) if load.any() else np.eye(4)
     return inverse_pose(Bushing(scenario.grasp.stiffness).pose(Wrench(np.zeros(3), -load)))
+
+
+def estimator_parameters(scenario: Scenario, method: str) -> EstimatorParameters:
+    """The estimator's defaults, changed as the scenario says. Raises SeedError."""
+    given = {**scenario.estimator, "method": method}
+    return from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
+
+
+def refuse_calibrate(scenario: Scenario, where: str) -> None:
+    """Raises SeedError: the scenario wants a calibration where none is carried out."""
+    if scenario.calibrate:
+        raise SeedError(
+            f"scenario {scenario.name}: calibrate = true: {where} carries out no calibration: leave it out, or run "
+            "./seed validate estimator, or ./seed evaluate --world hidden"
+        )
 
 
 class PoseSource:
@@ -110,10 +126,12 @@ class PosesFromImages(PoseSource):
         """hold: the plant's membranes, which the images show; the tool is as it was grasped."""
         if scenario.gel is not None:
             raise SeedError(f"scenario {scenario.name} has gels, which '{method}' cannot read: use --estimator {GEL}")
+        refuse_calibrate(scenario, "a known world")
         X_taken = taken_at(scenario, hold)
         super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
         self.renderer = renderer_of(scenario, seed, hold)
-        self.estimator = Estimator(EstimatorParameters(method=method), scenario.hand, self.renderer.cameras)
+        parameters = estimator_parameters(scenario, method)
+        self.estimator = Estimator(parameters, scenario.hand, self.renderer.cameras)
         still = [-self.period * (_REFERENCE_FRAMES + _GRASP_FRAMES - i) for i in range(_REFERENCE_FRAMES)]
         self.estimator.capture_reference([self.renderer.no_contact(t) for t in still])
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
@@ -164,8 +182,10 @@ def pose_source(
         plant: whose membranes images show; only needed where the scenario has them.
 
     Raises:
-        SeedError: no such kind, or the estimator does not see the grasp.
+        SeedError: no such kind, the scenario's section `estimator` cannot be used, or the estimator does not see the
+            grasp.
     """
+    estimator_parameters(scenario, kind if kind in FROM_IMAGES else EstimatorParameters().method)  # a mistake counts
     hold = plant.membranes if plant is not None else None
     if kind in FROM_IMAGES:
         return PosesFromImages(scenario, seed, kind, hold)

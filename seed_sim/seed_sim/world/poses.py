@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from seed_core.config import from_mapping
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array
-from seed_estimation import Estimator, EstimatorParameters, TactileImages
+from seed_estimation import Estimator, TactileImages
 from seed_estimation.calibration.file import Calibration
-from seed_sim.closed_loop.relative_poses import PoseSource
+from seed_sim.closed_loop.relative_poses import PoseSource, estimator_parameters
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.pressure import PressureSensors
 from seed_sim.scenario import Scenario
@@ -30,9 +29,7 @@ def make_estimator(
 
     With the reference taken, after which membranes and cameras age. Raises SeedError.
     """
-    given = {**scenario.estimator, "method": method}
-    parameters = from_mapping(given, EstimatorParameters, f"scenario {scenario.name}: estimator")
-    estimator = Estimator(parameters, scenario.hand, cameras.cameras, calibration)
+    estimator = Estimator(estimator_parameters(scenario, method), scenario.hand, cameras.cameras, calibration)
     start = -_REFERENCE_AGE - period * (REFERENCE_FRAMES + GRASP_FRAMES)
     estimator.capture_reference([cameras.no_contact(start + period * i) for i in range(REFERENCE_FRAMES)])
     cameras.age()

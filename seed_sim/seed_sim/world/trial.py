@@ -16,12 +16,12 @@ from seed_core.spatial import Array
 from seed_sim.closed_loop.evaluate import scenario_of
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
-from seed_sim.closed_loop.relative_poses import FROM_IMAGES
+from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
 from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import World
-from seed_sim.world.procedures.find_out import Belief, Model, find_out
+from seed_sim.world.procedures.find_out import STEPS, Belief, Model, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
@@ -76,6 +76,8 @@ def run_trial(
         scenario = load_scenario(scenario)
     if world.kind == "membrane":
         scenario = on_membrane(scenario, world.seed, firm=True)
+    if estimator in FROM_IMAGES and not ("calibrate" in STEPS[world.kind] and world.procedures.run):
+        refuse_calibrate(scenario, "a world of membranes, or with one perturbation,")
     model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
     if arm_sensor:
         m = scenario.measurement

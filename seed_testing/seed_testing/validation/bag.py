@@ -12,14 +12,14 @@ from typing import Any
 import cv2
 
 from seed_bringup.bags.files import read_messages
-from seed_core.config import from_mapping
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, interpolate_pose, inverse_pose
-from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
+from seed_estimation import Estimator, PinholeCamera, TactileImages
 from seed_estimation.images.tactile_images import Image
 from seed_ros.conversions import pose_to_matrix, seconds
 from seed_ros.images import Pairing, depth_from_message, gray_from_message, intrinsics
 from seed_sim import Scenario
+from seed_sim.closed_loop.relative_poses import estimator_parameters, refuse_calibrate
 from seed_testing.validation.run import GRASP_FRAMES, REFERENCE_FRAMES
 from seed_testing.validation.scores import Series
 
@@ -74,8 +74,10 @@ def run_bag(path: Path, method: str, scenario: Scenario) -> Series:
     """Truth and estimates over the bag; hand and settings of the estimator are the scenario's.
 
     Raises:
-        SeedError: no readable bag, or images, camera_info, truth or the grasp are missing in it.
+        SeedError: no readable bag, or images, camera_info, truth or the grasp are missing in it; or the scenario
+            wants a calibration.
     """
+    refuse_calibrate(scenario, "a bag")
     cv2.setNumThreads(1)
     content = _Content()
     for topic, _, message in read_messages(path, lambda topic: "bubble_" in topic or topic.endswith(TRUTH)):
@@ -98,8 +100,7 @@ def run_bag(path: Path, method: str, scenario: Scenario) -> Series:
             f"{path}: {len(still)} pairs of images before the grasp and {len(held)} after it; a reference without "
             f"contact and more than {GRASP_FRAMES} pairs of a grasped tool are needed"
         )
-    given = {**scenario.estimator, "method": method}
-    estimator = Estimator(from_mapping(given, EstimatorParameters), scenario.hand, content.cameras)
+    estimator = Estimator(estimator_parameters(scenario, method), scenario.hand, content.cameras)
     estimator.capture_reference(still)
     estimator.initialize_grasp(held[:GRASP_FRAMES])
     series = Series()

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from seed_core.config import from_mapping
 from seed_core.hand import Hand
 from seed_core.spatial import Array, pose_from_rpy
-from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation import Estimator
 from seed_estimation.calibration.file import frame_of
+from seed_sim.closed_loop.relative_poses import estimator_parameters, refuse_calibrate
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.other.renderer import Camera, OtherRenderer
@@ -32,8 +32,9 @@ def run_other(scenario: Scenario, method: str, seed: int, astray: float) -> Seri
         astray: share of the largest errors of mounts, focal lengths and depths.
 
     Raises:
-        SeedError: the estimator does not see the grasp.
+        SeedError: the estimator does not see the grasp, or the scenario wants a calibration.
     """
+    refuse_calibrate(scenario, "the other renderer")
     cv2.setNumThreads(1)
     tool, rng = scenario.tactile.tool, np.random.default_rng((seed, 78))
 
@@ -48,8 +49,7 @@ def run_other(scenario: Scenario, method: str, seed: int, astray: float) -> Seri
     wrong = {f: Camera(*(float(off(size, 1)[0]) for size in (FOCAL, SCALE, OFFSET))) for f in ("left", "right")}
     held = Held(tool.radius, tool.length, None if tool.round else tool.width)
     bubbles = OtherRenderer(held, hand, seed, wrong)
-    parameters = from_mapping({**scenario.estimator, "method": method}, EstimatorParameters, scenario.name)
-    estimator = Estimator(parameters, believed, bubbles.cameras)
+    estimator = Estimator(estimator_parameters(scenario, method), believed, bubbles.cameras)
     step = 1.0 / scenario.trajectory.rate
     estimator.capture_reference([bubbles.no_contact(-LEAD + step * i) for i in range(REFERENCE_FRAMES)])
     estimator.initialize_grasp([bubbles.render(np.eye(4), step * (i - GRASP_FRAMES)) for i in range(GRASP_FRAMES)])
