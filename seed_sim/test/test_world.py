@@ -329,6 +329,17 @@ def test_an_option_that_would_have_no_effect_is_refused(arguments, words, capsys
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("where", [["--draws", "1"], ["--perturb", "stiffness_-20"]])
+def test_a_spring_is_not_identified_where_membranes_hold_the_tool(where, capsys):
+    assert command.main(["squeegee", "--scenario", "membrane", *where]) == 2
+    assert "scenario 'membrane': grasp.kind = membrane: the grasp of this world is a spring" in capsys.readouterr().err
+
+
+def test_a_map_of_membranes_is_not_asked_of_a_spring(capsys):
+    assert command.main(["squeegee", "--draws", "1", "--model", "membrane"]) == 2
+    assert "model = membrane: the grasp of this world is a spring; give --membranes" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["mounts", "hanging", "late_60", "all"])
 @pytest.mark.parametrize("estimator", ["truth", "noisy"])
 def test_what_images_alone_show_is_not_perturbed_without_them(name, estimator, capsys):

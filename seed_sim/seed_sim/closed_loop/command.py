@@ -12,16 +12,18 @@ from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
 from seed_estimation.parameters import METHOD_HELP
-from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate
+from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate, scenario_of
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.recording import SETTLING, scored_phase
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.closed_loop.sweep import plot, sweep
 from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
 from seed_sim.world import perturb
+from seed_sim.world.parameters import Kind
 from seed_sim.world.perturb import PERTURBATIONS
 from seed_sim.world.procedures.find_out import MODELS
 from seed_sim.world.score import DRAWS, score_draws, table
+from seed_sim.world.trial import check_kind
 
 _OF_HIDDEN = ("draws", "membranes", "late_stamps", "model", "out")  # options
 
@@ -205,10 +207,12 @@ def _text(r: dict[str, Any]) -> str:
 def _draws(args: argparse.Namespace) -> int:
     """The score over hidden worlds: 1 when a draw was not finished."""
     names = ("task", "law", "model", "estimator", "force", "scenario", "late_stamps", "arm_sensor")
-    settings = {name: getattr(args, name) for name in names} | {"world": "membrane" if args.membranes else "spring"}
+    kind: Kind = "membrane" if args.membranes else "spring"
+    settings = {name: getattr(args, name) for name in names} | {"world": kind}
     if args.law not in CONTROL_LAWS:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
-    load_task(args.task, args.force)  # a mistake here would break every run
+    task = load_task(args.task, args.force)  # a mistake here would break every run
+    check_kind(kind, load_scenario(args.scenario or scenario_of(task)), args.model)
     draws = range(args.seed, args.seed + (args.draws or DRAWS))
     result = score_draws(settings, draws, args.jobs, args.out, shown=not args.json)
     print(to_json(result) if args.json else table(result))

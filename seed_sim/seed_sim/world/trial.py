@@ -20,7 +20,7 @@ from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
 from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world.cell import make_plant, make_steering
-from seed_sim.world.parameters import World
+from seed_sim.world.parameters import Kind, World
 from seed_sim.world.procedures.find_out import STEPS, Belief, Model, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
@@ -74,6 +74,7 @@ def run_trial(
     scenario = scenario_of(task) if scenario is None else scenario
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
+    check_kind(world.kind, scenario, model)
     if world.kind == "membrane":
         scenario = on_membrane(scenario, world.seed, firm=True)
     if estimator in FROM_IMAGES and not ("calibrate" in STEPS[world.kind] and world.procedures.run):
@@ -121,6 +122,19 @@ def run_trial(
         "seconds": {**belief.seconds, "all": time.perf_counter() - began},
     }
     return Trial(result, recording, belief)
+
+
+def check_kind(kind: Kind, scenario: Scenario, model: Model | None) -> None:
+    """Raises SeedError: the scenario's grasp, or the model of the wrench, is none of a world of this kind."""
+    if kind == "membrane":
+        return
+    if scenario.grasp.kind == "membrane":
+        raise SeedError(
+            f"scenario '{scenario.name}': grasp.kind = membrane: the grasp of this world is a spring; give --membranes "
+            "for hidden worlds with membranes, or --world known for these"
+        )
+    if model == "membrane":
+        raise SeedError("model = membrane: the grasp of this world is a spring; give --membranes, or another model")
 
 
 def with_look(task: Task) -> Task:
