@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from seed_core.clocks import clocks, save_clocks  # noqa: E402
+from seed_core.errors import SeedError  # noqa: E402
 from seed_core.spatial import Wrench, make_pose  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
 from seed_ros.conversions import pose_stamped, wrench_stamped  # noqa: E402
@@ -65,6 +66,13 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
         sample = average(target, 0, readings, 1.0, False)
         writer.record(0.0, replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
     writer.close()
+
+
+def test_a_cell_of_membranes_is_refused_which_this_node_does_not_simulate(bench: Bench, tmp_path: Path) -> None:
+    file = tmp_path / "membranes.yaml"
+    file.write_text("name: membranes\ngrasp: {kind: membrane}")
+    with pytest.raises(SeedError, match="membrane: this node simulates a bushing only"):
+        bench.add(CellNode, scenario=str(file))
 
 
 def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench, tmp_path: Path) -> None:

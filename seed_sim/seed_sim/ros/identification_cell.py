@@ -43,6 +43,11 @@ class CellNode(SeedNode):
         self.refuse_unknown()
 
         self.scenario = replace(load(self.settings.scenario), rate=self.settings.rate)
+        if self.scenario.grasp.kind == "membrane":
+            raise SeedError(
+                f"scenario = {self.settings.scenario}: grasp.kind = membrane: this node simulates a bushing only; "
+                "./seed identify --scenario FILE simulates membranes, without ROS"
+            )
         self.cell = SimulatedCell(self.scenario, self.settings.seed)
         self.widths = np.array(self.scenario.procedure.widths)
         self.width = float(np.median(self.widths))
