@@ -193,6 +193,17 @@ def test_reported_pose_does_not_see_the_repeatability_error():
     assert_allclose(plant.X_WE, flange(plant.scenario, 0.3), atol=1e-9)
 
 
+def test_an_arm_outside_has_the_same_repeatability_error_as_the_plants_own():
+    own, outside = (settled(Scenario(table=FLAT), 0.3) for _ in range(2))
+    start = outside.arm.actual - outside.X_WE
+    own.advance(own.time + 2.0)
+    for _ in range(100):
+        outside.drive(outside.X_WE, outside.time + 0.02)
+    error = outside.arm.actual - outside.X_WE
+    assert_allclose(error, own.arm.actual - own.X_WE, atol=1e-12)
+    assert np.abs(error - start).max() > 1e-5  # [m] it wanders
+
+
 def test_an_arm_outside_can_drive_the_plant():
     plant = settled(STILL, 0.3)
     target = flange(STILL, 0.29) @ make_pose(so3_exp((0.0, 0.0, 0.02)), (0.01, 0.0, 0.0))

@@ -145,7 +145,6 @@ class TorqueSteering(_Sensing):
         """Bring plant, sensor and law to t [s]."""
         while self._plant.time < t - 0.5 * DT:
             now = self._plant.time + TORQUE_PERIOD
-            self._plant.arm.wander(now)
             if self._setpoint is None or self._stopped:
                 self._plant.drive(self._plant.X_WE, now)
             else:

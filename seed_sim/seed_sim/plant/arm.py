@@ -81,7 +81,7 @@ class Arm:
         self.wander(t)
 
     def wander(self, t: float) -> None:
-        """Renew the error of repeatability at t [s], also for an arm that is driven from outside."""
+        """Renew the error of repeatability at t [s]; by itself where the arm is driven from outside."""
         self._error = self.error.at(t)
 
     def _accept(self, X_WE: Array) -> None:

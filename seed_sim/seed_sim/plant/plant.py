@@ -129,6 +129,7 @@ class Plant:
         turn, p0 = so3_log(X0[:3, :3].T @ X_WE[:3, :3]), X0[:3, 3]
         motions = []
         for i in range(1, n + 1):
+            self.arm.wander((self._steps + i) * DT)
             self.arm.reported = make_pose(X0[:3, :3] @ so3_exp(i / n * turn), p0 + i / n * (X_WE[:3, 3] - p0))
             motions.append(self._follow_arm(None))
         self._simulate(motions)
