@@ -16,6 +16,7 @@ from seed_core.spatial import make_pose, so3_log
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
 from seed_sim.identification import session
+from seed_sim.kept_runs import kept_runs
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world import draw, perturb, score
 from seed_sim.world.cameras import WorldCameras, true_hand
@@ -244,8 +245,21 @@ def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused
     file.write_text(to_json(run_of(3, 0.5, message="as it stood") | settings) + "\n", encoding="utf-8")
     result = score_draws(settings, [3], out=file)
     assert [r["message"] for r in result["draws"]] == ["as it stood"]
-    with pytest.raises(SeedError, match="law seed"):
+    with pytest.raises(SeedError, match=r"draws\.jsonl:1: not a draw of this score \(one with law seed\)"):
         score_draws(settings | {"law": "plain"}, [3], out=file)
+    whole = file.read_text(encoding="utf-8")
+    file.write_text(whole + whole[:70], encoding="utf-8")  # interrupted while it was written
+    assert len(score_draws(settings, [3], out=file)["draws"]) == 1
+    assert file.read_text(encoding="utf-8") == whole
+
+
+@pytest.mark.parametrize("text", ["notes", "notes\n", '{"draw": 3}\n', "[3]\n"])
+def test_a_file_of_something_else_is_refused_and_left_as_it_is(text, tmp_path):
+    file = tmp_path / "notes.txt"
+    file.write_text(text)
+    with pytest.raises(SeedError, match=r"notes\.txt:1: not a draw .*: name another file"):
+        kept_runs(file, lambda run: run["world"], "a draw")
+    assert file.read_text() == text
 
 
 def test_belief_is_told_from_truth_and_swing_from_a_slow_error():

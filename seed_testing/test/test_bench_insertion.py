@@ -26,6 +26,13 @@ def test_summary_of_known_cases() -> None:
     assert (out["time_mean_s"], out["force_worst_n"], out["squeeze_worst_n"]) == (3.0, 13.0, 26.0)
     assert out["beyond_12_n"] == [2]
     assert out["failed"] == {3: "stuck"}
+    assert out["search_mean_s"] == 1.5
+
+
+def test_a_case_that_searched_nothing_is_in_no_mean_of_searches() -> None:
+    known = {**CASES[0], "seed": 4, "found": None}
+    assert summarised([*CASES, known])["search_mean_s"] == 1.5
+    assert summarised([known])["search_mean_s"] is None
 
 
 def test_cases_that_are_kept_are_not_run_again(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from seed_sim.scenario import load_scenario
 from seed_sim.world.parameters import CameraWorld, ImageWorld, World
-from seed_testing.validation import command
+from seed_testing.validation import command, worlds
 from seed_testing.validation.run import FOLDERS
-from seed_testing.validation.scores import scores
+from seed_testing.validation.scores import AXES, NAMED, scores
 from seed_testing.validation.worlds import run_world, score_worlds, table
 
 CYLINDER = load_scenario("long_cylinder", *FOLDERS)
@@ -35,6 +35,20 @@ def test_the_score_of_draws_has_every_draw_and_names_those_that_fail():
     failed = score_worlds(blind, "rigid_fit", [2])
     assert "touches nothing" in failed["draws"][0]["error"]
     assert "touches nothing" in table(failed)
+
+
+def test_a_gain_that_is_nothing_is_all_error_and_one_that_is_unknown_is_none(monkeypatch):
+    """Of an axis that does not follow at all, and of one that the trajectory does not move."""
+    gains = {2: 0.0, 3: 0.9, 4: None}
+
+    def one(_scenario, _method, draw):
+        gain = {axis: gains[draw] if axis != "yaw" else None for axis in AXES}
+        return {"draw": draw, "nees": 6.0, "valid_fraction": 1.0, "rmse": dict.fromkeys(NAMED, 0.1), "gain": gain}
+
+    monkeypatch.setattr(worlds, "_one", one)
+    error = score_worlds(SHORT, "rigid_fit", list(gains))["summary"]["gain_error"]
+    assert error["x"] == pytest.approx({"median": 0.55, "p90": 0.91, "worst": 1.0})
+    assert error["yaw"] is None
 
 
 def test_hidden_worlds_take_no_bag(capsys):

@@ -12,6 +12,7 @@ from joblib import delayed
 from seed_core.errors import SeedError
 from seed_sim.closed_loop.evaluate import evaluate
 from seed_sim.closed_loop.progress import in_parallel
+from seed_sim.kept_runs import kept_runs
 
 SMOOTH = ("cylinder", "hollow", "sphere", "saddle", "relief")
 ROUGH = ("wedge", "step_up", "step_down", "edge", "moving_table")
@@ -35,7 +36,7 @@ def surfaces(
     keep: file with a line of JSON for each run as it ends; runs that it holds already are not made again.
     """
     wanted = [(kinds[i % len(kinds)], seed + i) for i in range(runs)]
-    known = {} if keep is None or not keep.is_file() else _kept(keep, task)
+    known = {} if keep is None else _kept(keep, task)
     calls = [delayed(one_surface)(task, *one) for one in wanted if one not in known]
     for run in in_parallel(calls, jobs, "run", ordered=False):
         known[run["scenario"], run["seed"]] = run
@@ -46,13 +47,13 @@ def surfaces(
 
 
 def _kept(file: Path, task: str) -> dict[tuple[str, int], dict[str, Any]]:
-    """Runs of that task in a file, by scenario and seed; a line that an interrupt cut off is taken out of it."""
-    text = file.read_text(encoding="utf-8")
-    lines, _, rest = text.rpartition("\n")
-    if rest:
-        file.write_text(text.removesuffix(rest), encoding="utf-8")
-    runs = [json.loads(line) for line in lines.splitlines()]
-    return {(run["scenario"], run["seed"]): run for run in runs if run["task"] == task}
+    """Runs of that task in a file, by scenario and seed."""
+
+    def run_of(run: dict[str, Any]) -> tuple[str, tuple[str, int], dict[str, Any]]:
+        return run["task"], (run["scenario"], run["seed"]), run
+
+    runs = kept_runs(file, run_of, "a run of ./seed validate surfaces")
+    return {which: run for of, which, run in runs if of == task}
 
 
 def one_surface(task: str, scenario: str, seed: int) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from typing import Any
 
 from joblib import delayed
 
-from seed_core.errors import SeedError
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.tuning import Work
+from seed_sim.kept_runs import kept_runs
 
 
 def scored_in_parallel(works: list[Work], jobs: int) -> Iterator[dict[str, Any]]:
@@ -41,17 +41,4 @@ def _key(row: dict[str, Any]) -> str:
 
 
 def _known(file: Path) -> dict[str, dict[str, Any]]:
-    if not file.exists():
-        return {}
-    rows: dict[str, dict[str, Any]] = {}
-    lines = file.read_text(encoding="utf-8").splitlines()
-    for number, line in enumerate(lines, start=1):
-        try:
-            row = json.loads(line)
-            rows[_key(row)] = row
-        except (ValueError, KeyError, TypeError) as error:
-            if number == len(lines):  # the machine went down while it was written
-                file.write_text("".join(f"{whole}\n" for whole in lines[:-1]), encoding="utf-8")
-                break
-            raise SeedError(f"{file}:{number}: not a run of ./seed compare ({error}): name another folder") from error
-    return rows
+    return dict(kept_runs(file, lambda row: (_key(row), row), "a run of ./seed compare", "folder"))

@@ -11,6 +11,7 @@ from joblib import delayed
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.faults.draw import KINDS, draw
 from seed_sim.faults.run import Outcome, run_fault
+from seed_sim.kept_runs import kept_runs
 
 MOST_EXCESS, MOST_TRAVEL = 5.0, 0.06  # [N], [m] that no run may be beyond
 _WORST = 3  # seeds that are named
@@ -24,7 +25,7 @@ def campaign(
     keep: file with a line for each run as it ends; runs that it holds already are not made again.
     """
     wanted = [(kinds[i % len(kinds)], seed + i // len(kinds)) for i in range(runs)]
-    known = {} if keep is None or not keep.is_file() else _kept(keep, law)
+    known = {} if keep is None else _kept(keep, law)
     calls = [delayed(run_fault)(*one, law) for one in wanted if one not in known]
     for outcome in in_parallel(calls, jobs, "run", ordered=False):
         known[outcome.fault.kind, outcome.fault.seed] = outcome
@@ -35,18 +36,14 @@ def campaign(
 
 
 def _kept(file: Path, law: str) -> dict[tuple[str, int], Outcome]:
-    """Runs of that law in a file, by kind and seed; a line that an interrupt cut off is taken out of it."""
-    found, text = {}, file.read_text(encoding="utf-8")
-    lines, _, rest = text.rpartition("\n")
-    if rest:
-        file.write_text(text.removesuffix(rest), encoding="utf-8")
-    for line in lines.splitlines():
-        run = json.loads(line)
-        if run["law"] == law:
-            found[run["kind"], run["seed"]] = Outcome(
-                draw(run["kind"], run["seed"]), *(run[name] for name in Outcome._fields[1:])
-            )
-    return found
+    """Runs of that law in a file, by kind and seed."""
+
+    def outcome(run: dict[str, Any]) -> tuple[str, Outcome]:
+        figures = (run[name] for name in Outcome._fields[1:])
+        return run["law"], Outcome(draw(run["kind"], run["seed"]), *figures)
+
+    runs = kept_runs(file, outcome, "a run of ./seed validate faults")
+    return {(o.fault.kind, o.fault.seed): o for of, o in runs if of == law}
 
 
 def failed(outcome: Outcome) -> bool:

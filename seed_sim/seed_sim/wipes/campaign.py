@@ -11,6 +11,7 @@ import numpy as np
 from joblib import delayed
 
 from seed_sim.closed_loop.progress import in_parallel
+from seed_sim.kept_runs import kept_runs
 from seed_sim.wipes.bandwidth import AMPLITUDES, FREQUENCIES, bandwidth, gain
 from seed_sim.wipes.conditions import CONDITIONS
 from seed_sim.wipes.run import Wipe, wipe
@@ -24,7 +25,7 @@ def campaign(
     keep: file with a line for each wipe as it ends; those that it holds already are not made again.
     """
     wanted = [(name, seed) for name in names for seed in seeds]
-    known = _kept(keep, law) if keep is not None and keep.is_file() else {}
+    known = {} if keep is None else _kept(keep, law)
     missing = [one for one in wanted if one not in known]
     for made in in_parallel([delayed(wipe)(*one, law) for one in missing], jobs, "wipe", ordered=False):
         known[made.condition, made.seed] = made
@@ -35,14 +36,12 @@ def campaign(
 
 
 def _kept(file: Path, law: str) -> dict[tuple[str, int], Wipe]:
-    """Wipes of that law in a file; a line that an interrupt cut off is taken out of it."""
-    text = file.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        file.write_text(whole, encoding="utf-8")
-    runs = [json.loads(line) for line in whole.splitlines()]
-    made = [Wipe(**{name: run[name] for name in Wipe._fields}) for run in runs if run["law"] == law]
-    return {(w.condition, w.seed): w for w in made}
+    """Wipes of that law in a file, by condition and seed."""
+
+    def made(run: dict[str, Any]) -> tuple[str, Wipe]:
+        return run["law"], Wipe(**{name: run[name] for name in Wipe._fields})
+
+    return {(w.condition, w.seed): w for of, w in kept_runs(file, made, "a wipe of ./seed bench law") if of == law}
 
 
 def summary(wipes: Sequence[Wipe]) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The score over many worlds: median, 90 % and worst of true and believed force, of torque and lean."""
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from joblib import delayed
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
 from seed_sim.closed_loop.progress import Progress, in_parallel, progress_bar
+from seed_sim.kept_runs import kept_runs
 from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
@@ -76,19 +76,12 @@ def one_draw(settings: dict[str, Any], draw: int, progress: Progress | None = No
 
 
 def _known(out: Path, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
-    if not out.exists():
-        return {}
-    runs = {}
-    for number, line in enumerate(out.read_text(encoding="utf-8").splitlines(), start=1):
-        try:
-            run = json.loads(line)
-            other = [f"{k} {run[k]}" for k in SETTINGS if run[k] != settings[k]]
-            runs[int(run["draw"])] = run
-        except (ValueError, KeyError, TypeError) as error:
-            raise SeedError(f"{out}:{number}: not a draw of ./seed evaluate ({error}): name another file") from error
-        if other:
-            raise SeedError(f"{out}:{number}: a draw with {', '.join(other)}: name another file")
-    return runs
+    def of_these(run: dict[str, Any]) -> tuple[int, dict[str, Any]]:
+        if other := [f"{k} {run[k]}" for k in SETTINGS if run[k] != settings[k]]:
+            raise ValueError(f"one with {', '.join(other)}")
+        return int(run["draw"]), run
+
+    return dict(kept_runs(out, of_these, "a draw of this score"))
 
 
 def value_of(run: dict[str, Any], key: str) -> float | None:

@@ -52,7 +52,8 @@ def score_worlds(scenario: Scenario, method: str, draws: Sequence[int], jobs: in
         summary["valid_fraction"] = {"median": float(np.median([r["valid_fraction"] for r in runs])),
                                      "worst": min(r["valid_fraction"] for r in runs)}  # fmt: skip
         summary["rmse"] = {n: spread([r["rmse"][n] for r in good]) for n in NAMED}
-        summary["gain_error"] = {a: spread([abs((r["gain"][a] or 1.0) - 1.0) for r in good]) for a in AXES}
+        gains = {a: [r["gain"][a] for r in good if r["gain"][a] is not None] for a in AXES}
+        summary["gain_error"] = {a: spread([abs(g - 1.0) for g in gains[a]]) if gains[a] else None for a in AXES}
     return {"method": method, "scenario": scenario.name, "draws": runs, "summary": summary}
 
 

@@ -16,6 +16,7 @@ from seed_core.program.command_line import Parser, command, seed_number, whole
 from seed_sim.closed_loop.evaluate import evaluate, scenario_of
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.closed_loop.relative_poses import ESTIMATORS
+from seed_sim.kept_runs import kept_runs
 from seed_sim.scenario import Scenario, load_scenario
 from seed_testing.figures import text
 
@@ -63,31 +64,27 @@ def run(settings: dict[str, Any], seeds: Sequence[int], jobs: int = 1, out: Path
 
 
 def _known(out: Path, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
-    cases = {}
-    for number, line in enumerate(out.read_text(encoding="utf-8").splitlines() if out.exists() else (), start=1):
-        try:
-            case = json.loads(line)
-            same = all(case[name] == settings[name] for name in SETTINGS)
-            cases[int(case["seed"])] = case
-        except (ValueError, KeyError, TypeError) as error:
-            raise SeedError(f"{out}:{number}: not a case of ./seed bench insertion: name another file") from error
-        if not same:
-            raise SeedError(f"{out}:{number}: a case with other settings: name another file")
-    return cases
+    def of_these(case: dict[str, Any]) -> tuple[int, dict[str, Any]]:
+        if any(case[name] != settings[name] for name in SETTINGS):
+            raise ValueError("one with other settings")
+        return int(case["seed"]), case
+
+    return dict(kept_runs(out, of_these, "a case of this campaign"))
 
 
 def summarised(cases: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Share of successes, and over them the time from contact to the depth; the forces over all cases."""
     good = [c for c in cases if c["success"]]
     forces = [c["largest_force"] for c in cases if "largest_force" in c]
-    times = [c["inserted"] for c in good]
+    times = [c["inserted"] for c in good if c["inserted"] is not None]
+    searched = [c["found"] for c in good if c["found"] is not None]  # a task that knows its hole searches none
     return {
         "cases": len(cases),
         "successes": len(good),
         "success_share": len(good) / len(cases),
         "time_mean_s": float(np.mean(times)) if times else None,
         "time_p90_s": float(np.percentile(times, 90)) if times else None,
-        "search_mean_s": float(np.mean([c["found"] for c in good])) if good else None,
+        "search_mean_s": float(np.mean(searched)) if searched else None,
         "force_p90_n": float(np.percentile(forces, 90)) if forces else None,
         "force_worst_n": max(forces, default=None),
         "squeeze_worst_n": max((c["squeeze"] for c in cases if "squeeze" in c), default=None),
