@@ -2,6 +2,7 @@
 """The simulated gripper's topics."""
 
 import time
+from itertools import pairwise
 
 import pytest
 
@@ -13,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from seed_ros.qos import COMMAND, QUEUE
 from seed_ros.testing import Bench
+from seed_sim.ros.every import Every
 from seed_sim.ros.node import SimNode
 
 pytestmark = pytest.mark.ros
@@ -41,5 +43,38 @@ def test_a_force_is_reached_at_the_grippers_speed_and_nonsense_is_refused() -> N
         widths.publish(Float64(data=0.022))
         assert bench.until(lambda: abs(node.plant.grip.width - 0.022) < 1e-4)
         assert bench.until(lambda: told[-1][1] < 5.5)
+    finally:
+        bench.close()
+
+
+@pytest.mark.parametrize("rate", [100.0, 130.0, 250.0, 1000.0])
+def test_fingers_are_told_of_at_the_grippers_rate_whatever_the_rate_of_the_ticks(rate: float) -> None:
+    """At least 20 Hz, as the contract of a gripper asks; 0.04 s is no whole number of ticks at 130 Hz."""
+    every = Every(0.04)
+    told = [n / rate for n in range(round(10.0 * rate)) if every.due(n / rate)]
+    assert len(told) / 10.0 == pytest.approx(25.0, rel=0.01)
+    assert max(b - a for a, b in pairwise(told)) <= 1.0 / 20.0
+    assert every.due(1.0)  # time has gone back
+    assert not every.due(1.03)
+    assert every.due(1.04)
+
+
+def test_a_slow_cell_keeps_the_rates_of_the_grippers_contract() -> None:
+    bench = Bench()
+    try:
+        node = bench.add(SimNode, seed=3, rate=100.0)
+        told = {"width": 0, "force": 0}
+
+        def count(name: str) -> None:
+            told[name] += 1
+
+        for name in told:
+            bench.client.create_subscription(Float64, f"gripper/{name}", lambda _, n=name: count(n), QUEUE)
+        assert bench.until(lambda: min(told.values()) > 0)
+        start, before = node.plant.time, dict(told)
+        assert bench.until(lambda: node.plant.time > start + 2.0)
+        passed = node.plant.time - start
+        assert (told["width"] - before["width"]) / passed > 0.8 * 50.0  # by the plant's time
+        assert (told["force"] - before["force"]) / passed > 0.8 * 25.0
     finally:
         bench.close()

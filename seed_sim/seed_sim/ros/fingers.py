@@ -11,9 +11,10 @@ from seed_sim.gripper.gripper import SimulatedGripper
 from seed_sim.plant.grip import PlantError
 from seed_sim.plant.membrane_grip import MembraneGrip
 from seed_sim.plant.plant import Plant
+from seed_sim.ros.every import Every
 
 _MOVED = 2e-5  # [m] from which the grasp is told of a motion
-_EVERY = 10  # ticks between two gripper/force
+_PERIOD = 0.04  # [s] between two gripper/force
 
 
 class Fingers:
@@ -24,7 +25,7 @@ class Fingers:
         self._node, self._plant, self._grasped = node, plant, grasped
         self._gripper = SimulatedGripper(plant.scenario.gripper, plant.grip.width)
         self._then = self._closed = plant.time
-        self._ticks = 0
+        self._every = Every(_PERIOD)
         self._force = node.publisher(Float64, "gripper/force", QUEUE)
         node.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)
         node.loop.poll(Float64, "gripper/force_command", self._on_force, COMMAND)
@@ -61,6 +62,5 @@ class Fingers:
             except PlantError as error:
                 self._gripper.restart(grip.width)
                 self._node.counters.add("widths_refused", str(error))
-        self._ticks += 1
-        if self._ticks % _EVERY == 0:
+        if self._every.due(t):
             self._force.publish(Float64(data=float(grip.push) if self._grasped() else 0.0))

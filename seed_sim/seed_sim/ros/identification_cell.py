@@ -28,7 +28,7 @@ class CellSettings:
 
     scenario: str = field("default", doc="name or file of the identification scenario")
     seed: int = field(0, low=0, high=2**31 - 1, doc="draws the hidden stiffness and every fault")
-    rate: float = field(50.0, unit="Hz", low=10.0, high=500.0, doc="of every stream")
+    rate: float = field(50.0, unit="Hz", low=20.0, high=500.0, doc="of every stream")
     camera_clock: float = field(0.0, unit="s", low=-0.5, high=0.5, doc="by which relative_pose's stamps are ahead")
     flange: Frame = field(Frame((0.45, 0.0, 0.4), (180.0, 0.0, 0.0)), doc="where the flange stands at the grasp")
 

@@ -58,7 +58,7 @@ class SimSettings:
     )
     seed: int = field(0, low=0, high=2**31 - 1, doc="of the table and of all noise")
     task: str = field("squeegee", doc="name or file of the task whose work frame the table lies in")
-    rate: float = field(250.0, unit="Hz", low=20.0, high=1000.0, doc="of current_pose")
+    rate: float = field(250.0, unit="Hz", low=100.0, high=1000.0, doc="of current_pose")
     target_timeout: float = field(0.1, unit="s", low=0.01, high=2.0, doc="largest age of a target, and largest silence")
     max_step: float = field(0.05, unit="m", low=1e-4, high=1.0, doc="a target further from the flange is a jump")
     clock: bool = field(False, doc="publish the plant's time on /clock, and stand still for late estimates and targets")

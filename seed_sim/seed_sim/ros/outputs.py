@@ -26,10 +26,13 @@ from seed_ros.conversions import (
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.plant.plant import Plant
 from seed_sim.pressure import PressureSensors
+from seed_sim.ros.every import Every
 from seed_sim.ros.membrane_message import TOPIC, Membranes, membranes_to_message
 from seed_sim.ros.table_marker import table_marker
 from seed_ur.kinematics import KinematicsError, URKinematics
 from seed_ur.models import JOINT_NAMES
+
+_GRIPPER_PERIOD = 0.02  # [s] between two widths, and two pressures of each bubble
 
 
 class Outputs:
@@ -73,14 +76,14 @@ class Outputs:
         self._shape = create(Marker, "~/ground_truth/table", LATCHED)
         self._factor = create(Float32, "~/real_time_factor", QUEUE)
         self._tf = TransformBroadcaster(node)
-        self._count = 0
+        self._count, self._gripper_every = 0, Every(_GRIPPER_PERIOD)
         self._before: tuple[float, Array] | None = None
         X_WS = pose_stamped(plant.surface.X_WS, node.now(), frames.base)
         self._table.publish(X_WS)
         self._shape.publish(table_marker(plant.surface, X_WS))
 
     def publish(self, t: float, grasped: bool) -> None:
-        """Everything that is due at time t [s]: the pose at the full rate, loads and truth at half of it."""
+        """All that is due at time t [s]: the pose at the full rate, loads and truth at half of it, fingers at 50 Hz."""
         X_WE = self._plant.X_WE
         if self._clock is not None:
             self._clock.publish(Clock(clock=stamp_from_seconds(t)))
@@ -94,7 +97,7 @@ class Outputs:
             self._publish_loads(t)
         if self._own_arm and self._count % 4 == 0:
             self._publish_motion(t, X_WE)
-        if self._count % 5 == 0:
+        if self._gripper_every.due(self._plant.time):
             self._publish_gripper()
 
     def regrasped(self) -> None:
