@@ -200,10 +200,9 @@ class Plant:
         touches = [self.surface.nearest(c, self.time) for c in self._centres(self.X_WT)]
         return min(touches, key=lambda touch: touch.distance).normal
 
-    def reset(self, X_WE: Array | None = None) -> None:
-        """Everything as it was built, at time 0: fingers and screw too; the arm at X_WE (default: where it is)."""
-        if X_WE is not None:
-            self.arm.reset(X_WE)
+    def reset(self, X_WE: Array) -> None:
+        """Everything as it was built, at time 0: fingers, screw and hole too; the arm at X_WE (4, 4)."""
+        self.arm.reset(X_WE)
         self._steps = 0
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._initial.copy()

@@ -89,7 +89,6 @@ def _play(cell: Any, task: str, samples: Samples, end: float) -> None:
         cell.enable()
         played = cell.play(task, patience=min(600.0, max(end - time.monotonic(), 0.0) + 60.0))
         samples.tasks += 1
-        samples.factors.append(played.real_time_factor)
         if not played.result.success:
             samples.holds.append(played.result.message)
     except SessionError as error:

@@ -27,7 +27,7 @@ class Samples:
         self.usage: list[dict[str, Usage]] = []
         self.figures: list[dict[str, float]] = []
         self.loads: list[float] = []  # of the machine, averaged over a minute
-        self.tasks, self.holds, self.factors, self.bag_mb = 0, list[str](), list[float](), 0.0
+        self.tasks, self.holds, self.bag_mb = 0, list[str](), 0.0
 
     def add(self, time: float, usage: dict[str, Usage], figures: dict[str, float]) -> None:
         """One sample at a time [s]."""
