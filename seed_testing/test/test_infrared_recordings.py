@@ -69,6 +69,17 @@ def test_a_real_image_is_followed(index: int, bright: bool, end: Motion) -> None
     assert real_ir.relative_error(end, real_ir.follow(image, real_ir.path_to(end))[-1]) < 0.015
 
 
+@pytest.mark.parametrize("lost_last", [False, True])
+def test_an_estimate_that_is_not_valid_is_no_small_error(lost_last: bool) -> None:
+    """A patch that leaves the image cannot be followed, whatever comes before or after it."""
+    texture = cv2.GaussianBlur(np.random.default_rng(0).random((171, 224)), (0, 0), 2.0)
+    texture = (1000.0 * (texture - texture.min()) / np.ptp(texture) + 200.0).astype(np.float32)
+    image = real_ir.WarpedImage(texture, np.array(((214.0, 0.0, 116.0), (0.0, 214.0, 87.0), (0.0, 0.0, 1.0))))
+    ends = [Motion(right=5.0), Motion(right=-200.0)]
+    assert real_ir.largest_error(image, ends[:1]) < 0.015
+    assert np.isnan(real_ir.largest_error(image, ends if lost_last else ends[::-1]))
+
+
 def broad_spot(ir: np.ndarray) -> np.ndarray:
     v, u = np.mgrid[: ir.shape[0], : ir.shape[1]]
     return ir + 2000.0 * np.exp(-((u - 86) ** 2 + (v - 95) ** 2) / (2.0 * 6.0**2))

@@ -123,14 +123,18 @@ def relative_error(end: Motion, found: Motion) -> float:
     return float(np.hypot(found.right - end.right, found.down - end.down) / np.hypot(end.right, end.down))
 
 
+def largest_error(image: WarpedImage, ends: Sequence[Motion]) -> float:
+    """Largest relative error over motions from rest; NaN where an estimate is not valid."""
+    return float(np.max([relative_error(end, follow(image, path_to(end))[-1]) for end in ends]))
+
+
 def check(ir: Image, K: Array) -> dict[str, float]:
     """Largest relative errors of turns and shifts, plain and with +30 % brightness and a spot, and drift [deg]."""
     out = {}
     for name, brightness, spot in (("plain", 0.0, False), ("bright_and_spot", 0.3, True)):
         for kind, ends in (("turn", TURNS), ("shift", SHIFTS)):
             image = WarpedImage(ir, K, brightness=brightness, spot=spot)
-            found = [follow(image, path_to(end))[-1] for end in ends]
-            out[f"{kind}_{name}"] = max(relative_error(e, f) for e, f in zip(ends, found, strict=True))
+            out[f"{kind}_{name}"] = largest_error(image, ends)
     last = follow(WarpedImage(ir, K), to_and_fro(15.0, 8.0, 1000))[-1]
     return {**out, "drift_deg": abs(last.turn)}
 
