@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seed_testing.two_hosts import network
-from seed_testing.two_hosts.command import CASES, line, wrong
+from seed_testing.two_hosts.command import CASES, line, of_method, wrong
 from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, Way
 
 ROW = {"age_ms": 64.1, "age_p99_ms": 133.0, "skew_ms": "0.1", "within_ms": "3.8", "ended": "", "force_rms_n": 0.05}
@@ -55,6 +55,29 @@ def test_the_table_tells_what_is_not_as_it_should_be() -> None:
     assert wrong(CASE["2 ms, cut"], cut | {"enable_while_cut": "granted"}) == "enabled without estimates"
     assert wrong(CASE["2 ms, cut"], cut | {"enabled_after_s": "not within 20 s"}) == "no cause, or no way back"
     assert "held 0.18 s after the cut (7.3 mm): stale" in line(CASE["2 ms, cut"], cut)
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"held_after_s": 1.45}, "stood after 1.45 s, at most 0.3 s"),
+        ({"held_after_s": None}, "stood after None s"),
+        ({"held_after_s": float("nan")}, "stood after nan s"),
+        ({"travel_mm": 80.0}, "went on by 80.0 mm, at most 15 mm"),
+        ({"force_max_n": 40.0}, "true force 40.0 N, at most 15 N"),
+    ],
+)
+def test_an_arm_that_goes_on_after_a_cut_is_wrong(changed: dict[str, float | None], why: str) -> None:
+    cut = ROW | {"ended": "arm holds", "hold": "stale", "enable_while_cut": "stale", "enabled_after_s": 0.2}
+    cut |= {"held_after_s": 0.18, "travel_mm": 7.3}
+    assert wrong(CASE["2 ms, cut"], cut | changed).startswith(why)
+
+
+def test_a_row_counts_for_the_method_that_it_was_made_with() -> None:
+    rows = {"2 ms": ROW | {"method": "truth"}, "10 ms": ROW}
+    assert of_method(rows, CASE["2 ms"], "truth") == rows["2 ms"]
+    assert of_method(rows, CASE["2 ms"], "rigid_fit") == {}
+    assert of_method(rows, CASE["10 ms"], "rigid_fit") == {}  # nobody knows
 
 
 def test_without_the_rights_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,9 +21,13 @@ from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command
+from seed_testing.live.verdict import EXCESS
 from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, why_not
 
 CAMERA, ROBOT = 0, 1
+WANTED = 10.0  # [N] that the task presses with
+STANDS_WITHIN = 0.3  # [s] of a cut: the controller's time-out, a period of the camera, the way across, braking
+TRAVEL = 15.0  # [mm] of that at the task's 50 mm/s
 
 
 class Case(NamedTuple):
@@ -58,7 +62,10 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--cases", nargs="+", choices=names, default=names, metavar="CASE", help=f"of {', '.join(names)}")
     p.add_argument("--method", default="rigid_fit", choices=("rigid_fit", "truth"), help="truth: without images")
     p.add_argument(
-        "--out", type=Path, default=Path("results/hosts.json"), help="file of rows; what was well is not run again"
+        "--out",
+        type=Path,
+        default=Path("results/hosts.json"),
+        help="file of rows; what was well with this method is not run again",
     )
     return p
 
@@ -73,7 +80,7 @@ def main(argv: list[str]) -> int:
     o.out.parent.mkdir(parents=True, exist_ok=True)
     rows: dict[str, Any] = json.loads(o.out.read_text(encoding="utf-8")) if o.out.is_file() else {}
     wanted = [c for c in CASES if c.name in o.cases]
-    to_do = [c for c in wanted if wrong(c, rows.get(c.name, {}))]
+    to_do = [c for c in wanted if wrong(c, of_method(rows, c, o.method))]
     print(HEAD, flush=True)
     for case in wanted:
         if case not in to_do:
@@ -81,12 +88,18 @@ def main(argv: list[str]) -> int:
     with claimed(OWN, "seed bench hosts"):
         for skew in dict.fromkeys(c.skew for c in to_do):
             for case, row in run([c for c in to_do if c.skew == skew], skew, o.method, o.out):
-                rows[case.name] = row | {"load": round(os.getloadavg()[0], 1)}
+                rows[case.name] = row | {"method": o.method, "load": round(os.getloadavg()[0], 1)}
                 print(line(case, row), flush=True)
                 o.out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    bad = {c.name: why for c in wanted if (why := wrong(c, rows.get(c.name, {})))}
+    bad = {c.name: why for c in wanted if (why := wrong(c, of_method(rows, c, o.method)))}
     print("\n".join(f"WRONG: {name}: {why}" for name, why in bad.items()) or f"all as it should be; {o.out}")
     return 1 if bad else 0
+
+
+def of_method(rows: dict[str, Any], case: Case, method: str) -> dict[str, Any]:
+    """The row of a case; empty where there is none that was made with this method."""
+    row: dict[str, Any] = rows.get(case.name, {})
+    return row if row.get("method") == method else {}
 
 
 def wrong(case: Case, row: dict[str, Any]) -> str:
@@ -103,7 +116,19 @@ def wrong(case: Case, row: dict[str, Any]) -> str:
         return row["ended"] or "it was not cut"
     if row["enable_while_cut"] == "granted":
         return "enabled without estimates"
-    return "" if isinstance(row["enabled_after_s"], float) and row["hold"] else "no cause, or no way back"
+    if not (isinstance(row["enabled_after_s"], float) and row["hold"]):
+        return "no cause, or no way back"
+    return _after_cut(row)
+
+
+def _after_cut(row: dict[str, Any]) -> str:
+    """What arm and force did that they should not, after a cut; what was not seen counts."""
+    bounds = (
+        ("held_after_s", STANDS_WITHIN, "stood after {} s, at most {:g} s"),
+        ("travel_mm", TRAVEL, "went on by {} mm, at most {:g} mm"),
+        ("force_max_n", WANTED + EXCESS, "true force {} N, at most {:g} N"),
+    )
+    return "; ".join(words.format(row[k], most) for k, most, words in bounds if row[k] is None or not row[k] <= most)
 
 
 def line(case: Case, row: dict[str, Any]) -> str:

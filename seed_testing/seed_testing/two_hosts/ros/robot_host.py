@@ -27,8 +27,9 @@ from seed_bringup.ros.session import Played, SessionError
 from seed_ros.conversions import seconds
 from seed_testing.live.ros.cell import STARTS_WITHIN, Cell
 from seed_testing.live.verdict import motion
+from seed_testing.two_hosts.command import WANTED
 
-TASK, WANTED, PATIENCE = "squeegee", 10.0, 90.0  # [N], [s]
+TASK, PATIENCE = "squeegee", 90.0  # [s]
 CUT_AFTER, CUT_FOR, SETTLES = 0.6, 2.0, 1.0  # [s] into the wipe; how long; from the last contact's begin
 RECOVERS = 20.0  # [s] for enable to be granted after a cut
 
@@ -123,7 +124,7 @@ def cut(watcher: Watcher) -> dict[str, Any]:
     reason = watcher.state.reason
     times, places = [t for t, _ in watcher.track], [p for _, p in watcher.track]
     seen = motion(times, places, at[0], at[0] + 1.5)
-    largest = max((f for t, f in watcher.forces if t > at[0]), default=0.0)
+    largest = max((f for t, f in watcher.forces if t > at[0]), default=float("nan"))
     refused = _enable(watcher)
     tell({"link": "healed"})
     healed = time.monotonic()
