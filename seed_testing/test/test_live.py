@@ -28,6 +28,7 @@ GOOD: dict[str, Any] = {
     "held_after_s": 0.15,
     "travel_mm": 4.0,
     "late_travel_mm": 0.0,
+    "blind_s": 0.03,
     "speed_mm_s": 50.0,
     "force_n": 11.0,
     "force_before_n": 10.0,
@@ -66,6 +67,18 @@ def test_a_track_that_ends_with_the_fault_tells_nothing() -> None:
     times, places = braking(0.0)
     seen = motion(times[:130], places[:130], fault=1.0, until=3.0)
     assert np.isnan(seen.held_after)
+    assert seen.blind == pytest.approx(2.0, abs=0.04)
+
+
+def test_an_arm_that_moves_while_nobody_sees_it_is_not_well() -> None:
+    """Poses are missing from 0.05 s to 1.3 s after the fault, in which it goes on by 60 mm."""
+    times = np.concatenate((np.arange(0.0, 1.05, 0.008), np.arange(2.3, 3.0, 0.008)))
+    places = [np.array((V * min(t, 1.05) + 0.06 * (t > 2.0), 0.0, 0.1)) for t in times]
+    seen = motion(list(times), places, fault=1.0, until=2.5)
+    row = GOOD | {"held_after_s": seen.held_after, "late_travel_mm": 1e3 * seen.late_travel, "blind_s": seen.blind}
+    assert faults_of(row) == ["not seen for 1.25 s"]
+    assert faults_of(row | {"node": "sim"}) == []  # which is the arm itself
+    assert faults_of(row | {"node": "sim", "robot": "ur"}) == ["not seen for 1.25 s"]
 
 
 @pytest.mark.parametrize(

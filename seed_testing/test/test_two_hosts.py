@@ -50,7 +50,7 @@ def test_the_table_tells_what_is_not_as_it_should_be() -> None:
     assert "measured as 0.1 +- 3.8 ms" in wrong(CASE["2 ms, clock +5 ms"], ROW)
     assert wrong(CASE["2 ms, clock +50 ms"], ROW) == "a clock that is off was accepted"
     cut = ROW | {"ended": "arm holds", "hold": "stale", "enable_while_cut": "stale", "enabled_after_s": 0.2}
-    cut |= {"held_after_s": 0.18, "travel_mm": 7.3}
+    cut |= {"held_after_s": 0.18, "travel_mm": 7.3, "blind_s": 0.02}
     assert wrong(CASE["2 ms, cut"], cut) == ""
     assert wrong(CASE["2 ms, cut"], cut | {"enable_while_cut": "granted"}) == "enabled without estimates"
     assert wrong(CASE["2 ms, cut"], cut | {"enabled_after_s": "not within 20 s"}) == "no cause, or no way back"
@@ -63,13 +63,14 @@ def test_the_table_tells_what_is_not_as_it_should_be() -> None:
         ({"held_after_s": 1.45}, "stood after 1.45 s, at most 0.3 s"),
         ({"held_after_s": None}, "stood after None s"),
         ({"held_after_s": float("nan")}, "stood after nan s"),
+        ({"blind_s": 1.2}, "not seen for 1.2 s, at most 0.2 s"),
         ({"travel_mm": 80.0}, "went on by 80.0 mm, at most 15 mm"),
         ({"force_max_n": 40.0}, "true force 40.0 N, at most 15 N"),
     ],
 )
 def test_an_arm_that_goes_on_after_a_cut_is_wrong(changed: dict[str, float | None], why: str) -> None:
     cut = ROW | {"ended": "arm holds", "hold": "stale", "enable_while_cut": "stale", "enabled_after_s": 0.2}
-    cut |= {"held_after_s": 0.18, "travel_mm": 7.3}
+    cut |= {"held_after_s": 0.18, "travel_mm": 7.3, "blind_s": 0.02}
     assert wrong(CASE["2 ms, cut"], cut | changed).startswith(why)
 
 

@@ -2,6 +2,7 @@
 """What an arm did after a fault, from its track: when it stood, how far and how fast it went; is that well?"""
 
 from collections.abc import Sequence
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ HELD_WITHIN = 0.2  # [s]
 UNASKED = 0.002  # [m] of motion that is none
 EXCESS = 5.0  # [N] of true force above what was wanted
 MOVES = ("press", "wipe", "lift")  # phases in which the arm is in motion
+THE_ARM = {("sim", "sim"), ("ur", "ur_controller")}  # robot and node that is the arm: its end leaves nothing to see
 
 
 class Motion(NamedTuple):
@@ -23,10 +25,7 @@ class Motion(NamedTuple):
     travel: float  # [m] from where it was at the fault
     late_travel: float  # [m] of that after the bound
     speed: float  # [m/s] the largest
-    blind: float  # [s] longest gap in the track
-
-
-UNSEEN = Motion(float("nan"), float("nan"), float("nan"), float("nan"), float("inf"))
+    blind: float  # [s] longest time in which it was not seen
 
 
 def motion(times: Sequence[float], places: Sequence[Array], fault: float, until: float) -> Motion:
@@ -34,8 +33,9 @@ def motion(times: Sequence[float], places: Sequence[Array], fault: float, until:
     t, p = np.asarray(times, dtype=float), np.asarray(places, dtype=float).reshape(-1, 3)
     keep = (t >= fault - OVER) & (t <= until)
     t, p = t[keep], p[keep]
+    blind = float(np.diff([fault, *t[t >= fault], until]).max())
     if len(t) < 5 or t[-1] < fault + HELD_WITHIN:
-        return UNSEEN
+        return Motion(nan, nan, nan, nan, blind)
     before = np.searchsorted(t, t - OVER).clip(0, None)
     whole = (before < np.arange(len(t))) & (t - t[0] >= 0.5 * OVER)
     speed = np.zeros(len(t))
@@ -45,8 +45,8 @@ def motion(times: Sequence[float], places: Sequence[Array], fault: float, until:
     held = max(float(t[fast][-1]) - fault - 0.5 * OVER, 0.0) if fast.any() else 0.0
     way = np.linalg.norm(p - p[np.argmax(after)], axis=1)
     late = t >= fault + HELD_WITHIN
-    slid = np.linalg.norm(p[late] - p[late][0], axis=1).max() if late.any() else float("nan")
-    return Motion(held, float(way[after].max()), float(slid), float(speed[after].max()), float(np.diff(t[after]).max()))
+    slid = np.linalg.norm(p[late] - p[late][0], axis=1).max() if late.any() else nan
+    return Motion(held, float(way[after].max()), float(slid), float(speed[after].max()), blind)
 
 
 def moved_on(times: Sequence[float], places: Sequence[Array], since: float) -> str:
@@ -62,6 +62,8 @@ def moved_on(times: Sequence[float], places: Sequence[Array], since: float) -> s
 def faults_of(row: dict[str, Any]) -> list[str]:
     """What is wrong with a case, in words; nothing when it is well."""
     found = []
+    if row["blind_s"] > HELD_WITHIN and (row["robot"], row["node"]) not in THE_ARM:
+        found.append(f"not seen for {row['blind_s']:.2f} s")
     held = row["held_after_s"]
     if held is not None and held > HELD_WITHIN and row["late_travel_mm"] > 1e3 * UNASKED:
         found.append(f"held after {held:.2f} s, {row['late_travel_mm']:.1f} mm later than {HELD_WITHIN:g} s")

@@ -21,7 +21,7 @@ from seed_bringup.launching.domains import OWN, claimed
 from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command
-from seed_testing.live.verdict import EXCESS
+from seed_testing.live.verdict import EXCESS, HELD_WITHIN
 from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, why_not
 
 CAMERA, ROBOT = 0, 1
@@ -125,6 +125,7 @@ def _after_cut(row: dict[str, Any]) -> str:
     """What arm and force did that they should not, after a cut; what was not seen counts."""
     bounds = (
         ("held_after_s", STANDS_WITHIN, "stood after {} s, at most {:g} s"),
+        ("blind_s", HELD_WITHIN, "not seen for {} s, at most {:g} s"),
         ("travel_mm", TRAVEL, "went on by {} mm, at most {:g} mm"),
         ("force_max_n", WANTED + EXCESS, "true force {} N, at most {:g} N"),
     )

@@ -214,6 +214,7 @@ class FaultCell(Cell):
             "held_after_s": _number(seen.held_after),
             "travel_mm": _number(1e3 * seen.travel),
             "late_travel_mm": _number(1e3 * seen.late_travel) or 0.0,
+            "blind_s": round(seen.blind, 3),
             "speed_mm_s": _number(1e3 * seen.speed),
             "force_n": _largest(forces),
             "force_before_n": _largest(f for t, f in self._force if fault_at - BEFORE <= t < fault_at),

@@ -137,6 +137,7 @@ def cut(watcher: Watcher) -> dict[str, Any]:
     return row | {
         "held_after_s": round(seen.held_after, 3),
         "travel_mm": round(1e3 * seen.travel, 1),
+        "blind_s": round(seen.blind, 3),
         "force_max_n": round(largest, 2),
         "hold": reason,
         "enable_while_cut": refused or "granted",
