@@ -189,6 +189,18 @@ def test_a_virtual_wall_pushes_back() -> None:
     assert out["force"] == pytest.approx(20.0, abs=0.5)
 
 
+def test_a_wall_presses_on_the_tcp_without_a_torque_about_it() -> None:
+    """A load on the flange beside it has one: 3 N along z of a flange that looks down, 0.1 m beside the TCP."""
+    with StandIn() as robot:
+        robot.ask("tool", tcp=[0.1, 0.0, 0.2, 0.0, 0.0, 0.0])
+        robot.ask("wall", z=robot.ask("state")["tcp_pose"][2] + 0.005, stiffness=2000.0)
+        assert robot.ask("state")["wrench"] == pytest.approx([0.0, 0.0, 10.0, 0.0, 0.0, 0.0], abs=1e-6)
+        robot.ask("wrench", wrench=[0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
+        *force, tx, ty, _ = robot.ask("state")["wrench"]
+    assert force == pytest.approx([0.0, 0.0, 13.0], abs=0.02)
+    assert (tx**2 + ty**2) ** 0.5 == pytest.approx(0.3, abs=0.01)
+
+
 def test_the_side_port_refuses_what_it_does_not_know() -> None:
     with StandIn() as robot:
         with pytest.raises(SeedError, match="unknown request; 'do' must be one of"):

@@ -282,11 +282,12 @@ class Controller:
         """(fx fy fz tx ty tz) of the environment on the tool about the TCP, in W, as actual_TCP_force."""
         R, p_E_tcp = self.arm.X_WE[:3, :3], self.arm.tcp[:3, 3]
         force, torque = R @ self.wrench_E[:3], R @ self.wrench_E[3:]
-        if self.faults.wall is not None:
-            height, stiffness = self.faults.wall
-            force[2] += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
         on_tcp = Wrench(torque, force).about(R @ p_E_tcp)
-        return (*on_tcp.force.tolist(), *on_tcp.torque.tolist())
+        fx, fy, fz = on_tcp.force.tolist()
+        if self.faults.wall is not None:  # which the TCP itself meets
+            height, stiffness = self.faults.wall
+            fz += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
+        return (fx, fy, fz, *on_tcp.torque.tolist())
 
     def zero_ft(self) -> None:
         """zero_ftsensor()."""
