@@ -17,6 +17,10 @@ from seed_ros.conversions import seconds
 from seed_testing.peer import Path, Peer, Pose
 
 STEP = 0.01  # [m] the largest motion asked for is twice this
+RATE, MOVING = 3.0, 0.6  # [rad/s] of the sine of an arm that is to stop, and [s] into it: its fastest is then near
+WATCHED = 1.5  # [s] after that
+JUMPS = 0.5  # [s] for which targets are a jump
+NO_NUMBERS = 0.05  # [s] for which they are NaN: an arm hears one of them, and no silence
 SETTLE = 1.5  # [s]
 LOOK_BACK = 0.05  # [s] before what is done to a motion: an arm may obey before its next pose
 STILL = 0.3  # [mm] an arm that rests moves by less
@@ -33,13 +37,20 @@ class Limits(NamedTuple):
     accuracy: float = 0.001  # [m]
     lag: float = 0.2  # [s] at most
     speed: float = 0.25  # [m/s] never exceeded
-    stop_within: float = 0.6  # [s] after the last target: time-out 0.1 s, braking, lag
+    acceleration: float = 1.0  # [m/s^2] that it brakes with
+    timeout: float = 0.1  # [s] of silence before it brakes
+    stop_within: float = 0.6  # [s] after the last target: time-out, braking, lag
     enable: str = "resend_robot_program"  # service that makes it follow again; empty: none needed
 
     @property
     def top_speed(self) -> float:
         """[m/s] that may be measured, from poses whose arrival jitters."""
         return 1.1 * self.speed
+
+    def coast(self, waits: float) -> float:
+        """[m] that it may go on by: `waits` [s] and its lag long as before, and the way that it brakes along."""
+        speed = RATE * STEP
+        return speed * (LOOK_BACK + waits + self.lag) + 0.5 * speed**2 / self.acceleration + self.accuracy
 
 
 class Found(NamedTuple):
@@ -114,7 +125,10 @@ def lag_is_small_and_known(peer: Peer, limits: Limits) -> Found:
 
 def silence_stops_the_arm(peer: Peer, limits: Limits) -> Found:
     """No target any more."""
-    return _stops(peer, limits, lambda: None)
+    _move(peer)
+    start = time.monotonic()
+    peer.spin(WATCHED)
+    return _stopped(peer, limits, start, limits.coast(limits.timeout))
 
 
 def after_silence_nothing_moves_unasked(peer: Peer, limits: Limits) -> Found:  # noqa: ARG001
@@ -127,15 +141,15 @@ def after_silence_nothing_moves_unasked(peer: Peer, limits: Limits) -> Found:  #
 
 
 def jumps_are_refused(peer: Peer, limits: Limits) -> Found:
-    """One target a metre away."""
+    """Targets a metre away, then the path again."""
     (x, y, z), q = peer.pose()
-    return _stops(peer, limits, lambda: peer.send((x, y + 1.0, z), q))
+    return _refuses(peer, limits, ((x, y + 1.0, z), q), JUMPS)
 
 
 def not_a_number_is_refused(peer: Peer, limits: Limits) -> Found:
-    """One target of NaN."""
+    """A few targets of NaN, then the path again."""
     (x, y, _), q = peer.pose()
-    return _stops(peer, limits, lambda: peer.send((x, y, math.nan), q))
+    return _refuses(peer, limits, ((x, y, math.nan), q), NO_NUMBERS)
 
 
 def old_targets_are_refused(peer: Peer, limits: Limits) -> Found:  # noqa: ARG001
@@ -154,24 +168,36 @@ def _sine(peer: Peer, rate: float) -> Path:
     return lambda t: ((x, y + STEP * (1 - math.cos(rate * t)), z), q)
 
 
-def _move(peer: Peer) -> None:
-    peer.stream(_sine(peer, 3.0), 0.6)
+def _move(peer: Peer) -> Path:
+    """Have the arm move; the path that it is on."""
+    path = _sine(peer, RATE)
+    peer.stream(path, MOVING)
+    return path
 
 
-def _stops(peer: Peer, limits: Limits, act: Callable[[], None]) -> Found:
-    """After `act`, which is the last that a moving arm hears, it comes to rest."""
-    _move(peer)
-    start = time.monotonic()
-    act()
-    peer.spin(1.5)
+def _refuses(peer: Peer, limits: Limits, bad: Pose, lasts: float) -> Found:
+    """A moving arm that hears bad targets, for so long [s], comes to rest and follows its path no more."""
+    path, start, coast = _move(peer), time.monotonic(), limits.coast(0.0)
+    here, _ = peer.pose()
+    peer.stream(
+        lambda t: bad if t < lasts else path(MOVING + t),
+        WATCHED,
+        lambda: math.dist(peer.pose()[0], here) < coast,  # an arm that obeys is not led on
+    )
+    peer.spin(max(0.0, start + WATCHED - time.monotonic()))
+    return _stopped(peer, limits, start, coast)
+
+
+def _stopped(peer: Peer, limits: Limits, start: float, coast: float) -> Found:
+    """Whether the arm has come to rest since a monotonic time [s], and gone no further than coast [m] before."""
     track = _track(peer, start - LOOK_BACK)
     late = track[track[:, 0] > start + limits.stop_within]
-    moved = 1e3 * float(np.ptp(late[:, 1:], axis=0).max()) if len(late) else math.inf
-    coast = 1e3 * math.dist(track[-1, 1:], track[0, 1:]) if len(track) else math.inf
-    speed = _top_speed(track)
-    text = f"coasted {coast:.2f} mm, then moved {moved:.3f} mm, never above {speed:.3f} m/s"
-    bound = f"below {STILL:.3f} mm from {limits.stop_within:g} s on, at most {limits.top_speed:.3f} m/s"
-    return Found(moved < STILL and speed <= limits.top_speed, text, bound)
+    moved = float(np.ptp(late[:, 1:], axis=0).max()) if len(late) else math.inf
+    way, speed = _way(track), _top_speed(track)
+    good = way <= coast and 1e3 * moved < STILL and speed <= limits.top_speed
+    text = f"coasted {1e3 * way:.2f} mm, then moved {1e3 * moved:.3f} mm, never above {speed:.3f} m/s"
+    bound = f"at most {1e3 * coast:.2f} mm, below {STILL:.3f} mm from {limits.stop_within:g} s on, "
+    return Found(good, text, f"{bound}at most {limits.top_speed:.3f} m/s")
 
 
 def _ignores(peer: Peer, **how: Any) -> Found:
@@ -192,6 +218,11 @@ def _track(peer: Peer, since: float) -> Array:
     """(n, 4): arrival time [s] and position [m] of the poses since a monotonic time [s]."""
     rows = [(t, m.pose.position.x, m.pose.position.y, m.pose.position.z) for t, m in peer.poses if t > since]
     return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def _way(track: Array) -> float:
+    """How far a track went from where it began [m]; infinite for none."""
+    return float(np.linalg.norm(track[:, 1:] - track[0, 1:], axis=1).max()) if len(track) else math.inf
 
 
 def _top_speed(track: Array) -> float:

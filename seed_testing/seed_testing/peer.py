@@ -90,10 +90,10 @@ class Peer:
         (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w) = p, q
         self.targets.publish(message)
 
-    def stream(self, path: Path, seconds: float) -> None:
-        """Send a path at the peer's rate."""
+    def stream(self, path: Path, seconds: float, goes_on: Callable[[], bool] = lambda: True) -> None:
+        """Send a path at the peer's rate, for some time or until it may not go on."""
         start = deadline = last = time.monotonic()
-        while (now := time.monotonic()) - start < seconds:
+        while (now := time.monotonic()) - start < seconds and goes_on():
             self.pause, last = max(self.pause, now - last), now
             self.send(*path(now - start))
             deadline += self.period

@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed")
@@ -71,11 +72,29 @@ class Reckless(Node):
         self.poses.publish(self.at)
 
 
+class Limited(Reckless):
+    """An arm that goes to every target that is a number, slowly enough, and stands 0.1 s after the last."""
+
+    goal, heard = np.zeros(3), 0.0
+
+    def obey(self, message: PoseStamped) -> None:
+        p = message.pose.position
+        if math.isfinite(p.z):
+            self.goal, self.heard = np.array((p.x, p.y, p.z)), time.monotonic()
+
+    def tell(self) -> None:
+        p = self.at.pose.position
+        if time.monotonic() < self.heard + 0.1:
+            way = self.goal - (p.x, p.y, p.z)
+            p.x, p.y, p.z = (p.x, p.y, p.z) + way * min(1.0, 0.249 * 0.005 / max(np.linalg.norm(way), 1e-9))
+        super().tell()
+
+
 @contextmanager
-def reckless_arm(listens_to: str):
+def reckless_arm(listens_to: str, kind: type[Reckless] = Reckless):
     context = rclpy.Context()
     rclpy.init(context=context)
-    arm = Reckless(context, listens_to)
+    arm = kind(context, listens_to)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(arm)
     ended = threading.Event()
@@ -107,7 +126,7 @@ def test_an_arm_that_obeys_everything_is_found_out() -> None:
     lines = {v.clause: arm_contract.line(v) for v in found}
     assert re.match(
         r"BROKEN  jumps are refused +coasted \d+\.\d\d mm, then moved .*  "
-        r"\(bound: below 0\.300 mm from 0\.9 s on, at most 0\.275 m/s\)$",
+        r"\(bound: at most 8\.95 mm, below 0\.300 mm from 0\.9 s on, at most 0\.275 m/s\)$",
         lines["jumps are refused"],
     )
     assert lines["targets are reached"].endswith("(bound: at most 1.00 mm and 0.573 degrees)")
@@ -117,6 +136,23 @@ def test_an_arm_that_obeys_everything_is_found_out() -> None:
     assert verdicts["old targets are refused"] is False
     assert verdicts["foreign frames are refused"] is False
     assert verdicts["after silence nothing moves unasked"] is False
+
+
+def test_an_arm_that_only_goes_slowly_after_a_jump_or_leaves_a_nan_out_does_not_hold() -> None:
+    """It stops in silence alone: a jump leads it on at a speed that is allowed, and after a NaN its path does."""
+    clauses = [
+        contract_clauses.silence_stops_the_arm,
+        contract_clauses.jumps_are_refused,
+        contract_clauses.not_a_number_is_refused,
+    ]
+    with reckless_arm("target_frame", Limited):
+        found = arm_contract.run("reckless", PATIENT._replace(enable=""), clauses)
+    silence, jump, nan = found
+    assert silence.kept, silence
+    assert jump.kept is False, jump
+    assert nan.kept is False, nan
+    coasted = float(re.findall(r"coasted (\S+) mm", jump.found)[0])
+    assert 9.0 < coasted < 60.0  # of a metre: an arm that obeys is not led on
 
 
 def stalled(peer: Peer, limits: Limits) -> Found:
