@@ -10,7 +10,7 @@ from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 Pose6 = tuple[float, float, float, float, float, float]
 
 
-def checked_pose(values: Sequence[float], name: str = "pose") -> Pose6:
+def checked_pose(values: Sequence[float | str], name: str = "pose") -> Pose6:
     """Six finite numbers [m, rad]; raises SeedError otherwise."""
     numbers = tuple(float(v) for v in values)
     if len(numbers) != 6:

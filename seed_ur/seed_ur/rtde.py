@@ -114,6 +114,22 @@ def knows(version: Version, name: str) -> bool:
     return version >= (old if version[0] == 3 else new)
 
 
+def checked_number(name: str, index: float, value: float) -> tuple[int, float]:
+    """Which number of the output `name`, and a value that can be sent for it; raises ValueError where it cannot be."""
+    form = FORMATS[OUTPUTS[name]]
+    count, kind = int(form[:-1] or 1), form[-1]
+    if index not in range(count):
+        raise ValueError(f"index = {index} must be a whole number from 0 to {count - 1} for {name}")
+    if kind != "d" and not float(value).is_integer():
+        raise ValueError(f"value = {value} must be a whole number for {name}")
+    number = float(value) if kind == "d" else int(value)
+    try:
+        struct.pack(f">{kind}", number)
+    except struct.error as error:
+        raise ValueError(f"value = {value} cannot be sent as {OUTPUTS[name]}, the kind of {name}: {error}") from error
+    return int(index), number
+
+
 def pack(kind: int, payload: bytes = b"") -> bytes:
     """A package with its header."""
     return struct.pack(">HB", 3 + len(payload), kind) + payload

@@ -29,7 +29,10 @@ def loopback(host: str, anywhere: bool) -> str:
 
 def version(text: str) -> tuple[int, int, int, int]:
     """(major, minor, bugfix, build) from '5.12.4' or '5.12.4.1101319'."""
-    numbers = [int(t) for t in text.split(".")]
+    try:
+        numbers = [int(t) for t in text.split(".")]
+    except ValueError:
+        numbers = []
     if not 2 <= len(numbers) <= 4 or numbers[0] not in (3, 5, 10) or min(numbers) < 0:
         raise SeedError(f"version = {text!r} must be major.minor[.bugfix[.build]] with major 3, 5 or 10")
     bugfix, build = numbers[2:] + [0, 1101319][len(numbers) - 2 :]

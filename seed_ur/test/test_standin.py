@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The unmodified ur_rtde wheel against the stand-in: what connects, moves and fails as on a robot."""
 
+import itertools
 import json
+import socket
 import subprocess
 import sys
 import textwrap
+import time
 
+import numpy as np
 import pytest
 
 from seed_core.errors import SeedError
+from seed_ur import rtde
+from seed_ur.standin.controller import Controller
+from seed_ur.standin.options import PLANT_PORT, SCRIPT_PORTS, SIDE_PORT, Options
 from seed_ur.standin_client import StandIn
 
 pytestmark = pytest.mark.realtime
@@ -211,6 +218,94 @@ def test_the_side_port_refuses_what_it_does_not_know() -> None:
             robot.ask("switch", name="x")
         with pytest.raises(SeedError, match="finite"):
             robot.ask("wrench", wrench=[float("nan")] * 6)
+
+
+@pytest.mark.parametrize(
+    ("do", "given", "why"),
+    [
+        ("corrupt", {"name": "robot_mode", "value": float("nan")}, "value = nan must be a whole number for robot_mode"),
+        ("corrupt", {"name": "safety_mode", "value": 1e12}, "value = 1000000000000.0 cannot be sent as INT32"),
+        ("corrupt", {"name": "runtime_state", "value": -1}, "cannot be sent as UINT32, the kind of runtime_state"),
+        ("corrupt", {"name": "actual_q", "index": 9, "value": 1.0}, "index = 9 must be a whole number from 0 to 5"),
+        ("corrupt", {"name": "timestamp", "index": float("inf"), "value": 1.0}, "index = inf must be a whole number"),
+        ("corrupt", {"name": "payload", "value": 10**400}, "too large"),
+        ("play", {"name": "rtde_control", "offset": 100}, "register offset = 100 must be 0 to 24"),
+        ("tool", {"cog": [0.0]}, "must be 3 numbers"),
+    ],
+)
+def test_the_side_port_refuses_what_would_end_it(do: str, given: dict, why: str) -> None:
+    with StandIn() as robot:
+        with pytest.raises(SeedError, match=why):
+            robot.ask(do, **given)
+        robot.ask("play", name="rtde_control", seconds=0.1)
+        time.sleep(0.1)
+        assert robot.ask("state")["program"] == "rtde_control"
+
+
+SCRIPTS = (
+    b"def rtde_control():\n# float register offset 100\nend\n",
+    b"def path():\n# inject move path\nmovel(p[a, b], a=1.2)\nend\n",
+    b"sec voltage():\nset_tool_voltage(99999999999)\nend\n",
+)
+
+
+def test_nonsense_at_the_other_ports_does_not_end_it() -> None:
+    nested = b"[" * 2000
+    with StandIn() as robot:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
+            plant.sendto(nested, (robot.host, PLANT_PORT))
+            plant.sendto(b'{"until": ' + b"1" * 400 + b"}", (robot.host, PLANT_PORT))
+        with socket.create_connection((robot.host, SIDE_PORT)) as side:
+            side.sendall(nested + b"\n")
+            assert b"recursion" in side.recv(1000)
+        for text in SCRIPTS:
+            with socket.create_connection((robot.host, SCRIPT_PORTS[0])) as script:
+                script.sendall(text)
+        time.sleep(0.2)
+        state = robot.ask("state")
+    assert any(m.startswith("plant: maximum recursion depth") for m in state["messages"])
+    assert state["uploads"] == 0
+    assert state["tool_voltage"] == 0
+
+
+def test_what_was_corrupted_is_sent_as_it_is_again() -> None:
+    """A temperature does not change by itself, joint angles do."""
+    with StandIn() as robot:
+        out = client(
+            robot,
+            """
+            def told():
+                time.sleep(0.1)
+                return receive.getJointTemperatures(), receive.getActualQ()
+            out["before"] = told()
+            for name in ("joint_temperatures", "actual_q"):
+                robot.ask("corrupt", name=name, index=2, value=500.0)
+            out["meanwhile"] = told()
+            for name in ("joint_temperatures", "actual_q"):
+                robot.ask("corrupt", name=name)
+            out["after"] = told()
+            """,
+        )
+    assert [numbers[2] for numbers in out["meanwhile"]] == [500.0, 500.0]
+    assert out["after"] == out["before"]
+
+
+def test_every_output_that_may_be_corrupted_can_be_sent() -> None:
+    robot = Controller(Options())
+    robot.tick(0.0)
+    recipe = rtde.Recipe.of(rtde.OUTPUTS, rtde.OUTPUTS)
+    values = [0, -1, 3, 200, 2**31, 2**63, 1.5, float("nan"), float("inf")]
+    taken = 0
+    for name, value in itertools.product(rtde.OUTPUTS, values):
+        try:
+            robot.faults.corrupt = {name: rtde.checked_number(name, 0, value)}
+        except ValueError:
+            continue
+        taken += 1
+        decoded = recipe.decode(recipe.encode(1, robot.outputs)[4:])
+        number = decoded[name] if isinstance(decoded[name], int | float) else decoded[name][0]
+        assert number == value or np.isnan(value) or rtde.OUTPUTS[name] == "BOOL"
+    assert taken > 3 * len(rtde.OUTPUTS)
 
 
 def test_two_robots_live_beside_each_other() -> None:

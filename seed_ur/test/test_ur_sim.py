@@ -4,6 +4,7 @@
 import pytest
 
 from seed_core.errors import SeedError
+from seed_ur.standin_client import StandIn
 from seed_ur.ur_sim import loopback, main, version
 
 
@@ -19,5 +20,13 @@ def test_only_loopback_is_served_unless_told_otherwise() -> None:
 def test_versions_are_read_and_nonsense_is_refused() -> None:
     assert version("5.12.4") == (5, 12, 4, 1101319)
     assert version("3.15.8.1") == (3, 15, 8, 1)
-    with pytest.raises(SeedError, match=r"must be major.minor"):
-        version("6.1")
+    for text in ("6.1", "abc", "5", "5.12.4.x"):
+        with pytest.raises(SeedError, match=rf"version = '{text}' must be major.minor"):
+            version(text)
+
+
+@pytest.mark.realtime
+def test_a_second_one_at_the_same_address_says_that_there_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with StandIn() as robot:
+        assert main(["--host", robot.host]) == 2
+        assert "is another stand-in there?" in capsys.readouterr().err

@@ -4,7 +4,7 @@
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from seed_core.errors import SeedError
@@ -32,7 +32,7 @@ from seed_ur.standin.options import (
 from seed_ur.standin.recorder import Recorder
 
 _SAFETY_BITS = {NORMAL: 0x001, PROTECTIVE: 0x004, ROBOT_EMERGENCY: 0x0C0, SAFETY_FAULT: 0x200}
-_SET_VOLTAGE = re.compile(r"set_tool_voltage\((\d+)\)")
+_SET_VOLTAGE = re.compile(r"set_tool_voltage\((0|12|24)\)")
 UPTIME = 600.0  # [s] what a controller's clock shows when we meet it: it has been on for a while
 TOOL_BIT = 16  # of the tool's digital outputs in actual_digital_output_bits
 
@@ -91,6 +91,12 @@ class Controller:
         if self.program is not None:
             self._offset = self.program.offset
         return self._offset
+
+    @property
+    def outputs(self) -> Mapping[str, rtde.Value]:
+        """The outputs as they are sent, corrupted ones included."""
+        corrupt = self.faults.corrupt.items()
+        return {**self.values, **{n: _with(self.values[n], *what) for n, what in corrupt}} if corrupt else self.values
 
     def set_output_int(self, index: int, value: int) -> None:
         """Write output_int_register_<index>; the ready and done marks are lost while they are stuck."""
@@ -331,16 +337,12 @@ class Controller:
             robot_status_bits=(self.robot_mode >= IDLE) | (2 if playing else 0),
             safety_status_bits=_SAFETY_BITS[self.safety_mode],
         )
-        for name, (index, value) in self.faults.corrupt.items():
-            values[name] = _with(values[name], index, value)
         return pose, speed
 
 
 def _with(numbers: rtde.Value, index: int, value: float) -> rtde.Value:
     """The same with one number replaced."""
-    if isinstance(numbers, Sequence):
-        return (*numbers[:index], value, *numbers[index + 1 :])
-    return int(value) if isinstance(numbers, int) else value
+    return (*numbers[:index], value, *numbers[index + 1 :]) if isinstance(numbers, Sequence) else value
 
 
 def _initial_values() -> dict[str, rtde.Value]:

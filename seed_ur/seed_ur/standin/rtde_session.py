@@ -55,7 +55,7 @@ class Conversation:
         self._cycle += 1
         if not self.started or self.outputs is None or self._cycle % self.divider:
             return b""
-        return self.outputs.encode(OUTPUT_RECIPE, self.robot.values)
+        return self.outputs.encode(OUTPUT_RECIPE, self.robot.outputs)
 
     def _setup_outputs(self, payload: bytes) -> bytes:
         if len(payload) < 8:

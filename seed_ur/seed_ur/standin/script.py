@@ -9,12 +9,15 @@ that they stay in the register, and answered "ready" at once.
 import re
 import time
 
+from seed_core.errors import SeedError
+from seed_ur.pose import checked_pose
 from seed_ur.standin.channel import Channel
 from seed_ur.standin.commands import Commands, Job, PathMove, StepCheck
 from seed_ur.standin.controller import Controller
 
 READY, DONE = 1, 2
 CONTROL_SCRIPT = "rtde_control"  # name of ur_rtde's
+LAST_OFFSET = 24  # of the registers that it uses: the upper half of the 48
 STOP_SCRIPT = 255
 CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
 CUSTOM_CYCLES = 25  # of a script of the user's own: 50 ms
@@ -29,10 +32,11 @@ class Script:
     """One uploaded program; `step` is called every cycle while the robot is playing it."""
 
     def __init__(self, robot: Controller, text: str) -> None:
+        """Raises SeedError and ValueError on numbers in the text that are none, or that cannot be."""
         self.robot = robot
         head, offset = _HEAD.search(text), _OFFSET.search(text)
         self.name = head.group(1) if head else "unnamed"
-        self.offset = int(offset.group(1)) if offset else 0
+        self.offset = register_offset(offset.group(1)) if offset else 0
         path = [_path_move(m) for m in _PATH_MOVE.finditer(text.partition("# inject move path")[2])]
         check = _CHECK.search(text)
         limits = StepCheck(float(check.group(1)), float(check.group(2))) if check else None
@@ -86,8 +90,15 @@ class Script:
         self.robot.set_output_int(self.offset, mark)
 
 
+def register_offset(value: str | int) -> int:
+    """Of the registers that a program uses; raises SeedError where there are too few after it."""
+    if not 0 <= int(value) <= LAST_OFFSET:
+        raise SeedError(f"register offset = {value} must be 0 to {LAST_OFFSET}")
+    return int(value)
+
+
 def _path_move(match: re.Match[str]) -> PathMove:
-    numbers = [float(t) for t in match.group(3).split(",")]
+    numbers = list(checked_pose(match.group(3).split(","), "a move of the path"))
     kind = "movej_ik" if match.group(1) == "movej" and match.group(2) else match.group(1)
     return PathMove(kind, numbers, float(match.group(4) or 1.2), float(match.group(5) or 0.25))
 
@@ -131,5 +142,12 @@ class ScriptChannel(Channel):
         self.buffer.clear()
         if text.lstrip().startswith("sec "):
             self.robot.run_beside(text)
-        elif text.strip() and (refused := self.robot.upload(Script(self.robot, text), self.robot.robot_time)):
+        elif text.strip() and (refused := self._take(text)):
             self.robot.send_text(refused)
+
+    def _take(self, text: str) -> str:
+        """Why a program was not taken; '' if it was."""
+        try:
+            return self.robot.upload(Script(self.robot, text), self.robot.robot_time)
+        except (SeedError, ValueError) as error:
+            return f"the program cannot be run: {error}"

@@ -54,9 +54,7 @@ class Server:
         self.plant_heard = self.listen_again = 0.0
         self.until: float | None = None  # [s] by the robot's clock, how far the plant lets it run; None: on
         self.running = True
-        self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._udp.bind((host, PLANT_PORT))
-        self._udp.setblocking(False)
+        self._udp = self._bound(socket.SOCK_DGRAM, PLANT_PORT)
         self.awaiting_plant = await_plant
         if not await_plant:
             self._listen_robot()
@@ -67,18 +65,24 @@ class Server:
         self.side = self._listen(SIDE_PORT, opener)
 
     def _listen(self, port: int, opener: Opener) -> socket.socket:
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener = self._bound(socket.SOCK_STREAM, port)
+        listener.listen(16)
+        self.listeners[listener] = opener
+        return listener
+
+    def _bound(self, kind: socket.SocketKind, port: int) -> socket.socket:
+        """A socket at a port of ours that never blocks; raises SeedError where somebody else has it."""
+        bound = socket.socket(socket.AF_INET, kind)
+        if kind == socket.SOCK_STREAM:  # of a datagram socket it would let two have the port
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((self.host, port))
+            bound.bind((self.host, port))
         except OSError as error:
             raise SeedError(
                 f"port {port} on {self.host} cannot be opened: {error}; is another stand-in there?"
             ) from error
-        listener.listen(16)
-        listener.setblocking(False)
-        self.listeners[listener] = opener
-        return listener
+        bound.setblocking(False)
+        return bound
 
     def _listen_robot(self) -> None:
         self._listen(RTDE_PORT, RtdeChannel)
@@ -226,5 +230,5 @@ class Server:
                     self.until = float(message["until"])
         except BlockingIOError:
             return
-        except (ValueError, TypeError, SeedError) as error:
+        except (ValueError, TypeError, OverflowError, RecursionError, SeedError) as error:
             self.robot.faults.messages.append(f"plant: {error}")

@@ -13,11 +13,12 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from seed_core.errors import SeedError
+from seed_ur import rtde
 from seed_ur.pose import checked_pose, matrix_from_pose
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import TOOL_BIT, Controller
 from seed_ur.standin.options import PERIOD
-from seed_ur.standin.script import CONTROL_SCRIPT, OtherProgram, Script
+from seed_ur.standin.script import CONTROL_SCRIPT, LAST_OFFSET, OtherProgram, Script, register_offset
 from seed_ur.standin.server import Server
 
 Request: TypeAlias = dict[str, Any]
@@ -54,7 +55,7 @@ def answer(server: Server, line: bytes) -> bytes:
             raise ValueError(f"unknown request; 'do' must be one of {', '.join(sorted(ACTIONS))}")
         reply = ACTIONS[request["do"]](server, request) or {}
         return json.dumps({"ok": True, **reply}).encode() + b"\n"
-    except (SeedError, ValueError, TypeError, KeyError) as error:
+    except (SeedError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         return json.dumps({"ok": False, "error": str(error)}).encode() + b"\n"
 
 
@@ -108,12 +109,13 @@ def _option(server: Server, request: Request) -> None:
 
 def _corrupt(server: Server, request: Request) -> None:
     """A value that cannot be among the outputs, from now on; without a value: no more."""
-    name, value = str(request.get("name")), request.get("value")
-    if name not in server.robot.values:
+    name, index, value = str(request.get("name")), request.get("index", 0), request.get("value")
+    if name not in rtde.OUTPUTS:
         raise ValueError(f"name = {name!r} is no output")
-    server.robot.faults.corrupt.pop(name, None)
-    if value is not None:
-        server.robot.faults.corrupt[name] = (int(request.get("index", 0)), float(value))
+    if value is None:
+        server.robot.faults.corrupt.pop(name, None)
+    else:
+        server.robot.faults.corrupt[name] = rtde.checked_number(name, index, value)
 
 
 def _wall(server: Server, request: Request) -> None:
@@ -155,7 +157,10 @@ def _tool(server: Server, request: Request) -> None:
     if "tcp" in request:
         robot.arm.set_tcp(matrix_from_pose(checked_pose(request["tcp"], "tcp")))
     robot.payload = float(request.get("payload", robot.payload))
-    robot.payload_cog = [float(x) for x in request.get("cog", robot.payload_cog)]
+    cog = [float(x) for x in request.get("cog", robot.payload_cog)]
+    if len(cog) != 3:
+        raise ValueError(f"cog = {cog} must be 3 numbers [m]")
+    robot.payload_cog = cog
 
 
 def _stale_command(server: Server, request: Request) -> None:
@@ -169,7 +174,7 @@ def _stale_command(server: Server, request: Request) -> None:
 def _play(server: Server, request: Request) -> None:
     """A program from the pendant; one called rtde_control is that of a driver that is gone."""
     robot, name = server.robot, str(request.get("name", "pick_and_place"))
-    own = f"def {name}():\n# float register offset {int(request.get('offset', 24))}\nend\n"
+    own = f"def {name}():\n# float register offset {register_offset(request.get('offset', LAST_OFFSET))}\nend\n"
     other = OtherProgram(name, int(_seconds(request) / PERIOD))
     robot.play(Script(robot, own) if name == CONTROL_SCRIPT else other)
 
