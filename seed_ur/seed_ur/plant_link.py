@@ -50,7 +50,7 @@ class PlantLink:
     def place(
         self,
         X_WE: Array,
-        near: Sequence[float],
+        near: Sequence[float] | Array,
         clock: float | None = None,
         patience: float = 20.0,
         *,
@@ -60,7 +60,7 @@ class PlantLink:
 
         clock: what the controller's clock shows from now on [s]; the plant then sets its pace by `exchange`.
         stay: leave it where it is, if a program runs.
-        Waits for the stand-in to be there; raises SeedError when it does not come or refuses.
+        Waits for the stand-in, and forgets its states from before; raises SeedError when it does not come or refuses.
         """
         pose, until = list(pose_from_matrix(X_WE)), time.monotonic() + patience
         while True:
@@ -75,7 +75,8 @@ class PlantLink:
                 time.sleep(0.1)
         if not reply["ok"]:
             raise FailedError(f"stand-in UR controller at {self._address[0]} refuses to start there: {reply['error']}")
-        self.clock = clock
+        self.receive()
+        self.clock, self.newest = clock, None
 
     def exchange(self, force_E: Array, torque_E: Array) -> ArmState | None:
         """`report` a wrench, `receive` the newest arm state."""

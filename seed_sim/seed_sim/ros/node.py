@@ -146,7 +146,8 @@ class SimNode(SeedNode):
     # the tick
     def _tick(self) -> None:
         try:
-            self.time.advance(time.monotonic(), 1.0 / self.settings.rate)
+            if told := self.time.advance(time.monotonic(), 1.0 / self.settings.rate):
+                self.counters.add("robot_clock_back", told)
             self.fingers.advance()
             self.beats.add()
         except MembraneError as error:
