@@ -91,6 +91,7 @@ def test_an_arm_that_moves_while_nobody_sees_it_is_not_well() -> None:
         ({"state": "", "diagnostics": ""}, ["no cause in the state", "no cause in the diagnostics"]),
         ({"resumed_unasked": "contact goes on without a request"}, ["contact goes on without a request"]),
         ({"recovered": False}, ["did not recover"]),
+        ({"recovered": None}, []),  # not tried
     ],
 )
 def test_a_case_is_judged_by_motion_force_words_and_what_comes_after(changed: dict[str, Any], wrong: list[str]) -> None:

@@ -78,6 +78,6 @@ def faults_of(row: dict[str, Any]) -> list[str]:
         found.append("no cause in the state")
     if row["needs_cause"] and not row["diagnostics"]:
         found.append("no cause in the diagnostics")
-    if not row["recovered"]:
+    if row["recovered"] is False:  # None: it was not tried
         found.append("did not recover")
     return found

@@ -245,8 +245,8 @@ class FaultCell(Cell):
             return "enabled after a new start"
         return moved_on([t for t, _ in self._track["flange"]], [p for _, p in self._track["flange"]], since)
 
-    def _bring_back(self, phase: str) -> tuple[str, bool]:
-        """What `enable` says before anything else was done, and whether the cell works again."""
+    def _bring_back(self, phase: str) -> tuple[str, bool | None]:
+        """What `enable` says before anything else was done, and whether the cell works again; None: not tried."""
         said = ""
         try:
             try:
@@ -256,8 +256,8 @@ class FaultCell(Cell):
             with suppress(SessionError):
                 self.session.switch("controller/enable", False)
             if self.robot == "ur" and phase in MOVES:
-                self.spoiled = True  # the arm is near the table
-                return said, True
+                self.spoiled = True  # the arm is near the table, and nothing here moves it away
+                return said, None
             self.recover_to_reference()
         except SessionError as error:
             self.spoiled = True
