@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from seed_bringup.commands.cells import join
+from seed_bringup.commands.cells import cell_arguments, in_root, join
 from seed_bringup.launching import domains
 from seed_core.errors import SeedError
 
@@ -50,6 +50,16 @@ def test_a_command_says_which_cell_it_joins_and_why(monkeypatch: pytest.MonkeyPa
         monkeypatch.setenv("ROS_DOMAIN_ID", "1")
         told = join(argparse.Namespace(domain=None, namespace=""))
         assert told == "ROS domain 1, as ROS_DOMAIN_ID says (seed launch cell robot:=ur)"
+
+
+@pytest.mark.parametrize(
+    ("given", "absolute"),
+    [("left", "/left"), ("/left", "/left"), ("left/", "/left"), ("/lab/left_2/", "/lab/left_2"), ("/", "/"), ("", "/")],
+)
+def test_a_namespace_is_the_same_with_and_without_slashes_at_its_ends(given: str, absolute: str) -> None:
+    parser = argparse.ArgumentParser()
+    cell_arguments(parser)
+    assert in_root(parser.parse_args(["--namespace", given]).namespace) == absolute
 
 
 def test_it_is_known_how_long_ago_a_cell_was_launched(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from seed_bringup.access.keystore import make_keystore
 from seed_bringup.access.policy import read_policy
+from seed_bringup.commands.cells import namespace_argument
 from seed_bringup.launching.packages import package_share
 from seed_core.program.command_line import Parser, command
 
@@ -15,7 +16,7 @@ def main(argv: list[str]) -> int:
     p = Parser(prog="seed access", description=__doc__)
     p.add_argument("keystore", type=Path, metavar="FOLDER", help="the keystore, made or brought up to date")
     p.add_argument("--policy", type=Path, metavar="FILE", help="other rights than those of the suite's cell.policy.xml")
-    p.add_argument("--namespace", default="", help="of the cell, as it is given to the launch")
+    namespace_argument(p)
     options = p.parse_args(argv)
     policy = options.policy or package_share("seed_bringup") / "config" / "access" / "cell.policy.xml"
     rights = read_policy(policy, options.namespace)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from seed_bringup.launching.domains import VARIABLE, age, running
 from seed_core.errors import SeedError
+from seed_core.program.command_line import whole
 from seed_core.program.meant import nearest
 
 if TYPE_CHECKING:
@@ -19,24 +21,44 @@ if TYPE_CHECKING:
 STARTING = 20.0  # [s] after its launch that a cell may take until its nodes are seen
 MEET = 1.5  # [s] until the nodes of a cell that runs already are seen, as a rule
 LIKE = 0.75  # of 1, from which one name may have been meant by another
+HIGHEST = 232  # domain of DDS: the next would have ports above 65535
+TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")  # of a namespace, as ROS takes it
 
 
 def cell_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that name a cell."""
-    parser.add_argument("--namespace", default="", help="of the cell, as given to its launch; without it: none")
+    namespace_argument(parser)
     domain_argument(parser)
+
+
+def namespace_argument(parser: argparse.ArgumentParser) -> None:
+    """The option that names a cell's namespace: without slashes at its ends."""
+    parser.add_argument(
+        "--namespace", type=_namespace, default="", help="of the cell, as given to its launch; without it: none"
+    )
 
 
 def domain_argument(parser: argparse.ArgumentParser) -> None:
     """The option that names a cell's domain."""
     parser.add_argument(
-        "--domain", type=int, help=f"of the cell; default: {VARIABLE}, else that of the one that runs on this machine"
+        "--domain",
+        type=whole(0, HIGHEST),
+        help=f"of the cell; default: {VARIABLE}, else that of the one that runs on this machine",
     )
+
+
+def _namespace(text: str) -> str:
+    name = text.strip("/")
+    if name and not all(TOKEN.fullmatch(token) for token in name.split("/")):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be names with / between them, each of letters, digits and _ and not beginning with a digit"
+        )
+    return name
 
 
 def in_root(namespace: str) -> str:
     """A namespace with its slash."""
-    return "/" + namespace.strip("/")
+    return f"/{namespace}"
 
 
 def missing(problem: str, name: str, known: Iterable[str], listing: str) -> str:
