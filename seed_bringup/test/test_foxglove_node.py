@@ -2,7 +2,11 @@
 """The bridge to Foxglove, spoken to as the app does: over a WebSocket, in the protocol of the SDK."""
 
 import json
+import signal
 import struct
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,13 +18,14 @@ pytest.importorskip("foxglove", reason="needs foxglove-sdk")
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 from seed_msgs.msg import ControllerState, RelativePose, WrenchEstimate
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from websockets.sync.client import ClientConnection, connect
 
 from seed_bringup.foxglove.offered import BUTTONS, HOST, STILL, TOPICS, offered_as
-from seed_bringup.foxglove.ros.bridge import Bridge
+from seed_bringup.foxglove.ros.bridge import Bridge, serve
 from seed_bringup.foxglove.schemas import read_play
 from seed_core.errors import FailedError
 from seed_core.program.files import shared_path
@@ -202,6 +207,39 @@ def test_it_listens_on_loopback_by_default(cell: Cell) -> None:
     assert [where for where in listening if int(where[9:], 16) == cell.bridge.port] == [
         f"0100007F:{cell.bridge.port:04X}"
     ]
+
+
+def test_ctrl_c_ends_the_command_as_it_ends_the_others() -> None:
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "seed_bringup.commands.dispatch",
+        "foxglove",
+        "--port",
+        "0",
+        "--domain",
+        "231",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as bridge:
+        assert bridge.stdout is not None
+        assert any("ws://127.0.0.1" in line for line in bridge.stdout)
+        time.sleep(2.0)  # it forwards
+        bridge.send_signal(signal.SIGINT)
+        _, told = bridge.communicate(timeout=20.0)
+    assert (bridge.returncode, told) == (130, "seed foxglove: interrupted\n")
+
+
+def test_the_command_s_own_check_and_no_handler_of_rclpy_answers_ctrl_c() -> None:
+    handlers: list[SignalHandlerOptions] = []
+
+    def check() -> None:
+        handlers.append(get_current_signal_handlers_options())
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        serve("127.0.0.1", 0, "/", buttons=False, check=check)
+    assert handlers == [SignalHandlerOptions.NO]
 
 
 def _topics(value: Any) -> Iterator[str]:

@@ -16,6 +16,7 @@ import rclpy
 from foxglove import Channel, Context, Service, ServiceRequest
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
@@ -173,7 +174,8 @@ def _forward(channel: Channel) -> Callable[[bytes, Any], None]:
 
 def serve(host: str, port: int, namespace: str, buttons: bool, check: Callable[[], None]) -> None:
     """Forward until `check`, which is called often, raises."""
-    rclpy.init(args=["--ros-args", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"])
+    remaps = ["--ros-args", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"]
+    rclpy.init(args=remaps, signal_handler_options=SignalHandlerOptions.NO)  # its own would end the context first
     bridge = Bridge(host, port, namespace, buttons)
     beyond = host not in ("127.0.0.1", "localhost", "::1")
     who = f"EVERY COMPUTER that reaches {host}" if beyond else "this computer alone"
