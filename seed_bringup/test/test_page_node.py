@@ -36,6 +36,7 @@ from seed_bringup.page.ros.playback import Player, Recording, served
 from seed_bringup.page.ros.read import TableShape, read_state
 from seed_bringup.page.state import History
 from seed_bringup.page.words import headline
+from seed_control.tasks import load_task, read_task, shipped_tasks
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose
 from seed_ros import COMMAND, QUEUE
@@ -277,6 +278,29 @@ def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
     assert not hands.playing.task
     hands.press("Enable")
     until(lambda: cell.enabled)
+
+
+@pytest.mark.parametrize(("cell", "hands"), [("/texts", "/texts")], indirect=True)
+def test_an_own_task_is_sent_as_text_and_the_cell_s_own_by_its_place_there(
+    cell: SlowCell, hands: CellHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[str] = []
+
+    def play(goal: Any) -> Any:
+        sent.append(goal.request.task)
+        goal.succeed()
+        return FollowSetpoints.Result(success=True)
+
+    server = ActionServer(cell, FollowSetpoints, "controller/follow_setpoints", play)
+    until(hands._action.server_is_ready)
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(shipped_tasks()["squeegee"].read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.setattr(hands._held, "task", "/of/the/cell.yaml")
+    for task, good in ((str(mine), True), ("/of/the/cell.yaml", True), ("/of/nobody.yaml", False)):
+        assert hands.play(task, None).result(10.0)[0] == good
+    server.destroy()
+    assert "no task '/of/nobody.yaml'" in words(hands)
+    assert [read_task(sent[0]), sent[1:]] == [load_task(mine), ["/of/the/cell.yaml"]]
 
 
 @pytest.mark.usefixtures("cell")

@@ -8,7 +8,16 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
-from seed_control.tasks import Task, TaskError, TaskPlayer, TaskStatus, load_task, shipped_tasks
+from seed_control.tasks import (
+    Task,
+    TaskError,
+    TaskPlayer,
+    TaskStatus,
+    load_task,
+    read_task,
+    shipped_tasks,
+    task_to_send,
+)
 from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
@@ -34,6 +43,20 @@ def play(bench: Bench, player: TaskPlayer, seconds: float, until: str = "") -> T
         if status.done or (until and status.phase == until):
             break
     return status
+
+
+def test_a_task_is_sent_by_its_name_or_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    short = "{name: short, frame: {position: 0.4 0 0 m}, phases: [{name: go, to: 0 0 0.1 m}]}"
+    (tmp_path / "pen").write_text(short)
+    monkeypatch.chdir(tmp_path)
+    assert task_to_send("pen") == "pen"  # as load_task has it, though a file here has that name
+    assert read_task(task_to_send("./pen")) == load_task("./pen")  # of one line
+    assert load_task("./pen").name == "short"
+    with pytest.raises(TaskError, match=r"no task 'penn'.*did you mean pen\?"):
+        task_to_send("penn")
+    (tmp_path / "long.yaml").write_text(f"{short}  # {'-' * 1_000_000}")
+    with pytest.raises(TaskError, match="too many to be sent; at most 1000000"):
+        task_to_send("long.yaml")
 
 
 def test_every_shipped_task_loads_under_its_name() -> None:

@@ -139,14 +139,18 @@ def load_text(text: str, cls: type[T], source: str = "<text>") -> T:
 
 def load_file(path: str | Path, cls: type[T]) -> T:
     """An instance of the dataclass cls from a YAML file. Raises ConfigError with file and line."""
+    return load_text(read_text(path), cls, str(path))
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a file. Raises ConfigError: it cannot be read, and why."""
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise ConfigError(f"{file}: cannot be read: {no_such_file(file)}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from error
-    return load_text(text, cls, str(file))
 
 
 def from_mapping(data: Mapping[str, Any], cls: type[T], source: str = "<values>") -> T:

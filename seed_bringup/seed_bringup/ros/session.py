@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -26,6 +25,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from unique_identifier_msgs.msg import UUID
 
+from seed_control.tasks import task_to_send
 from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
 from seed_ros.loop import realtime
@@ -171,17 +171,16 @@ class Session:
 
         task: name or file; force: [N] size of every force in it, its own if None.
         """
-        file = Path(task)
-        task = str(file.resolve()) if file.is_file() else task  # the controller runs elsewhere
         overrides = "" if force is None else f"force: {force}"
+        goal = FollowSetpoints.Goal(task=task_to_send(task), overrides=overrides)
         client = ActionClient(self.node, FollowSetpoints, "controller/follow_setpoints")
         try:
-            return self._played(client, task, overrides, tell, patience)
+            return self._played(client, task, goal, tell, patience)
         finally:
             client.destroy()  # here and now: the middleware may wait for ever for one that is left to the collector
 
     def _played(
-        self, client: ActionClient, task: str, overrides: str, tell: Callable[[Any], None], patience: float
+        self, client: ActionClient, task: str, goal: Any, tell: Callable[[Any], None], patience: float
     ) -> Played:
         self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
         self.spin(MEET)
@@ -192,7 +191,6 @@ class Session:
                 self.played.phases.append((phase, self.now()))
             tell(message.feedback)
 
-        goal = FollowSetpoints.Goal(task=task, overrides=overrides)
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(sent.done, 10.0, "follow_setpoints did not answer")
         began, steady = self.now(), time.monotonic()

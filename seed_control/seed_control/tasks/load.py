@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
-from seed_core.config import field, load_file, load_text
+from seed_core.config import field, load_file, load_text, read_text
 from seed_core.program.files import shared_path
 from seed_core.program.meant import did_you_mean, no_such_file
 
-MAX_TEXT = 100_000  # characters of a task sent as text
+MAX_TEXT = 1_000_000  # characters of a task sent as text
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,34 @@ def load_task(source: str | Path, force: float | None = None, text: str | None =
         TaskError: no such task, or one that the changes do not fit.
         ConfigError: with file and line.
     """
+    return _changed(load_file(_file_of(source), Task), force, text)
+
+
+def task_to_send(source: str | Path) -> str:
+    """A task as `read_task` takes it on any computer: the name of a shipped one, else the text of the file.
+
+    Args:
+        source: as that of `load_task`.
+
+    Raises:
+        TaskError: no such task, or a text that is too long.
+        ConfigError: the file cannot be read.
+    """
+    path = _file_of(source)
+    if str(source) in shipped_tasks():
+        return str(source)
+    text = f"{read_text(path).rstrip()}\n"
+    if len(text) > MAX_TEXT:
+        raise TaskError(f"{path} has {len(text)} characters, too many to be sent; at most {MAX_TEXT}")
+    return text
+
+
+def _file_of(source: str | Path) -> Path:
     shipped = shipped_tasks()
     path = shipped.get(str(source), Path(source))
     if not _is_file(path):
         raise TaskError(f"no task '{source!s:.100}': {_why_none(path, shipped)}")
-    return _changed(load_file(path, Task), force, text)
+    return path
 
 
 def _why_none(path: Path, shipped: Collection[str]) -> str:

@@ -28,6 +28,7 @@ from seed_bringup.demo.terminal import done_in
 from seed_bringup.page.panel import Playing
 from seed_bringup.page.ros.held import Held
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
+from seed_control.tasks import task_to_send
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
 from seed_ros import COMMAND, client_node
@@ -250,7 +251,9 @@ class CellHands:
         self.playing = Playing(task, "asked for", 0.0)
         self._seen = time.monotonic()
         try:
-            goal = FollowSetpoints.Goal(task=task, overrides=overrides)
+            # what the cell was launched with is a file of its computer
+            named = task if task == self.begun else task_to_send(task)
+            goal = FollowSetpoints.Goal(task=named, overrides=overrides)
             sent = self._action.send_goal_async(goal, feedback_callback=self._on_feedback)
             self._goal = await self._deadlines.within(sent, PATIENCE, ACTION)
             if not self._goal.accepted:
