@@ -25,6 +25,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from unique_identifier_msgs.msg import UUID
 
+from seed_bringup.ros.played_goal import PlayedGoal
 from seed_control.tasks import task_to_send
 from seed_core.errors import FailedError
 from seed_ros.conversions import seconds
@@ -84,6 +85,7 @@ class Session:
         self.holds: list[str] = []  # why the arm held during the task
         self.cancelling: Callable[[], None] = lambda: None  # called at once when an interrupt ends the task
         self._goal: Any = None  # the task that is played
+        self._watched: PlayedGoal | None = None  # and whether its controller is there
         if follow:
             self.node.create_subscription(ControllerState, "controller/state", self._on_state, 10)
         for arm in ("driver", "sim"):
@@ -189,16 +191,19 @@ class Session:
             phase = message.feedback.phase
             if not self.played.phases or self.played.phases[-1][0] != phase:
                 self.played.phases.append((phase, self.now()))
+            if self._watched is not None:
+                self._watched.hear()
             tell(message.feedback)
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(sent.done, 10.0, "follow_setpoints did not answer")
         began, steady = self.now(), time.monotonic()
         self._goal = sent.result()
+        self._watched = PlayedGoal(client, self._goal)
         result = self._goal.get_result_async()
         with self._beating(self._goal.goal_id):
             try:
-                self.until(result.done, patience, f"the task '{task}' did not end")
+                self._await_end(result, patience, f"the task '{task}' did not end")
             except KeyboardInterrupt:
                 self.cancelling()
                 self.cancel()  # while it is still seen to
@@ -206,6 +211,17 @@ class Session:
         self.played.result, self.played.ended = result.result().result, self.now()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
+
+    def _await_end(self, result: Any, patience: float, what: str) -> None:
+        """As `until`. Raises SessionError: the controller that plays the task is gone."""
+
+        def ended() -> bool:
+            if not result.done() and self._watched is not None and (why := self._watched.why_over()):
+                self._goal = None  # there is nothing to cancel
+                raise SessionError(why)
+            return bool(result.done())
+
+        self.until(ended, patience, what)
 
     @contextmanager
     def _beating(self, goal: Any) -> Iterator[None]:
@@ -281,7 +297,7 @@ class Session:
         if self._goal is not None:
             self._goal.cancel_goal_async()
             ended = self._goal.get_result_async()
-            self.until(ended.done, patience, "the cancelled task did not end")
+            self._await_end(ended, patience, "the cancelled task did not end")
             self.played.result = ended.result().result
 
     @property
