@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The buttons of the operator page against nodes that answer, refuse or are silent; and the page of a bag."""
 
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ from seed_bringup.access.policy import read_policy
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter, open_bag
 from seed_bringup.commands import view
-from seed_bringup.page.ros.hands import CellHands
+from seed_bringup.page.ros.hands import ACTION, CellHands
 from seed_bringup.page.ros.playback import Player, Recording, served
 from seed_bringup.page.ros.read import TableShape, read_state
 from seed_bringup.page.state import History
@@ -250,11 +251,19 @@ def test_a_stop_is_good_only_if_everybody_stops(
     assert "driver: the arm's program does not answer" in told
 
 
-@pytest.mark.parametrize(("cell", "hands"), [("/abandoned", "/abandoned")], indirect=True)
+@pytest.mark.parametrize(
+    ("cell", "hands", "anew", "told"),
+    [
+        ("/abandoned", "/abandoned", False, "the controller has been gone for"),
+        ("/restarted", "/restarted", True, "the controller was started anew, and does not know the task"),
+    ],
+    indirect=("cell", "hands"),
+)
 def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
-    cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
+    cell: SlowCell, hands: CellHands, anew: bool, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("seed_bringup.page.ros.hands.GONE", 0.3)
+    monkeypatch.setattr("seed_bringup.ros.played_goal.GONE", 1e9 if anew else 0.3)
+    monkeypatch.setattr("seed_bringup.ros.played_goal.QUIET", 0.5)
     ready(hands)
     begun, end = threading.Event(), threading.Event()
 
@@ -265,19 +274,67 @@ def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
         return FollowSetpoints.Result()
 
     group = ReentrantCallbackGroup()
-    server = ActionServer(cell, FollowSetpoints, "controller/follow_setpoints", play, callback_group=group)
+    server = ActionServer(cell, FollowSetpoints, ACTION, play, callback_group=group)
     until(hands._action.server_is_ready)
     said = hands.play("squeegee", None)
     assert begun.wait(10.0)
     until(lambda: hands._ended is not None)
-    server.destroy()
-    good, told = said.result(10.0)
+    assert not said.done()
+    with second_controller(cell) if anew else contextlib.nullcontext():
+        server.destroy()
+        good, words_of_play = said.result(10.0)
     end.set()
     assert not good
-    assert "Play squeegee: the controller has been gone for" in told
+    assert f"Play squeegee: {told}" in words_of_play
     assert not hands.playing.task
     hands.press("Enable")
     until(lambda: cell.enabled)
+
+
+@pytest.mark.parametrize(("cell", "hands"), [("/asked", "/asked")], indirect=True)
+def test_a_cancel_that_finds_no_task_ends_what_the_page_takes_for_one(
+    cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.ros.played_goal.QUIET", 1e9)  # it is not asked by itself
+    begun, end = threading.Event(), threading.Event()
+
+    def play(goal: Any) -> Any:
+        begun.set()
+        end.wait(20.0)
+        goal.abort()
+        return FollowSetpoints.Result()
+
+    server = ActionServer(cell, FollowSetpoints, ACTION, play, callback_group=ReentrantCallbackGroup())
+    until(hands._action.server_is_ready)
+    said = hands.play("squeegee", None)
+    assert begun.wait(10.0)
+    until(lambda: hands._ended is not None)
+    with second_controller(cell):
+        server.destroy()
+        assert hands.press("Lift").result(10.0) == (False, "Cancel: no task is being played.")
+        assert "started anew" in said.result(10.0)[1]
+    end.set()
+
+
+@contextlib.contextmanager
+def second_controller(cell: SlowCell) -> Iterator[None]:
+    """Offers the same action, from before the first one goes: nobody sees a gap."""
+    node = Node("controller", context=cell.context, namespace=cell.get_namespace())
+    executor = SingleThreadedExecutor(context=cell.context)
+    server = ActionServer(node, FollowSetpoints, ACTION, lambda _: FollowSetpoints.Result())
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    service = f"{cell.get_namespace()}/{ACTION}/_action/get_result"
+    until(lambda: cell.count_services(service) == 2)
+    time.sleep(0.3)  # until the others have met it as well
+    try:
+        yield
+    finally:
+        executor.shutdown(timeout_sec=2.0)
+        thread.join(2.0)
+        server.destroy()
+        node.destroy_node()
 
 
 @pytest.mark.parametrize(("cell", "hands"), [("/texts", "/texts")], indirect=True)
@@ -291,7 +348,7 @@ def test_an_own_task_is_sent_as_text_and_the_cell_s_own_by_its_place_there(
         goal.succeed()
         return FollowSetpoints.Result(success=True)
 
-    server = ActionServer(cell, FollowSetpoints, "controller/follow_setpoints", play)
+    server = ActionServer(cell, FollowSetpoints, ACTION, play)
     until(hands._action.server_is_ready)
     mine = tmp_path / "mine.yaml"
     mine.write_text(shipped_tasks()["squeegee"].read_text(encoding="utf-8"), encoding="utf-8")

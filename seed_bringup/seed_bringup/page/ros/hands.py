@@ -28,6 +28,7 @@ from seed_bringup.demo.terminal import done_in
 from seed_bringup.page.panel import Playing
 from seed_bringup.page.ros.held import Held
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
+from seed_bringup.ros.played_goal import PlayedGoal
 from seed_control.tasks import task_to_send
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
@@ -37,7 +38,6 @@ BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 PATIENCE, STOP_PATIENCE = 20.0, 1.0  # [s] for an answer; for that to a Stop
 UNSEEN = 5.0  # [s] that nobody looks at the page while a task is played, after which it ends
 STUCK = 3.0  # [s] that the page is not drawn anew, after which the same holds
-GONE = 3.0  # [s] without the controller, after which the task that it played has ended with it
 KEPT = 20  # answers
 TRIGGERS = (
     "estimator/capture_reference", "estimator/initialize_grasp", "sim/grasp", "sim/release",
@@ -74,8 +74,8 @@ class CellHands:
         self._seen = self._drawn = time.monotonic()
         self._deadlines = Deadlines()
         self._goal: Any = None
-        self._ended: Future | None = None  # the end of the task that is played
-        self._there = time.monotonic()  # when the controller was there last
+        self._watched: PlayedGoal | None = None  # the task that is played
+        self._ended: Future | None = None  # its end
         own = ["--ros-args", "-r", f"__node:={name}"]  # a launch file names every node of its process
         self.node = client_node(name, context=context, namespace=namespace or None, cli_args=own)
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
@@ -241,6 +241,8 @@ class CellHands:
             raise NotDoneError(f"{ACTION} is not offered: does the cell run?")
         answer = await self._deadlines.within(self._cancel.call_async(CancelGoal.Request()), PATIENCE, ACTION)
         if not answer.goals_canceling:
+            if self._watched is not None:
+                self._watched.ask()
             raise NotDoneError("no task is being played")
         return "the task ends, the tool is lifted"
 
@@ -258,15 +260,18 @@ class CellHands:
             self._goal = await self._deadlines.within(sent, PATIENCE, ACTION)
             if not self._goal.accepted:
                 raise NotDoneError("the controller refuses the task")
+            self._watched = PlayedGoal(self._action, self._goal)
             self._ended = self._goal.get_result_async()
             result = (await self._ended).result
         finally:
-            self.playing, self._goal, self._ended = Playing(), None, None
+            self.playing, self._goal, self._watched, self._ended = Playing(), None, None, None
         if not result.success:
             raise NotDoneError(result.message)
         return done_in(result.duration, result.force_rmse)
 
     def _on_feedback(self, message: Any) -> None:
+        if self._watched is not None:
+            self._watched.hear()
         f = message.feedback
         phase = f"{f.phase} ({f.phase_index + 1} of {f.phase_count})" if f.phase_index < f.phase_count else f.phase
         self.playing = Playing(self.playing.task, phase, float(f.progress))
@@ -278,11 +283,10 @@ class CellHands:
         if self._goal is not None and now - self._seen < UNSEEN and now - self._drawn < STUCK:
             self._here.publish(self._goal.goal_id)
         self._deadlines.look(now)
-        if self._ended is None or self._action.server_is_ready():
-            self._there = now
-        elif now - self._there > GONE and not self._ended.done():
-            gone = f"the controller has been gone for {now - self._there:.0f} s: the arm is at rest by its own timeout"
-            self._ended.set_exception(UnansweredError(gone))
+        if self._watched is None or self._ended is None or self._ended.done():
+            return
+        if why := self._watched.why_over():
+            self._ended.set_exception(UnansweredError(why))
 
     async def _pause(self, duration: float) -> None:
         over = Future(executor=self._executor)
