@@ -21,6 +21,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState
@@ -33,6 +34,7 @@ from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter, open_bag
 from seed_bringup.commands import view
 from seed_bringup.page.ros.hands import ACTION, CellHands
+from seed_bringup.page.ros.node import PageNode
 from seed_bringup.page.ros.playback import Player, Recording, served
 from seed_bringup.page.ros.read import TableShape, read_state
 from seed_bringup.page.state import History
@@ -40,8 +42,9 @@ from seed_bringup.page.words import headline
 from seed_control.tasks import load_task, read_task, shipped_tasks
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose
-from seed_ros import COMMAND, QUEUE
+from seed_ros import COMMAND, LATCHED, QUEUE
 from seed_ros.conversions import estimate_to_message, pose_stamped, stamped
+from seed_ros.testing import Bench
 from seed_sim.plant.table import draw_surface
 from seed_sim.ros.table_marker import table_marker
 from seed_sim.scenario import load_scenario
@@ -444,6 +447,94 @@ def test_the_page_draws_the_table_as_it_is_bent() -> None:
     assert np.ptp(upper[:, 2]) > 0.02
     with pytest.raises(ValueError, match="no triangles"):
         shape.of(flat)
+
+
+class Speaking:
+    """A cell that publishes its flange and controller's state, with stamps from `begins` [s] on."""
+
+    def __init__(self, bench: Bench, arm: str, holds: str, begins: float) -> None:
+        self._bench, self._begins, self._began = bench, begins, time.monotonic()
+        self.node = Node(arm, context=bench.context)
+        self.node.declare_parameter("model", "ur5e")
+        self.node.declare_parameter("robot_ip", "192.168.56.101")
+        self._executor = SingleThreadedExecutor(context=bench.context)
+        self._executor.add_node(self.node)
+        self._pose = self.node.create_publisher(PoseStamped, "current_pose", COMMAND)
+        self._state = self.node.create_publisher(ControllerState, "controller/state", COMMAND)
+        self._holds = self.node.create_publisher(String, f"{arm}/hold_reason", LATCHED)
+        self._holds.publish(String(data=holds))
+
+    def speak(self) -> None:
+        """From now on."""
+        self._bench.every.append(self._publish)
+
+    def _publish(self) -> None:
+        stamp = self._begins + time.monotonic() - self._began
+        self._pose.publish(pose_stamped(make_pose(None, (0.4, 0.1, 0.3)), stamp, "base"))
+        self._state.publish(stamped(ControllerState, stamp, "base"))
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def end(self) -> None:
+        if self._publish in self._bench.every:
+            self._bench.every.remove(self._publish)
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def page(bench: Bench) -> Iterator[PageNode]:
+    page = PageNode("page", context=bench.context, parameter_overrides=[Parameter("port", value=0)])
+    bench.every.append(page.loop.once)
+    yield page
+    page.destroy_node()
+
+
+def begun(page: PageNode) -> float:
+    """Stamp of the state that is shown [s]."""
+    return page.state.control.stamp if page.state.control is not None else float("nan")
+
+
+@pytest.mark.parametrize("begins", [5.0, 1.9e9])  # by simulated time; later than the first, as most cells
+def test_after_a_silence_the_page_shows_the_cell_that_speaks_and_nothing_of_the_one_before(
+    bench: Bench, page: PageNode, begins: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.page.ros.node.SILENT", 0.5)
+    first = Speaking(bench, "driver", "protective stop", 1.8e9)  # time of the wall
+    first.speak()
+    assert bench.until(lambda: page.state.arm_holds and page.hands.arm and begun(page) > 1.8e9)
+    first.end()
+    bench.spin(1.0)
+    assert page.state.arm_holds == "protective stop"  # the page says that it is old
+    second = Speaking(bench, "sim", "", begins)
+    second.speak()
+    assert bench.until(lambda: begins + 1.0 < begun(page) < begins + 1e6)
+    assert (page.state.arm, page.state.arm_holds) == ("simulated", "")
+    ago, *_ = page.history.series(2, page.state.now)
+    assert ago[0] >= -page.history.span
+    assert ago[-1] == 0.0
+    second.end()
+
+
+def test_a_controller_whose_time_goes_back_is_another_and_what_its_cell_said_once_is_heard_again(
+    bench: Bench, page: PageNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seed_bringup.page.ros.node.SILENT", 1e9)
+    first, second = Speaking(bench, "driver", "protective stop", 50.0), Speaking(bench, "sim", "no target_frame", 5.0)
+    first.speak()
+    assert bench.until(lambda: page.state.arm_holds == "protective stop" and "sim/hold_reason" in page._newest)
+    assert bench.until(lambda: begun(page) > 50.0)
+    first.end()
+    second.speak()
+    assert bench.until(lambda: begun(page) < 50.0)
+    assert bench.until(lambda: page.state.arm_holds == "no target_frame", 5.0)
+    assert page.state.arm == "simulated"
+    second.end()
+
+
+def test_the_page_s_time_is_the_controller_s() -> None:
+    old = pose_stamped(np.eye(4), 1.8e9, "base")  # of a camera by the time of the wall
+    messages = {"current_pose": old, "controller/state": stamped(ControllerState, 5.0, "base")}
+    assert read_state(messages, {}).now == 5.0
 
 
 def write_bag(path: Path, prefix: str = "") -> Path:

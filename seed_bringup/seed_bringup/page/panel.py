@@ -115,6 +115,10 @@ class Panel:
         self._said = gui.add_html("")
         gui.add_html(style.note("Stop brings the arm to rest through the cell's nodes. It is no emergency stop."))
 
+    def clear_picture(self) -> None:
+        """Show no tactile pictures until others come."""
+        self._picture.image = NO_PICTURE
+
     def show(self, state: CellState, viewers: int, numbers: bool) -> None:
         """viewers: pages that are open; numbers: whether to write plots and numbers anew as well."""
         _put(self._status, style.status(words.headline(state, live=self._hands is not None)))

@@ -120,6 +120,7 @@ class Scene:
     def clear_path(self) -> None:
         """Begin the tip's path anew."""
         self._trail.clear()
+        self._path.points = np.zeros((1, 2, 3), np.float32)
 
     def _learn(self, state: CellState) -> None:
         """What is held, and what it works on, once they are known."""

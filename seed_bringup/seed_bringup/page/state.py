@@ -80,7 +80,7 @@ class CellState:
     """One moment of a cell; None and empty where nothing tells it.
 
     Attributes:
-        now: newest stamp [s]; nan before the first.
+        now: stamp of the controller's state, without one the newest of all [s]; nan before the first.
         X_WE, X_WS: flange and table (4, 4) in W. table: its shape; as long as nothing tells it, it is drawn flat.
         joints: (6,) [rad].
         fixed: pose (4, 4) of each fixed frame in its parent, by (parent, child).

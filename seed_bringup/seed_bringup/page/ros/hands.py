@@ -125,6 +125,10 @@ class CellHands:
         """As its driver knows it."""
         return self._held.arm
 
+    def forget(self) -> None:
+        """Tool, arm and task are those of a cell that may have ended: until they are told anew."""
+        self._held.forget()
+
     @property
     def simulated(self) -> bool:
         """Whether the gripper is simulated."""

@@ -27,14 +27,18 @@ class Held:
     """
 
     def __init__(self, node: Node) -> None:
-        self.tool: Tool | None = None
-        self.arm = self.task = ""
+        self.forget()
         self._questions = (
             _Question(node, "controller", TOOL, self._on_tool),
             _Question(node, "driver", ARM, self._on_arm),
             _Question(node, "sim", ("task",), self._on_task),
         )
         node.create_timer(LOOK, self._ask)
+
+    def forget(self) -> None:
+        """What was named so far."""
+        self.tool: Tool | None = None
+        self.arm = self.task = ""
 
     def _ask(self) -> None:
         for question in self._questions:

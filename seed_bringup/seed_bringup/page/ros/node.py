@@ -16,15 +16,17 @@ from rclpy.subscription import Subscription
 
 from seed_bringup.page.panel import Panel
 from seed_bringup.page.ros.hands import CellHands
-from seed_bringup.page.ros.read import PICTURES, TOPICS, fixed_frames, read_state
+from seed_bringup.page.ros.read import PICTURES, STATE, TOPICS, fixed_frames, read_state
 from seed_bringup.page.scene import Scene
 from seed_bringup.page.server import PORT, PageServer
 from seed_bringup.page.state import CellState, History
+from seed_bringup.page.words import SILENT
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
-from seed_ros import FixedRateLoop, SeedNode, diagnostics
+from seed_ros import LATCHED, FixedRateLoop, SeedNode, diagnostics
+from seed_ros.conversions import seconds
 from seed_ros.node import run
 from seed_ur.models import MODELS
 
@@ -56,8 +58,8 @@ class PageNode(SeedNode):
         self.state = CellState()
         self.history = History()
         self.loop = FixedRateLoop(self, RATE, self._tick, steady=True, catch_up=False)
-        for topic in TOPICS.keys() - PICTURES:
-            self._listen(topic)
+        self._streams = {topic: self._listen(topic) for topic in TOPICS.keys() - PICTURES}
+        self._other = False  # whether another cell has begun to speak
         self._pictures: list[Subscription] = []
         own = tuple(t for t in settings.tasks if t)
         tools = {t: _tool_of(t) for t in (*own, *shipped_tasks())}
@@ -83,12 +85,38 @@ class PageNode(SeedNode):
             self._newest = {t: m for t, m in self._newest.items() if t not in PICTURES}
 
     def _on_message(self, topic: str, message: Any) -> None:
+        now = time.monotonic()
+        if self._newest and (now - self._heard > SILENT or self._goes_back(topic, message)):
+            self._forget()
         self._newest[topic] = message
-        self._heard = time.monotonic()
+        self._heard = now
         if topic == "/tf_static":
             self._fixed = self._fixed | dict(fixed_frames(message))
 
+    def _goes_back(self, topic: str, message: Any) -> bool:
+        """Whether the controller's time does: that is another cell's."""
+        before = self._newest.get(topic) if topic == STATE else None
+        return before is not None and seconds(message.header.stamp) < seconds(before.header.stamp)
+
+    def _forget(self) -> None:
+        """What a cell has said that may have ended: the one that speaks now may be another."""
+        self._newest, self._fixed = {}, {}
+        self.history.clear()
+        self.scene.clear_path()
+        self.panel.clear_picture()
+        self.hands.forget()
+        self._other = True
+
+    def _hear_latched(self) -> None:
+        """Have what is said once said again: it may have come before its cell was told from the last."""
+        for topic in (t for t in self._streams if TOPICS[t].qos is LATCHED):
+            self.loop.leave(self._streams[topic])
+            self._streams[topic] = self._listen(topic)
+        self._other = False
+
     def _tick(self) -> None:
+        if self._other:
+            self._hear_latched()
         viewers = len(self.server.get_clients())
         self._count += 1
         self.hands.saw(viewers)

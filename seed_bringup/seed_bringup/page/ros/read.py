@@ -31,6 +31,7 @@ from seed_ur.models import JOINT_NAMES
 
 FINGERS = ("left", "right")
 DEBUG = "estimator/debug_image"
+STATE = "controller/state"
 NEWEST = QoSProfile(depth=1)  # of a reliable stream
 
 
@@ -56,7 +57,7 @@ TOPICS: Mapping[str, Topic] = {
     "wrench_estimate": Topic(WrenchEstimate, COMMAND),
     "contact_patches": Topic(ContactPatches, COMMAND),
     "joint_states": Topic(JointState, NEWEST),
-    "controller/state": Topic(ControllerState, NEWEST),
+    STATE: Topic(ControllerState, NEWEST),
     "controller/ready": Topic(DiagnosticStatus, LATCHED),
     **{topic: Topic(String, LATCHED) for topic in HOLDS},
     "sim/real_time_factor": Topic(Float32, NEWEST),
@@ -87,14 +88,15 @@ def read_state(
         tool: what is held.
         arm: what its driver calls it.
     """
-    stamps = [seconds(m.header.stamp) for m in newest.values() if hasattr(m, "header")]
-    state: dict[str, Any] = {"now": max(stamps, default=nan), "fixed": fixed, "silent": silent, "tool": tool}
+    telling = [newest[STATE]] if STATE in newest else [m for m in newest.values() if hasattr(m, "header")]
+    now = max((seconds(m.header.stamp) for m in telling), default=nan)
+    state: dict[str, Any] = {"now": now, "fixed": fixed, "silent": silent, "tool": tool}
     for name, topic, read in (
         ("X_WE", "current_pose", lambda m: pose_to_matrix(m.pose)),
         ("X_WS", "sim/ground_truth/table_pose", lambda m: pose_to_matrix(m.pose)),
         ("table", "sim/ground_truth/table", _TABLE.of),
         ("joints", "joint_states", _joints),
-        ("control", "controller/state", _control),
+        ("control", STATE, _control),
         ("grasp", "relative_pose", _grasp),
         ("touch", "wrench_estimate", _touch),
         ("contact", "contact_patches", lambda m: {p.finger: p.area for p in m.patches if p.in_contact}),
