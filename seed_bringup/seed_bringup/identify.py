@@ -62,9 +62,16 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--zero-sensor", action="store_true", help="with --live: zero the sensor first")
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
     out.add_argument(
-        "--out", type=Path, help="folder for data, stiffness.yaml and report.html; default: results/identify-TIME"
+        "--out",
+        type=Path,
+        help="folder for data, stiffness.yaml and report.html; default: results/identify-TIME; "
+        "an interrupted run whose folder it names goes on",
     )
-    out.add_argument("--json", action="store_true", help="print one JSON object; without --out nothing is left behind")
+    out.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object; without --out and --live nothing is left behind",
+    )
     return out
 
 
@@ -79,7 +86,7 @@ def _run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC)
     date, folder = now.isoformat(timespec="seconds"), args.out
     if folder is None and not args.json:
-        folder = results_folder() / f"identify-{now:%Y%m%d-%H%M%S}"
+        folder = _folder_of(now)
     analysis, figures = _from_file(args) if args.source else _simulated(args, folder, date)
     if folder is not None:
         from seed_sysid.report.results import write_results
@@ -112,10 +119,19 @@ def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
             raise SeedError(text)
 
 
+def _folder_of(now: datetime) -> Path:
+    return results_folder() / f"identify-{now:%Y%m%d-%H%M%S}"
+
+
 def _live(args: argparse.Namespace) -> int:
-    print(f"seed identify: {join(args)}", file=sys.stderr, flush=True)
+    folder = args.out or _folder_of(datetime.now(UTC))
+    then = f"if it is interrupted, --out {folder} goes on"
+    if (folder / "samples.jsonl").exists():
+        then = "the run that has samples there goes on; a new grasp wants another folder"
+    print(f"seed identify: {join(args)}", file=sys.stderr)
+    print(f"seed identify: results go to {folder}; {then}", file=sys.stderr, flush=True)
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
-    figures = client.identify(args.out or results_folder() / "identification", args.poses, args.zero_sensor)
+    figures = client.identify(folder, args.poses, args.zero_sensor)
     print(json.dumps(figures) if args.json else client.table(figures))
     return 0
 

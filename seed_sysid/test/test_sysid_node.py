@@ -2,6 +2,10 @@
 """The live node against the simulated cell: it resumes, finishes, writes, cancels, and refuses in words."""
 
 import json
+import signal
+import subprocess
+import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -122,6 +126,46 @@ def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Pa
     bench.spin(0.3)
     np.testing.assert_array_equal(cell.X_WE, before)
     assert len(read(file).samples) >= 2
+
+
+def test_a_goal_that_names_no_folder_gets_one_of_its_own(bench: Bench, tmp_path: Path) -> None:
+    _, node = _nodes(bench, output=str(tmp_path))
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", IdentifyStiffness.Goal())
+    assert bench.until(handle.cancel_goal_async().done)
+    message = bench.result(handle).result.message
+    (folder,) = tmp_path.glob("identify-2*")
+    assert f"0 of 60 poses are kept: call again with output {folder} to go on" in message
+
+
+def test_an_interrupted_command_says_how_it_goes_on(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, node = _nodes(bench)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    monkeypatch.delenv("SEED_ROOT", raising=False)
+    monkeypatch.chdir(tmp_path)
+    first = _command(bench)
+    (folder,) = (tmp_path / "results").glob("identify-2*")
+    assert f"results go to {folder}; if it is interrupted, --out {folder} goes on" in first
+    assert f"0 of 60 poses are kept: call again with output {folder} to go on" in first
+    again = _command(bench, "--out", str(folder))
+    assert f"results go to {folder}; the run that has samples there goes on; a new grasp wants another folder" in again
+
+
+def _command(bench: Bench, *more: str) -> str:
+    """What ./seed identify --live says when it is interrupted as its first pose is visited."""
+    command = [sys.executable, "-m", "seed_bringup.commands.dispatch", "identify", "--live", *more]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    said: list[str] = []
+    reader = threading.Thread(target=lambda: said.extend(process.stderr or ()))
+    reader.start()
+    assert bench.until(lambda: "pose 0 of 60" in "".join(said), 30.0), said
+    process.send_signal(signal.SIGINT)
+    assert bench.until(lambda: process.poll() is not None, 30.0)
+    reader.join()
+    return "".join(said)
 
 
 def test_an_arm_that_holds_ends_the_goal_and_is_not_measured(bench: Bench, tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ class Client:
         handle = sent.result()
         future = handle.get_result_async()
         try:
-            self._until(future.done, f"the node of {ACTION} is gone; the same command goes on", patience=np.inf)
+            self._until(future.done, f"the node of {ACTION} is gone; --out {output} goes on", patience=np.inf)
         except KeyboardInterrupt:
             handle.cancel_goal_async()
             self._until(future.done, "the cancellation was not answered: stop the arm by other means")

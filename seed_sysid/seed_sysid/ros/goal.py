@@ -68,11 +68,8 @@ class ActiveGoal:
             GoalCancelledError: the goal was cancelled.
             LiveError: the run cannot go on.
         """
-        run = self.live.run
         if self.goal.is_cancel_requested:
-            raise GoalCancelledError(
-                f"cancelled; {run.done} of {run.total} poses are kept: call again with the same output to go on"
-            )
+            raise GoalCancelledError(f"cancelled; {self.live.kept}")
         self.target, command = self.live.tick(now)
         if command.done:
             self._visited = True

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,7 @@ class Settings:
     clocks: str = field("", doc="what the estimator was given as clocks: the comparison counts from there")
     robot: str = field("", doc="name of the robot, for clocks.yaml")
     cameras: str = field("", doc="names of the cameras, for clocks.yaml")
-    output: str = field("results/identification", doc="folder used when the goal names none")
+    output: str = field("results", doc="where a goal that names no folder makes one of its own, identify-TIME")
 
 
 class SysidNode(SeedNode):
@@ -173,7 +174,7 @@ class SysidNode(SeedNode):
             sensor_rpy=tuple(float(v) for v in np.deg2rad(s.sensor.rpy_deg)),
             sensor_range=(s.sensor_range_force, s.sensor_range_torque),
         )
-        folder = Path(goal.request.output or s.output)
+        folder = Path(goal.request.output or f"{s.output}/identify-{datetime.now(UTC):%Y%m%d-%H%M%S}")
         live = Live(self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), date())
         assert self.streams.X_WE is not None
         self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE, self._clocks)

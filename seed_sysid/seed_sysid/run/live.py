@@ -99,7 +99,7 @@ class Live:
             grasp_rpy=grasp[3:],
             created=date,
         )
-        self.recorder = Recorder(file, head)
+        self.recorder, self._folder = Recorder(file, head), file.parent
         head = self.recorder.header
         self.X_WT = pose_from_rpy(head.grasp_rpy, head.grasp_xyz)
         X_TC = inverse_pose(self.X_WT) @ X_WC
@@ -114,6 +114,11 @@ class Live:
             )
         self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC)
 
+    @property
+    def kept(self) -> str:
+        """How much of a run that ends early is kept, and how to go on, in words."""
+        return f"{self.run.done} of {self.run.total} poses are kept: call again with output {self._folder} to go on"
+
     def tick(self, now: float) -> tuple[Array, Command]:
         """Target X_WE (4, 4) for time now [s], and what is being done.
 
@@ -126,8 +131,7 @@ class Live:
             self.recorder.record(now, command.sample, command.event)
             problem = command.failure
         if problem:
-            kept = f"{self.run.done} of {self.run.total} poses are kept: call again with the same output to go on"
-            raise LiveError(f"{problem}; {kept}")
+            raise LiveError(f"{problem}; {self.kept}")
         return self.X_WT @ command.X_TC @ inverse_pose(self.X_EC), command
 
     def _reading(self, now: float) -> Reading:
