@@ -19,7 +19,6 @@ from seed_sim.identification.truth import compare_in_the_loop, summary_with_trut
 from seed_sim.identification.weight import identify_with_weight
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import Analysis, analyse
-from seed_sysid.fit.weight import WeightError
 from seed_sysid.parameters import FitParameters
 from seed_sysid.report.summary import stiffness_file, summary
 from seed_sysid.stiffness_map import AXES, UNITS
@@ -31,18 +30,31 @@ def main(argv: list[str]) -> int:
     return _run(parser().parse_args(argv))
 
 
+SIMULATED = "a simulated run"
+WAYS = {  # what each takes beside --json
+    SIMULATED: ("scenario", "seed", "world", "poses", "model", "in_the_loop", "out"),
+    "--membrane": ("membrane", "scenario", "seed", "world", "poses", "model", "out"),
+    "--procedure weight": ("scenario", "seed", "world", "model"),
+    "--procedure weight --membrane": ("membrane", "scenario", "seed", "world"),
+    "--from": ("poses", "model", "out"),
+    "--world hidden": ("world", "seed", "draws"),
+    "--live": ("domain", "poses", "zero_sensor", "out"),
+}
+DEFAULTS = {"scenario": "default", "seed": 0, "poses": "kinematic", "draws": 20}
+
+
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """The command line; an option that is not given is None or False."""
     out = Parser(prog="seed identify", description=__doc__)
-    out.add_argument("--scenario", default="default", help="YAML file, or a name in seed_sim/config/identify")
-    out.add_argument("--seed", type=seed_number, default=0, help="draws the hidden stiffness and every fault")
+    out.add_argument("--scenario", help="YAML file, or a name in seed_sim/config/identify (default: default)")
+    out.add_argument("--seed", type=seed_number, help="draws the hidden stiffness and every fault (default: 0)")
     out.add_argument(
         "--membrane",
         type=seed_number,
         metavar="SEED",
         help="hold the tool between two membranes with mechanics, drawn from this seed (docs/membrane.md)",
     )
-    out.add_argument("--poses", choices=("kinematic", "estimator"), default="kinematic", help="source of the poses")
+    out.add_argument("--poses", choices=("kinematic", "estimator"), help="source of the poses (default: kinematic)")
     out.add_argument(
         "--procedure",
         choices=("sensor", "weight"),
@@ -53,9 +65,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
     )
-    out.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
+    out.add_argument("--world", choices=("known", "hidden"), help="hidden: see docs/worlds.md (default: known)")
     out.add_argument(
-        "--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed; the grasp of `nominal`"
+        "--draws", type=whole(1), help="of hidden worlds, the first being --seed; the grasp of `nominal` (default: 20)"
     )
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
     domain_argument(out)
@@ -68,15 +80,16 @@ def parser() -> argparse.ArgumentParser:
         "an interrupted run whose folder it names goes on",
     )
     out.add_argument(
-        "--json",
-        action="store_true",
-        help="print one JSON object; without --out and --live nothing is left behind",
+        "--json", action="store_true", help="print one JSON object; without --out and --live nothing is left behind"
     )
     return out
 
 
 def _run(args: argparse.Namespace) -> int:
     _refuse_what_would_be_ignored(args)
+    for name, value in DEFAULTS.items():
+        if getattr(args, name) is None:
+            setattr(args, name, value)
     if args.world == "hidden":
         return _worlds(args)
     if args.procedure == "weight":
@@ -97,26 +110,33 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
-    weight, live, recorded = args.procedure == "weight", args.live, args.source is not None
-    hidden = args.world == "hidden"
-    for wrong, text in (
-        (
-            hidden and (weight or live or recorded or args.in_the_loop or args.poses != "kinematic" or args.out),
-            "--world hidden goes with --seed, --draws and --json alone",
-        ),
-        (
-            args.membrane is not None and (live or recorded or hidden or args.in_the_loop),
-            "--membrane goes with a simulated run alone",
-        ),
-        (args.zero_sensor and not live, "--zero-sensor goes with --live: nothing is zeroed in simulation or in a file"),
-        (args.domain is not None and not live, "--domain goes with --live: nothing else speaks to a cell"),
-        (live and recorded, "--live and --from exclude each other"),
-        (live and weight, "--procedure weight does not run --live: record the poses and weights"),
-        (weight and args.out, "--procedure weight writes no files, it prints what it finds: leave --out out"),
-        (args.in_the_loop and (live or recorded or weight), "--in-the-loop needs a simulated run: only it has a truth"),
-    ):
-        if wrong:
-            raise SeedError(text)
+    way = _way(args)
+    given = {k for k, v in vars(args).items() if v is not None and v is not False}
+    ignored = [k for k in sorted(given - {"procedure", "source", "live", "json"}) if k not in WAYS[way]]
+    if ignored:
+        takes = ", ".join(_option(k) for k in WAYS[way] if _option(k) not in way)
+        raise SeedError(f"{way} takes {takes} and --json: leave {' and '.join(map(_option, ignored))} out")
+
+
+def _way(args: argparse.Namespace) -> str:
+    """The key of WAYS. Raises SeedError: more than one is asked for."""
+    asked = {
+        "--live": args.live,
+        "--from": args.source is not None,
+        "--world hidden": args.world == "hidden",
+        "--procedure weight": args.procedure == "weight",
+    }
+    ways = [way for way, wanted in asked.items() if wanted]
+    if len(ways) > 1:
+        raise SeedError(f"{ways[0]} and {ways[1]} exclude each other: leave one of the two out")
+    if args.membrane is None:
+        return ways[0] if ways else SIMULATED
+    on_membranes = " ".join([*ways, "--membrane"])
+    return on_membranes if on_membranes in WAYS else ways[0]
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _folder_of(now: datetime) -> Path:
@@ -146,8 +166,6 @@ def _worlds(args: argparse.Namespace) -> int:
 
 def _weight(args: argparse.Namespace) -> int:
     scenario = load(args.scenario)
-    if args.source:
-        raise WeightError("--from holds wrenches of a sensor; --procedure weight has none: leave one of the two out")
     if args.membrane is not None:
         return _weight_on_membranes(identify_on_membrane(scenario, args.membrane), args)
     fit, figures = identify_with_weight(scenario, args.seed, args.model or scenario.procedure.fit.model)

@@ -138,11 +138,39 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
         (["--scenario", "nowhere"], "neither a YAML file nor one of: default, weird"),
         (["--scenario", "nowhere.yaml"], "cannot be read"),
         (["--from", "nowhere.jsonl"], "cannot be read"),
+        (["--live", "--from", "x.jsonl"], "--live and --from exclude each other"),
+        (["--from", "x.jsonl", "--procedure", "weight"], "--from and --procedure weight exclude each other"),
+        (["--live", "--world", "hidden"], "--live and --world hidden exclude each other"),
     ],
 )
 def test_wrong_arguments_are_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert identify.main(arguments) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "ignored"),
+    [
+        ("--live --scenario weird", "--scenario"),
+        ("--live --seed 0 --draws 3 --model plain", "--draws and --model and --seed"),
+        ("--live --membrane 0", "--membrane"),
+        ("--live --in-the-loop", "--in-the-loop"),
+        ("--from x.jsonl --scenario weird --seed 5", "--scenario and --seed"),
+        ("--from x.jsonl --world known", "--world"),
+        ("--world hidden --scenario weird --model plain", "--model and --scenario"),
+        ("--world hidden --poses kinematic", "--poses"),
+        ("--world hidden --membrane 1", "--membrane"),
+        ("--procedure weight --poses estimator", "--poses"),
+        ("--procedure weight --out x", "--out"),
+        ("--procedure weight --membrane 1 --model plain", "--model"),
+        ("--membrane 1 --in-the-loop", "--in-the-loop"),
+        ("--draws 3", "--draws"),
+        ("--zero-sensor --domain 3", "--domain and --zero-sensor"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(line: str, ignored: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify.main(line.split()) == 2
+    assert f" and --json: leave {ignored} out" in capsys.readouterr().err
 
 
 def test_where_the_estimator_loses_the_tool_poses_are_drawn_back_and_later_ones_go_less_far() -> None:
