@@ -3,6 +3,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,20 +16,22 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from geometry_msgs.msg import TransformStamped, WrenchStamped  # noqa: E402
+from rclpy.action import ActionServer  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.interfaces import QosDurability, QosReliability  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
+from seed_msgs.action import FollowSetpoints  # noqa: E402
 from std_msgs.msg import Float32, String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from seed_bringup.bags import BagError  # noqa: E402
-from seed_bringup.bags.files import BagWriter  # noqa: E402
+from seed_bringup.bags.files import BagWriter, messages_of, open_bag  # noqa: E402
 from seed_bringup.bags.play import Player  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
-from seed_bringup.bags.types import InstalledTypes, definition_file  # noqa: E402
+from seed_bringup.bags.types import InstalledTypes, definition_file, message_class  # noqa: E402
 
 pytestmark = pytest.mark.realtime
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -158,6 +161,83 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         BagWriter(tmp_path / "one.mcap")
     with pytest.raises(BagError, match="'no_msgs/msg/Nothing' is not installed"):
         definition_file("no_msgs/msg/Nothing")
+
+
+def bag_of(path: Path, *topics: str) -> Path:
+    """One message on each topic, all at one instant."""
+    with BagWriter(path) as writer:
+        for topic in topics:
+            writer.write(writer.add_topic(topic, "std_msgs/msg/Float32"), 1, b"\x00\x01\x00\x00\x00\x00\x80?")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("topics", "arguments", "words"),
+    [
+        ([], ["--loop"], "nothing to play\n"),
+        (["/clock"], ["--clock"], "nothing to play; /clock is told from the bag's times, not played\n"),
+        (["/clock", "/force"], ["--clock", "--topics", "/clock"], "nothing to play; /clock is told"),
+        (["/left/clock"], ["--clock", "--namespace", "left"], "nothing to play; /left/clock is told"),
+    ],
+)
+def test_nothing_to_play_is_refused(topics: list[str], arguments: list[str], words: str, tmp_path: Path) -> None:
+    ended = played([str(bag_of(tmp_path / "bag.mcap", *topics)), "--delay", "0", *arguments])
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert words in ended.stderr
+
+
+def test_no_connections_are_no_messages(tmp_path: Path) -> None:
+    with open_bag(bag_of(tmp_path / "bag.mcap", "/force")) as reader:
+        assert len(list(messages_of(reader, reader.connections))) == 1
+        assert not list(messages_of(reader, []))
+
+
+def test_one_instant_is_looped_once_a_second(node: Node, tmp_path: Path) -> None:
+    heard: list[float] = []
+    node.create_subscription(Float32, "/force", lambda _: heard.append(time.monotonic()), 100)
+    bag = bag_of(tmp_path / "bag.mcap", "/force", "/torque")
+    player = subprocess.Popen([sys.executable, "-P", "-m", "seed_bringup.commands.bag", "play", str(bag), "--loop"])
+    try:
+        assert wait_until(lambda: len(heard) == 4, node, 20.0)
+    finally:
+        player.send_signal(signal.SIGINT)
+        player.wait(timeout=10.0)
+    assert heard[3] - heard[0] > 2.5  # [s]; three rounds
+
+
+def test_a_cell_in_a_namespace_is_recorded_by_its_own_clock(node: Node, tmp_path: Path) -> None:
+    own, other = (node.create_publisher(Clock, f"{name}/clock", 1) for name in ("/left", ""))
+    force = node.create_publisher(Float32, "/left/force", 10)
+    action = ActionServer(node, FollowSetpoints, "/left/follow", lambda _: FollowSetpoints.Result())
+    words = ["record", "--all", "--use-sim-time", "--namespace", "left", "-o", str(tmp_path / "bag.mcap")]
+    recorder = subprocess.Popen(
+        [sys.executable, "-P", "-m", "seed_bringup.commands.bag", *words], stderr=subprocess.PIPE, text=True
+    )
+
+    def recorded() -> bool:
+        for publisher, t in ((own, 5), (other, 7)):
+            message = Clock()
+            message.clock.sec = t
+            publisher.publish(message)
+        force.publish(Float32())
+        return force.get_subscription_count() > 0
+
+    assert wait_until(recorded, node, 20.0)
+    until = time.monotonic() + 1.0
+    wait_until(lambda: recorded() and time.monotonic() > until, node, 20.0)
+    recorder.send_signal(signal.SIGINT)
+    assert "_action/feedback" not in recorder.communicate(timeout=20.0)[1]
+    with AnyReader([tmp_path / "bag.mcap"]) as reader:
+        stamps = {stamp for connection, stamp, _ in reader.messages() if connection.topic == "/left/force"}
+    assert stamps == {5 * 10**9}
+    action.destroy()
+
+
+def test_feedback_of_an_action_is_told_to_be_that() -> None:
+    name = "seed_msgs/action/FollowSetpoints_FeedbackMessage"
+    for ask in (definition_file, message_class):
+        with pytest.raises(BagError, match="FollowSetpoints_FeedbackMessage is the feedback of an action"):
+            ask(name)
 
 
 def test_a_bag_of_a_release_without_hashes_needs_no_definitions_to_be_played(

@@ -35,6 +35,8 @@ def open_bag(path: Path) -> Iterator[Reader]:
 
 def messages_of(reader: Reader, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
     """Connection, stamp [ns] and bytes of each message. Raises BagError where the bag is damaged."""
+    if not connections:  # of which rosbags would give all
+        return
     stream = reader.messages(connections=connections)
     while True:
         try:

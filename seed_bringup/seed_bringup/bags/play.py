@@ -20,7 +20,7 @@ from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
-CLOCK_TOPIC = "/clock"
+LEAST_ROUND = 1.0  # [s] of wall time from one beginning of a loop to the next: a bag may be as short as a message
 PATIENCE = 3.0  # [s] a process that is there already may take so long to be found
 
 
@@ -28,19 +28,30 @@ class Player(Node):
     """Publishes what a bag holds; arguments as of play()."""
 
     def __init__(
-        self, reader: Reader, rate: float, clock: bool, topics: Sequence[str], remap: Mapping[str, str]
+        self,
+        reader: Reader,
+        rate: float,
+        clock: bool,
+        topics: Sequence[str],
+        remap: Mapping[str, str],
+        namespace: str = "/",
     ) -> None:
-        super().__init__("seed_bag_player", start_parameter_services=False)
+        super().__init__("seed_bag_player", namespace=namespace, start_parameter_services=False)
         for topic in [*topics, *remap]:
             if topic not in reader.topics:
                 raise BagError(f"the bag has no topic {topic!r}; it has: {', '.join(sorted(reader.topics))}")
         self.reader = reader
         self.rate = rate
-        wanted = set(topics or reader.topics) - ({CLOCK_TOPIC} if clock else set())
+        clock_topic = self.resolve_topic_name("clock")
+        wanted = set(topics or reader.topics) - ({clock_topic} if clock else set())
         self.connections = [c for c in reader.connections if c.topic in wanted]
+        if not any(c.msgcount for c in self.connections):
+            on = f": no message on {', '.join(sorted(wanted))}" if wanted else ""
+            told = f"; {clock_topic} is told from the bag's times, not played" if clock else ""
+            raise BagError(f"{reader.path}: nothing to play{on}{told}")
         types = InstalledTypes()
         self.outputs = {c.id: self._publisher(c, remap.get(c.topic, c.topic), types) for c in self.connections}
-        self.clock_output = self.create_publisher(Clock, CLOCK_TOPIC, QoSProfile(depth=10)) if clock else None
+        self.clock_output = self.create_publisher(Clock, clock_topic, QoSProfile(depth=10)) if clock else None
         self.published = 0
 
     def _publisher(self, connection: Connection, topic: str, types: InstalledTypes) -> Any:
@@ -73,6 +84,14 @@ class Player(Node):
             self.outputs[connection.id].publish(bytes(data))
             self.published += 1
 
+    def play_again_and_again(self) -> None:
+        """Until ROS ends."""
+        while rclpy.ok():
+            due = time.monotonic() + LEAST_ROUND
+            self.play_once()
+            while rclpy.ok() and time.monotonic() < due:
+                time.sleep(CLOCK_PERIOD)
+
     def _wait_for(self, started: float, first: int, stamp: int) -> None:
         """Sleep until a message is due; tell the time meanwhile."""
         while rclpy.ok():
@@ -104,34 +123,37 @@ def play(
     delay: float = 1.0,
     topics: Sequence[str] = (),
     remap: Mapping[str, str] = MappingProxyType({}),
+    namespace: str = "/",
 ) -> int:
     """Play a bag.
 
     Args:
         path: Folder or file of the bag.
         rate: Seconds of the bag per second.
-        clock: Whether to publish /clock from the bag's times.
-        loop: Whether to play again and again.
+        clock: Whether to publish the clock from the bag's times.
+        loop: Whether to play again and again, at most once in LEAST_ROUND.
         delay: [s] before the first message, for subscribers to be found; more while there is none.
         topics: Only these; all when empty.
         remap: Names under which topics are published, by their names in the bag.
+        namespace: Of the clock that is published, with its slash.
 
     Returns:
         How many messages were published.
 
     Raises:
-        BagError: No bag, no such topic, or a type that is not installed as it was recorded.
+        BagError: No bag, no such topic, nothing to play, or a type that is not installed as it was recorded.
     """
     if not rate > 0.0:
         raise BagError(f"rate = {rate} must be > 0")
     with open_bag(path) as reader:
         rclpy.init(args=[])
         try:
-            player = Player(reader, rate, clock, topics, remap)
+            player = Player(reader, rate, clock, topics, remap, namespace)
             time.sleep(delay)
             player.wait_for_subscriber()
-            player.play_once()
-            while loop and rclpy.ok():
+            if loop:
+                player.play_again_and_again()
+            else:
                 player.play_once()
             if rclpy.ok():
                 player.finish()

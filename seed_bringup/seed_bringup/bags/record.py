@@ -8,14 +8,15 @@ from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Connection
+from rosgraph_msgs.msg import Clock
 
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter
-from seed_bringup.bags.types import message_class
-from seed_ros.loop import FixedRateLoop
+from seed_bringup.bags.types import is_feedback, message_class
+from seed_ros.loop import CLOCK_PATIENCE, FixedRateLoop
+from seed_ros.qos import CLOCK
 
 DISCOVERY_PERIOD = 0.2  # [s]
 POLL_RATE = 25.0  # [Hz]; a queue holds the fastest streams for longer than that, and a look costs less than a wake-up
@@ -24,9 +25,10 @@ POLL_RATE = 25.0  # [Hz]; a queue holds the fastest streams for longer than that
 class Recorder(Node):
     """Subscribes to topics as they appear and writes their messages as they came, never deserialized."""
 
-    def __init__(self, writer: BagWriter, topics: Sequence[str], everything: bool, sim_time: bool) -> None:
-        overrides = [Parameter("use_sim_time", value=sim_time)]
-        super().__init__("seed_bag_recorder", parameter_overrides=overrides, start_parameter_services=False)
+    def __init__(
+        self, writer: BagWriter, topics: Sequence[str], everything: bool, sim_time: bool, namespace: str = "/"
+    ) -> None:
+        super().__init__("seed_bag_recorder", namespace=namespace, start_parameter_services=False)
         self.writer = writer
         self.everything = everything
         self.sim_time = sim_time
@@ -34,9 +36,22 @@ class Recorder(Node):
         self.recorded: set[str] = set()
         self.refused: set[str] = set()
         self.before_clock = 0
-        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None, steady=True)
-        self.create_timer(DISCOVERY_PERIOD, self.discover, clock=rclpy.clock.Clock())
+        self.clock_topic, self.clock = self.resolve_topic_name("clock"), 0  # [ns], 0 before it is heard
+        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None)
+        if sim_time:  # not by use_sim_time, which knows /clock alone
+            self.loop.poll(Clock, self.clock_topic, self._on_clock, CLOCK)
+            self.silence = self.create_timer(CLOCK_PATIENCE, self._tell_of_silence)
+        self.create_timer(DISCOVERY_PERIOD, self.discover)
         self.discover()
+
+    def _on_clock(self, message: Clock) -> None:
+        self.clock = message.clock.sec * 10**9 + message.clock.nanosec
+
+    def _tell_of_silence(self) -> None:
+        """Once."""
+        self.silence.cancel()
+        if not self.clock:
+            self.get_logger().warning(f"nothing comes on {self.clock_topic}: nothing is recorded before it does")
 
     def discover(self) -> None:
         """Subscribe to what is wanted and published by now."""
@@ -44,7 +59,8 @@ class Recorder(Node):
         if not self.everything and self.wanted <= known:
             return
         for topic, types in self.get_topic_names_and_types():
-            if topic not in known and (self.everything or topic in self.wanted):
+            wanted = topic in self.wanted or (self.everything and not is_feedback(types[0]))
+            if wanted and topic not in known:
                 self._subscribe(topic, types[0])
 
     def _subscribe(self, topic: str, type_name: str) -> None:
@@ -64,7 +80,7 @@ class Recorder(Node):
 
     def _keep(self, connection: Connection) -> Callable[[bytes, dict[str, int]], None]:
         def keep(data: bytes, info: dict[str, int]) -> None:
-            stamp = self.get_clock().now().nanoseconds if self.sim_time else info["received_timestamp"]
+            stamp = self.clock if self.sim_time else info["received_timestamp"]
             if stamp:
                 self.writer.write(connection, stamp, data)
             else:
@@ -78,14 +94,22 @@ class Recorder(Node):
             self.get_logger().warning(f"{topic} was asked for and never published")
         if self.before_clock:
             self.get_logger().warning(
-                f"{self.before_clock} messages came before the first /clock and are not in the bag"
+                f"{self.before_clock} messages came before the first {self.clock_topic} and are not in the bag"
             )
 
 
 def record(
-    path: Path, topics: Sequence[str], everything: bool = False, sim_time: bool = False, duration: float | None = None
+    path: Path,
+    topics: Sequence[str],
+    everything: bool = False,
+    sim_time: bool = False,
+    duration: float | None = None,
+    namespace: str = "/",
 ) -> BagWriter:
-    """Record until SIGINT, SIGTERM or `duration` [s]; the bag is complete on return."""
+    """Record until SIGINT, SIGTERM or `duration` [s]; the bag is complete on return.
+
+    namespace: of the clock, and of topics without a slash.
+    """
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda received, _: stopping.append(received))
@@ -93,7 +117,7 @@ def record(
     deadline = None if duration is None else time.monotonic() + duration
     try:
         with BagWriter(path) as writer:
-            node = Recorder(writer, topics, everything, sim_time)
+            node = Recorder(writer, topics, everything, sim_time, namespace)
             node.loop.run(lambda: bool(stopping) or (deadline is not None and time.monotonic() >= deadline))
             node.loop.take()
             node.report()

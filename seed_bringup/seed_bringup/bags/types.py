@@ -45,9 +45,22 @@ def _contained(kind: Nodetype, detail: Any) -> Iterator[str]:
         yield from _contained(*detail[0])
 
 
+def is_feedback(name: str) -> bool:
+    """Whether a type is of an action's feedback: no message that a bag could define."""
+    return "/action/" in name
+
+
+def _parts(name: str) -> tuple[str, str]:
+    """Package and message of a type."""
+    if is_feedback(name):
+        raise BagError(f"{name} is the feedback of an action, not a message type of its own")
+    package, _, message = name.partition("/msg/")
+    return package, message
+
+
 def definition_file(name: str) -> Path:
     """The .msg file of a type along AMENT_PREFIX_PATH."""
-    package, _, message = name.partition("/msg/")
+    package, message = _parts(name)
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":"):
         file = Path(prefix, "share", package, "msg", f"{message}.msg")
         if prefix and file.is_file():
@@ -57,7 +70,7 @@ def definition_file(name: str) -> Path:
 
 def message_class(name: str) -> Any:
     """The Python class of a type such as geometry_msgs/msg/Pose."""
-    package, _, message = name.partition("/msg/")
+    package, message = _parts(name)
     try:
         return getattr(importlib.import_module(f"{package}.msg"), message)
     except (ImportError, AttributeError, ValueError) as error:
