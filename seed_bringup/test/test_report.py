@@ -7,22 +7,25 @@ import signal
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from seed_bringup.commands.demo import _parser
-from seed_bringup.demo.baselines import running_baselines
+from seed_bringup.demo.baselines import finished, running_baselines
 from seed_bringup.demo.conclusion import _Conclusion
 from seed_bringup.demo.figures import force_and_torque, path_on_table, relative_pose, true_and_believed
 from seed_bringup.demo.hidden import HIDDEN
-from seed_bringup.demo.live import LiveRun
+from seed_bringup.demo.live import LiveRun, patience_with
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
 from seed_bringup.demo.score import Belief, Curve, Phase, deviations, score_of_belief
 from seed_bringup.demo.series import Series
 from seed_bringup.pictures.scene import Scene, bodies, setup_picture
+from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import make_pose, pose_from_rpy
@@ -205,6 +208,27 @@ def test_bounds_are_the_worlds_own_and_a_task_that_ended_early_is_not_held(tmp_p
     assert not held("hidden", "the task ended early: the track is lost")
 
 
+@pytest.mark.parametrize(
+    ("early", "samples", "force", "torque", "words"),
+    [
+        ("", 100, 0.2, 0.02, "rms off, and the force counts as held (at most 0.5 N)."),
+        ("the task ended early: found no edge", 100, 0.01, 0.02, "does not count as held: the task ended early: found"),
+        ("", 0, 10.0, 0.0, "so its force is not scored. The force does not count as held: nothing of 'wipe' was"),
+        ("", 100, 0.7, 0.02, "not count as held: force is 0.70 N rms off (at most 0.5 N)."),
+        ("", 100, 0.7, 0.1, "N rms off (at most 0.5 N), torque is 0.10 N m rms off (at most 0.08 N m)."),
+    ],
+)
+def test_the_report_says_why_the_force_does_not_count_as_held(
+    tmp_path: Path, early: str, samples: int, force: float, torque: float, words: str
+) -> None:
+    asked = plan(_parser().parse_args(["--world", "known", "--out", str(tmp_path)]))
+    done = _Conclusion(asked, LiveRun([], [], 1.0, early), {}, {}, None)
+    done.__dict__["score"] = a_score(force) | {"samples": samples, "torque_x": {"rmse": torque}}
+    done.__dict__["recording"] = SimpleNamespace(contact_time=1.2)
+    assert words in done._happened()
+    assert done.held is ("counts as held" in words)
+
+
 def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(tmp_path: Path) -> None:
     plans = [
         plan(_parser().parse_args(["--world", "hidden", "--seed", str(seed), "--out", str(tmp_path / name)]))
@@ -236,6 +260,28 @@ def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(
 )
 def test_a_plain_wipe_is_played_in_a_hidden_world(tmp_path: Path, words: list[str], hidden: bool) -> None:
     assert plan(_parser().parse_args([*words, "--out", str(tmp_path / "out")])).hidden is hidden
+
+
+@pytest.mark.parametrize(
+    ("arguments", "patience", "words"),
+    [
+        (("squeegee", None, 7, "nominal"), 0.0, "no baseline open loop: it took longer than 0 s"),
+        (("gone", None, 7, "nominal"), 60.0, "no baseline open loop: no task 'gone'"),
+        (("squeegee", None, "seven", "nominal"), 60.0, "no baseline open loop: "),  # an error that is not the suite's
+    ],
+)
+def test_a_baseline_that_is_late_or_fails_costs_itself_alone(
+    arguments: tuple[Any, ...], patience: float, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with running_baselines(("open_loop",), *arguments) as running:
+        assert not finished(running, patience)
+    assert words in capsys.readouterr().out
+
+
+def test_a_phase_that_holds_for_long_has_the_time_for_it() -> None:
+    task = load_task("squeegee")
+    held = [replace(p, dwell=300.0) if p.control else p for p in task.phases]
+    assert patience_with(replace(task, phases=held)) > 300.0 / 0.5  # on a machine that keeps half of real time
 
 
 def test_ctrl_c_is_not_for_the_processes_of_the_baselines() -> None:

@@ -2,7 +2,7 @@
 """A client of the cell against a controller of its action alone."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 
-from seed_bringup.ros.session import Session, SessionError
+from seed_bringup.ros.session import Session, SessionError, SilenceError
 from seed_control.tasks import load_task, read_task, shipped_tasks
 from seed_ros.testing import Bench
 
@@ -62,14 +62,15 @@ def test_a_task_is_sent_so_that_it_can_be_read_on_another_computer(
 
 
 class Playing:
-    """A controller that plays one task until it is told to end, and tells nothing meanwhile."""
+    """A controller that plays one task until it is told to end, and tells nothing of its own accord."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench, self._end, self.begun = bench, Future(), False
+        self.goal: Any = None
         self._server = ActionServer(bench.client, FollowSetpoints, ACTION, self._play)
 
     async def _play(self, goal: Any) -> Any:
-        self.begun = True
+        self.begun, self.goal = True, goal
         await self._end
         goal.succeed()
         return FollowSetpoints.Result(success=True)
@@ -155,3 +156,30 @@ def test_a_controller_that_is_silent_plays_on(bench: Bench, session: Session, mo
 
     bench.every.append(end_late)
     assert session.play("squeegee", None, lambda _: None, 20.0).result.success
+
+
+def telling(bench: Bench, progress: Callable[[float], float]) -> None:
+    """A task that takes 2.5 s, and tells a progress by its time [s]."""
+    controller, began = Playing(bench), list[float]()
+
+    def tell() -> None:
+        if controller.begun:
+            began.append(time.monotonic())
+            t = began[-1] - began[0]
+            controller.goal.publish_feedback(FollowSetpoints.Feedback(phase="wipe", progress=progress(t)))
+            if t > 2.5:
+                controller.end()
+                bench.every.remove(tell)
+
+    bench.every.append(tell)
+
+
+def test_a_task_is_waited_for_as_long_as_it_makes_progress(bench: Bench, session: Session) -> None:
+    telling(bench, lambda t: t / 2.5)
+    assert session.play("squeegee", None, lambda _: None, 1.0).result.success
+
+
+def test_a_task_that_stands_still_is_given_up(bench: Bench, session: Session) -> None:
+    telling(bench, lambda _: 0.4)
+    with pytest.raises(SilenceError, match="the task 'squeegee' made no progress for 1 s"):
+        session.play("squeegee", None, lambda _: None, 1.0)

@@ -18,7 +18,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from seed_bringup.demo.baselines import running_baselines
+from seed_bringup.demo.baselines import finished, running_baselines
 from seed_bringup.demo.conclusion import conclude
 from seed_bringup.demo.hidden import FOUND, HIDDEN, find_out, write_scenario
 from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, play_live
@@ -28,11 +28,11 @@ from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
 from seed_bringup.launching.domains import OWN, claimed
 from seed_control.parameters import LAW_HELP, LAWS
-from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, interrupts, number, seed_number
 from seed_estimation.parameters import METHOD_HELP, METHODS
 
 BASELINES = ("open_loop", "welded")
+BASELINE_PATIENCE = 300.0  # [s]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -110,12 +110,7 @@ def _played(asked: Plan, started: float) -> int:
     with running_baselines(BASELINES, o.task, o.force, o.seed, asked.scenario_name) as running:
         series = read_series(asked.folder / "bag.mcap", TOPICS)
         say("baselines: open loop and welded, on the same table")
-        baselines = {}
-        for law, result in running.items():
-            try:
-                baselines[law] = result.get(timeout=300.0)
-            except SeedError as error:  # membranes may give way to a baseline
-                say(f"no baseline {law.replace('_', ' ')}: {error}")
+        baselines = finished(running, BASELINE_PATIENCE)
     held = conclude(asked, live, series, baselines, findings)
     say(f"it took {time.monotonic() - started:.0f} s; look at {asked.folder / 'report.html'}")
     return 0 if held else 1

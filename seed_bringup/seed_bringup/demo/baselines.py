@@ -7,10 +7,12 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import TimeoutError as LateError
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from seed_bringup.demo.score import Curve, curve_of
+from seed_bringup.demo.terminal import say
 
 if TYPE_CHECKING:
     from multiprocessing.pool import AsyncResult
@@ -29,6 +31,22 @@ def run_baseline(law: str, task: str, force: float | None, seed: int, scenario: 
 
     done = evaluate(task, law=law, force=force, seed=seed, scenario=scenario)
     return Baseline(done.result, curve_of(done.recording))
+
+
+def finished(running: dict[str, AsyncResult[Baseline]], patience: float) -> dict[str, Baseline]:
+    """What came of them; one that fails, or is not there within another `patience` [s], is left out, and that is said.
+
+    A run that is over is not given away for want of a comparison.
+    """
+    done: dict[str, Baseline] = {}
+    for law, result in running.items():
+        try:
+            done[law] = result.get(timeout=patience)
+        except LateError:
+            say(f"no baseline {law.replace('_', ' ')}: it took longer than {patience:g} s")
+        except Exception as error:  # membranes may give way to it, and another process raises what it likes
+            say(f"no baseline {law.replace('_', ' ')}: {error}")
+    return done
 
 
 @contextmanager

@@ -45,12 +45,10 @@ def conclude(
     print(f"\n{text_table(done.scores)}\n")
     if live.real_time_factor < SLOW:
         say(f"the simulation ran at {live.real_time_factor:.2f} of real time: this machine was busy")
-    if live.early:
-        say(live.early)
     if done.belief is not None:
         say(belief_words(done.belief))
     force, torque = done.bounds
-    say(f"force {'held' if done.held else 'NOT held'} (at most {force} N and {torque} N m rms)")
+    say(f"force held (at most {force} N and {torque} N m rms)" if done.held else f"force NOT held: {done.why_not}")
     return done.held
 
 
@@ -102,9 +100,20 @@ class _Conclusion:
 
     @property
     def held(self) -> bool:
-        force, torque = self.score["force_z"]["rmse"], self.score["torque_x"]["rmse"]
-        return bool(
-            not self.live.early and self.score["samples"] > 0 and force <= self.bounds[0] and torque <= self.bounds[1]
+        return not self.why_not
+
+    @property
+    def why_not(self) -> str:
+        """Why the force does not count as held, '' if it does."""
+        if self.live.early:
+            return self.live.early
+        if not self.score["samples"]:
+            return f"nothing of '{scored_phase(self.asked.task)}' was scored"
+        off = (self.score["force_z"]["rmse"], self.score["torque_x"]["rmse"])
+        return ", ".join(
+            f"{name} is {is_off:.2f} {unit} rms off (at most {bound:g} {unit})"
+            for name, unit, is_off, bound in zip(("force", "torque"), ("N", "N m"), off, self.bounds, strict=True)
+            if not is_off <= bound
         )
 
     @property
@@ -183,17 +192,15 @@ class _Conclusion:
         contact, phase = self.recording.contact_time, scored_phase(self.asked.task)
         if contact is None:
             return "The tool never touched the table."
-        force = self.score["force_z"]
-        held = "held" if self.held else "not held well enough"
-        words = f"The tool touched the table after {contact:.1f} s; "
+        words, force = f"The tool touched the table after {contact:.1f} s", self.score["force_z"]
         if self.score["samples"]:
-            words += (
-                f"over '{phase}' it pressed with {-force['mean']:.2f} N on average, {force['rmse']:.2f} N rms off, "
-                f"and the force counts as {held} (at most {self.bounds[0]:g} N)."
-            )
+            words += f"; over '{phase}' it pressed with {-force['mean']:.2f} N on average"
+            words += f", {force['rmse']:.2f} N rms off"
         else:
-            words += f"'{phase}' did not last until {SETTLING:g} s later, so its force is not scored."
-        return f"{words} {self.live.early[:1].upper()}{self.live.early[1:]}." if self.live.early else words
+            words += f"; '{phase}' did not last until {SETTLING:g} s later, so its force is not scored"
+        if self.held:
+            return f"{words}, and the force counts as held (at most {self.bounds[0]:g} N)."
+        return f"{words}. The force does not count as held: {self.why_not}."
 
     def _scene(self) -> Scene:
         """The cell in the middle of the scored stretch."""

@@ -16,12 +16,15 @@ from seed_bringup.demo.score import TOPICS, Phase
 from seed_bringup.demo.terminal import Bar, say
 from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
+from seed_control.tasks.steps import steps_of
+from seed_control.tasks.task import Task
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import leaving_at_once
 from seed_sim.hand_file import hand_file_of
 from seed_sim.scenario import Scenario
 
-TASK_PATIENCE = 200.0  # [s] of the machine's clock; simulated time runs slower on a busy one
+TASK_PATIENCE = 60.0  # [s] of the machine's clock without progress, beside what a phase waits for its condition
+SLOWEST = 0.2  # real-time factor of a very busy machine
 RECORDED = [
     *TOPICS.values(),
     "/contact_patches",
@@ -54,6 +57,11 @@ def live_rates() -> tuple[float, float]:
     """Rates of cameras (0: the scenario's) and of control that the live graph keeps on this machine [Hz]."""
     small = len(os.sched_getaffinity(0)) < CORES
     return (SMALL_CAMERA_RATE, SMALL_LOOP_RATE) if small else (0.0, LOOP_RATE)
+
+
+def patience_with(task: Task) -> float:
+    """How long a task may make no progress [s]: a phase waits as long for its condition, in simulated time."""
+    return TASK_PATIENCE + max(step.phase.timeout + step.phase.dwell for step in steps_of(task)) / SLOWEST
 
 
 class LiveRun(NamedTuple):
@@ -191,7 +199,7 @@ def _play_task(session: Any, asked: Plan) -> list[Picture]:
     session.cancelling = cancelling
     session.enable("driver/resend_robot_program" if asked.robot["robot"] == "ur" else "")
     try:
-        session.play(str(asked.options.task), asked.options.force, tell, TASK_PATIENCE)
+        session.play(str(asked.options.task), asked.options.force, tell, patience_with(asked.task))
     finally:
         bar.close()
     for reason in session.holds:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a running cell: prepare it, play a task, look at the fingers."""
 
+import math
 import os
 import threading
 import time
@@ -171,7 +172,7 @@ class Session:
     def play(self, task: str, force: float | None, tell: Callable[[Any], None], patience: float) -> Played:
         """Play a task to its end; `tell` gets each feedback.
 
-        task: name or file; force: [N] size of every force in it, its own if None.
+        task: name or file; force: [N] size of every force in it, its own if None; patience: [s] without progress.
         """
         overrides = "" if force is None else f"force: {force}"
         goal = FollowSetpoints.Goal(task=task_to_send(task), overrides=overrides)
@@ -187,13 +188,22 @@ class Session:
         self.until(client.server_is_ready, 20.0, "no action controller/follow_setpoints")
         self.spin(MEET)
 
+        reached, since = ("", 0.0), time.monotonic()  # phase and progress, and when they came
+
         def on_feedback(message: Any) -> None:
+            nonlocal reached, since
             phase = message.feedback.phase
+            if (phase, message.feedback.progress) != reached:
+                reached, since = (phase, message.feedback.progress), time.monotonic()
             if not self.played.phases or self.played.phases[-1][0] != phase:
                 self.played.phases.append((phase, self.now()))
             if self._watched is not None:
                 self._watched.hear()
             tell(message.feedback)
+
+        def progressing() -> None:
+            if time.monotonic() - since > patience:
+                raise SilenceError(f"the task '{task}' made no progress for {patience:g} s")
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
         self.until(sent.done, 10.0, "follow_setpoints did not answer")
@@ -203,7 +213,7 @@ class Session:
         result = self._goal.get_result_async()
         with self._beating(self._goal.goal_id):
             try:
-                self._await_end(result, patience, f"the task '{task}' did not end")
+                self._await_end(result, math.inf, "", progressing)
             except KeyboardInterrupt:
                 self.cancelling()
                 self.cancel()  # while it is still seen to
@@ -212,13 +222,17 @@ class Session:
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 
-    def _await_end(self, result: Any, patience: float, what: str) -> None:
-        """As `until`. Raises SessionError: the controller that plays the task is gone."""
+    def _await_end(
+        self, result: Any, patience: float, what: str, check: Callable[[], None] = lambda: None
+    ) -> None:
+        """As `until`; `check` may raise. Raises SessionError: the controller that plays the task is gone."""
 
         def ended() -> bool:
             if not result.done() and self._watched is not None and (why := self._watched.why_over()):
                 self._goal = None  # there is nothing to cancel
                 raise SessionError(why)
+            if not result.done():
+                check()
             return bool(result.done())
 
         self.until(ended, patience, what)
