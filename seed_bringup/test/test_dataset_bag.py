@@ -25,11 +25,12 @@ from seed_bringup.bags.files import BagWriter
 from seed_bringup.dataset.command import REQUIREMENTS, main
 from seed_bringup.dataset.environment import interpreter, run
 from seed_bringup.dataset.episode import FIELDS, IMAGES, Episode, Frames, write_arrays
-from seed_bringup.dataset.episodes_bag import episodes_of
+from seed_bringup.dataset.episodes_bag import _pixels, episodes_of
 from seed_bringup.dataset.evaluations import evaluated
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
+from seed_ros.images.arrays import image_message
 
 ROOT = Path(__file__).resolve().parents[2]
 FPS, SIZE = 25, (12, 16)
@@ -73,6 +74,14 @@ def write_bag(
                     message.height, message.width, message.encoding, message.step = *SIZE, "mono16", 2 * SIZE[1]
                     message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
                 bag.write(connection, round(1e9 * (100.0 + t)), serialize_message(message))
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8"])
+def test_colour_images_become_rgb(encoding: str) -> None:
+    colours = dict(zip("rgba", (100, 50, 10, 77), strict=True))
+    pixel = [colours[c] for c in encoding[:-1]]
+    image = image_message(np.full((2, 3, len(pixel)), pixel, dtype=np.uint8), encoding, 0.0, "cam")
+    np.testing.assert_array_equal(_pixels(image), np.full((2, 3, 3), (100, 50, 10)))
 
 
 def test_an_evaluation_becomes_an_episode() -> None:

@@ -94,6 +94,21 @@ def test_padded_rows_and_big_endian_bytes_are_understood() -> None:
     assert_allclose(gray_from_message(message), [[0, 1, 2], [3, 4, 5]])
 
 
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8"])
+def test_the_brightness_of_a_colour_image_is_its_luma(encoding: str) -> None:
+    """By hand, of ITU-R BT.601: 0.299 * 100 + 0.587 * 50 + 0.114 * 10 = 60.39; alpha counts for nothing."""
+    colours = dict(zip("rgba", (100, 50, 10, 77), strict=True))
+    pixel = [colours[c] for c in encoding[:-1]]
+    image = image_message(np.full((2, 3, len(pixel)), pixel, dtype=np.uint8), encoding, 0.0, "cam")
+    assert_allclose(gray_from_message(image), np.full((2, 3), 60.39), rtol=1e-6)
+
+
+def test_a_brightness_that_cannot_be_read_is_no_matter_of_a_colorizer() -> None:
+    image = image_message(np.zeros((2, 3, 3), dtype=np.uint16), "rgb16", 0.0, "cam")
+    with pytest.raises(SeedError, match=r"encoding 'rgb16' is none of mono16, .*, bgra8$"):
+        gray_from_message(image)
+
+
 def test_images_that_cannot_be_depth_are_refused_with_the_remedy() -> None:
     colour = image_message(np.zeros((4, 5, 3), dtype=np.uint8), "rgb8", 0.0, "cam")
     with pytest.raises(SeedError, match=r"'rgb8' is none of 32FC1, 16UC1, mono16: .* switch the colorizer .* off"):

@@ -15,6 +15,7 @@ from seed_testing.camera_observation import Observation, Stream
 
 GAP = 1.5  # periods between two stamps: an image is missing
 CONTINUOUS = 2e-6  # [m] depth in smaller steps has none
+EIGHT_BITS = ("mono8", "8UC1", "rgb8", "bgr8", "rgba8", "bgra8")
 SAME_LENS = 0.05  # [px] intrinsics that differ by less tell no camera from another
 
 
@@ -153,7 +154,7 @@ def pictures_are_exposed_well(seen: Observation, limits: Limits) -> Found:
         stream = seen.streams[finger, "ir"]
         if not stream.pixels:
             return False, f"{finger}: no picture"
-        full = 255.0 if stream.seen[-1].encoding in ("mono8", "8UC1", "rgb8", "bgr8") else limits.full
+        full = 255.0 if stream.seen[-1].encoding in EIGHT_BITS else limits.full
         picture = stream.pixels[-1]
         share, middle = float(np.mean(picture >= full)), float(np.median(picture))
         good &= share <= MOST_FULL and middle > 0.0

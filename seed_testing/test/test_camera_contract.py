@@ -87,6 +87,14 @@ def test_good_cameras_break_nothing_and_only_the_way_up_stays_open() -> None:
     assert "20.0 ms" in verdicts[2][2]
 
 
+def test_a_full_pixel_of_a_colour_image_has_eight_bits() -> None:
+    seen = observed(Fault())
+    for stream in (seen.streams[f, "ir"] for f in seen.fingers):
+        stream.pixels.append(np.full_like(stream.pixels[-1], 255.0))
+        stream.seen[-1] = stream.seen[-1]._replace(encoding="bgra8")
+    assert {clause: kept for clause, kept, _ in check(seen, Limits())}["pictures are exposed well"] is False
+
+
 def fault(**how: Callable[..., Any]) -> Fault:
     return type("Erring", (Fault,), {name: staticmethod(what) for name, what in how.items()})()
 

@@ -124,7 +124,8 @@ def _wrench(w: Any) -> Wrench:
 
 def _pixels(image: Any) -> NDArray[np.uint8]:
     """(H, W, 3) RGB. Raises BagError: an encoding that is not known."""
-    kinds = {"mono16": (np.uint16, 1), "mono8": (np.uint8, 1), "rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3)}
+    kinds: dict[str, tuple[Any, int]] = {"mono16": (np.uint16, 1), "mono8": (np.uint8, 1)}
+    kinds |= {f"{order}{alpha}8": (np.uint8, 3 + len(alpha)) for order in ("rgb", "bgr") for alpha in ("", "a")}
     if image.encoding not in kinds:
         raise BagError(f"images are {image.encoding}; known: {', '.join(kinds)}")
     kind, channels = kinds[image.encoding]
@@ -134,5 +135,6 @@ def _pixels(image: Any) -> NDArray[np.uint8]:
     pixels = pixels.reshape(image.height, image.width, channels)
     if image.encoding == "mono16":
         return three_colours(pixels[..., 0].astype(float))
-    out = pixels[..., ::-1] if image.encoding == "bgr8" else np.repeat(pixels, 3 // channels, axis=2)
+    out = np.repeat(pixels, 3, axis=2) if channels == 1 else pixels[..., :3]
+    out = out[..., ::-1] if image.encoding.startswith("bgr") else out
     return np.ascontiguousarray(out, np.uint8)

@@ -21,6 +21,8 @@ GRAY_ENCODINGS = {
     "32FC1": (np.float32, 1),
     "rgb8": (np.uint8, 3),
     "bgr8": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
 }
 _LUMA_RGB = np.array((0.299, 0.587, 0.114), dtype=np.float32)  # ITU-R BT.601
 MAX_PIXELS = 5_000_000  # more than any tactile camera
@@ -30,7 +32,7 @@ AnyImage: TypeAlias = Image | SerializedImage
 def _array(message: AnyImage, encodings: Mapping[str, tuple[Any, int]], name: str) -> NDArray[np.generic]:
     if message.encoding not in encodings:
         hint = ""
-        if message.encoding in ("rgb8", "bgr8", "rgba8", "bgra8"):
+        if encodings is DEPTH_ENCODINGS and GRAY_ENCODINGS.get(message.encoding, (None, 1))[1] > 1:
             hint = ": this is a picture of depth, made by a colorizer; switch the colorizer of the camera driver off"
         raise MessageError(f"{name}: encoding '{message.encoding}' is none of {', '.join(encodings)}{hint}")
     kind, channels = encodings[message.encoding]
@@ -63,10 +65,14 @@ def depth_from_message(message: AnyImage, name: str = "depth") -> NDArray[np.flo
 
 
 def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32]:
-    """Brightness (H, W) [counts] from mono16, mono8 or a colour image (its luma). Raises MessageError."""
+    """Brightness (H, W) [counts] from mono16, mono8 or a colour image (its luma, whatever its alpha).
+
+    Raises:
+        MessageError: another encoding, or sizes that contradict each other.
+    """
     raw = _array(message, GRAY_ENCODINGS, name).astype(np.float32)
     if raw.ndim == 3:
-        raw = raw @ (_LUMA_RGB if message.encoding == "rgb8" else _LUMA_RGB[::-1])
+        raw = raw[..., :3] @ (_LUMA_RGB if message.encoding.startswith("rgb") else _LUMA_RGB[::-1])
     return raw
 
 
