@@ -6,6 +6,7 @@ publish themselves: `tool0` stays a child of `base`, and what hangs on it stays 
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from std_msgs.msg import String
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp
-from seed_ros import COMMAND, LATCHED, FixedRateLoop, SeedNode, TransformBroadcaster, diagnostics
+from seed_ros import LATCHED, QUEUE, FixedRateLoop, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import seconds, transform_stamped
 from seed_ur.models import MODELS
 
@@ -97,23 +98,38 @@ class LinkFramesNode(SeedNode):
         self._transforms = TransformBroadcaster(self)
         now, fixed = self.now(), [j for j in self.joints if not j.moves]
         self._transforms.send_static(*(transform_stamped(j.X, now, j.parent, j.child) for j in fixed))
-        self.loop = FixedRateLoop(self, settings.rate, lambda: None)
-        self.loop.poll(JointState, "joint_states", self._on_joints, COMMAND)
+        self._moving = {j.name: j for j in self.joints if j.moves}
+        self._angles: dict[str, tuple[float, float]] = {}  # [rad] and stamp [s], by joint, since the last tick
         self._heard = -LONGEST  # [s] by the machine's clock
+        self._others: Sequence[str] = ()  # joints of the newest message that had none of the arm's
+        self.loop = FixedRateLoop(self, settings.rate, self._tick)
+        # A gripper may tell its joints on the same topic: with a queue of one its messages displaced the arm's.
+        self.loop.poll(JointState, "joint_states", self._on_joints, QUEUE)
         self.diagnose(settings.model, self._report)
 
     def _on_joints(self, message: JointState) -> None:
         t = seconds(message.header.stamp)
-        angles = dict(zip(message.name, message.position, strict=False))
-        self._heard = time.monotonic()
-        self.beats.add(self.now() - t)
-        here = [j for j in self.joints if j.moves and abs(angles.get(j.name, np.nan)) < MOST]
-        self._transforms.send(*(transform_stamped(j.pose(angles[j.name]), t, j.parent, j.child) for j in here))
+        named = zip(message.name, message.position, strict=False)
+        here = {name: (q, t) for name, q in named if name in self._moving and abs(q) < MOST}
+        self._angles |= here
+        self._others = self._others if here else message.name
+
+    def _tick(self) -> None:
+        if not self._angles:
+            return
+        self._heard, self._others = time.monotonic(), ()
+        self.beats.add(self.now() - max(t for _, t in self._angles.values()))
+        joints = ((self._moving[name], q, t) for name, (q, t) in self._angles.items())
+        self._transforms.send(*(transform_stamped(j.pose(q), t, j.parent, j.child) for j, q, t in joints))
+        self._angles = {}
 
     def _report(self) -> diagnostics.Report:
-        if time.monotonic() - self._heard > LONGEST:
-            return diagnostics.STALE, "no joint_states: the links are not drawn where they are", {}
-        return diagnostics.OK, "drawing the links", {}
+        if time.monotonic() - self._heard <= LONGEST:
+            return diagnostics.OK, "drawing the links", {}
+        what = "no joint_states"
+        if self._others:
+            what = f"joint_states has no angle of {', '.join(self._moving)}; it has {', '.join(self._others)}"
+        return diagnostics.STALE, f"{what}: the links are not drawn where they are", {}
 
 
 main = LinkFramesNode.main
