@@ -154,7 +154,11 @@ def test_bench_without_a_name_lists_what_there_is_and_runs_nothing(capsys: pytes
             "seed_missing.command",
             "seed bench: needs the package seed_missing of this suite: colcon build",
         ),
-        ("rtde_control", "seed bench: needs the Python package ur-rtde, which apt does not have: pip install ur-rtde"),
+        (
+            "rtde_control",
+            "seed bench: needs the Python package ur-rtde, which apt does not have: "
+            "pip install -c requirements/common.txt ur-rtde, in a venv made with --system-site-packages\n",
+        ),
     ],
 )
 def test_a_command_whose_package_is_missing_says_what_to_install(

@@ -144,6 +144,15 @@ def test_every_source_file_states_its_licence_first() -> None:
         assert ET.parse(manifest).findtext("license") == "Apache-2.0"
 
 
+def test_the_readme_installs_what_apt_lacks_where_pip_may_and_with_the_pins() -> None:
+    """Ubuntu 24.04 refuses a plain `pip install`."""
+    section = (ROOT / "README.md").read_text().split("## Packages")[1].split("\n## ")[0]
+    installed = re.findall(r"pip install (.*?)(?:  |$|`)", section, re.MULTILINE)
+    assert installed == ["-r src/<this repository>/requirements/apt.txt"]
+    assert section.index("-m venv --system-site-packages") < section.index("pip install")
+    assert (ROOT / "requirements/apt.txt").is_file()
+
+
 def test_every_dependency_is_pinned_exactly() -> None:
     files = sorted((ROOT / "requirements").glob("*.txt"))
     lines = [(file.name, line) for file in files for line in file.read_text().splitlines()]

@@ -51,7 +51,7 @@ def _remedy(error: ModuleNotFoundError) -> str:
     missing = error.name or ""
     if missing.partition(".")[0] in PIP_ONLY:
         package = PIP_ONLY[missing.partition(".")[0]]
-        install = f"pip install {package} (the version in requirements/)"
+        install = f"pip install -c requirements/common.txt {package}, in a venv made with --system-site-packages"
         return f"needs the Python package {package}, which apt does not have: {install}"
     if missing.startswith("seed_") and "." not in missing:
         return f"needs the package {missing} of this suite: colcon build --packages-up-to {missing}"
