@@ -78,8 +78,8 @@ def test_two_cells_take_two_domains_and_give_them_back() -> None:
         os.environ["ROS_DOMAIN_ID"] = ""
         with domains.claimed(domains.SHARED, "launch cell seed:=3") as second:
             assert (second, here()) == (1, "1")
-            assert domains.running() == {0: "launch cell", 1: "launch cell seed:=3"}
-        assert domains.running() == {0: "launch cell"}
+            assert domains.running() == {0: ["launch cell"], 1: ["launch cell seed:=3"]}
+        assert domains.running() == {0: ["launch cell"]}
     assert domains.running() == {}
 
 
@@ -95,7 +95,7 @@ def test_a_cell_keeps_clear_of_those_of_other_users_and_commands_do_not_find_the
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
         with domains.claimed(domains.SHARED, "launch cell") as domain:
             assert domain == 1
-            assert domains.running() == {1: "launch cell"}
+            assert domains.running() == {1: ["launch cell"]}
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     with domains.claimed(domains.SHARED, "launch cell") as domain:
         assert domain == 0  # hers has ended
@@ -105,8 +105,52 @@ def test_a_domain_that_is_named_is_taken_though_another_cell_has_it(monkeypatch:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     with domains.claimed(domains.OWN, "demo") as first, domains.claimed(domains.OWN, "demo") as second:
         assert first == second == 7
-        assert domains.running() == {7: "demo"}
+        assert domains.running() == {7: ["demo", "demo"]}
     assert here() == "7"
+
+
+def test_a_second_cell_of_a_domain_is_found_when_the_first_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "1")
+    first = domains.claimed(domains.OWN, "launch cell namespace:=left")
+    first.__enter__()
+    with domains.claimed(domains.OWN, "launch cell namespace:=right"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        both = "(seed launch cell namespace:=left, seed launch cell namespace:=right)"
+        told = join(argparse.Namespace(domain=None, namespace=""))
+        assert told == f"ROS domain 1, the only one in which you run cells on this machine {both}"
+        first.__exit__(None, None, None)
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        assert joined() == "1"
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        assert domains.age(1) < 10.0
+        with domains.claimed(domains.OWN, "demo") as other:
+            assert other == 2
+    assert domains.running() == {}
+
+
+def test_of_a_domain_that_a_test_has_no_cell_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    with domains.claimed(domains.OWN, ""), domains.claimed(domains.OWN, "launch cell"):
+        assert domains.running() == {}
+        assert [f.name for f in tmp_path.iterdir()] == ["7"]
+
+
+@pytest.mark.parametrize(("namespace", "warned"), [("left", True), ("right", False), ("", False)])
+def test_cells_that_hear_each_other_are_warned_of(
+    namespace: str, warned: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, file = tmp_path / f"{domains.FOLDERS}{os.getuid()}", tmp_path / "empty.xml"
+    place.mkdir()
+    file.write_text('<launch><arg name="namespace" default=""/></launch>')
+    monkeypatch.setattr(domains, "folder", lambda: place)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    words = ["launch", "--own", str(file), f"namespace:={namespace}"]
+    with domains.claimed(domains.OWN, "launch cell namespace:=/left"):
+        command = [sys.executable, "-m", "seed_bringup.commands.dispatch", *words]
+        said = subprocess.run(command, capture_output=True, text=True, timeout=60.0).stdout
+    assert "in ROS domain 7" in said
+    assert ("both hear each other" in said) is warned
 
 
 def test_a_cell_that_is_killed_leaves_its_domain(tmp_path: Path) -> None:
@@ -118,7 +162,7 @@ def test_a_cell_that_is_killed_leaves_its_domain(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as cell:
         assert cell.stdout is not None
         assert cell.stdout.readline() == b"up\n"
-        assert domains.running() == {0: "launch cell"}
+        assert domains.running() == {0: ["launch cell"]}
         assert joined() == "0"
         cell.kill()
     assert domains.running() == {}
@@ -132,6 +176,6 @@ def test_a_command_joins_the_cell_that_runs_or_asks_which() -> None:
         os.environ["ROS_DOMAIN_ID"] = ""
         with domains.claimed(domains.SHARED, "launch cell"):
             os.environ["ROS_DOMAIN_ID"] = ""
-            with pytest.raises(SeedError, match="say which: --domain 0: launch cell; --domain 1: demo --seed 3"):
+            with pytest.raises(SeedError, match="say which: --domain 0: seed launch cell; --domain 1: seed demo"):
                 joined()
             assert joined(domain=1) == "1"

@@ -95,14 +95,19 @@ def join(options: argparse.Namespace) -> str:
     if options.domain is not None:
         os.environ[VARIABLE] = str(options.domain)
     if named := os.environ.get(VARIABLE):
-        what = running().get(int(named)) if named.isdigit() else ""
+        here = _words(running().get(int(named), ())) if named.isdigit() else ""
         why = f"as {VARIABLE if options.domain is None else '--domain'} says"
-        return f"ROS domain {named}, {why}" + (f" (seed {what})" if what else "")
+        return f"ROS domain {named}, {why}" + (f" ({here})" if here else "")
     cells = running()
     if len(cells) > 1:
-        there = "; ".join(f"--domain {domain}: {what}" for domain, what in cells.items())
+        there = "; ".join(f"--domain {domain}: {_words(what)}" for domain, what in cells.items())
         raise SeedError(f"you run several cells on this machine, say which: {there}")
     for domain, what in cells.items():
         os.environ[VARIABLE] = str(domain)
-        return f"ROS domain {domain}, the only cell that you run on this machine (seed {what})"
+        only = "the only cell that you run" if len(what) == 1 else "the only one in which you run cells"
+        return f"ROS domain {domain}, {only} on this machine ({_words(what)})"
     return "ROS domain 0, the default: you run no cell on this machine"
+
+
+def _words(cells: Iterable[str]) -> str:
+    return ", ".join(f"seed {what}" for what in cells)

@@ -6,7 +6,7 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -43,16 +43,23 @@ def main(argv: list[str]) -> int:
     what = " ".join(["launch", *options.words])
     with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
         describe(file, arguments)  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
-        if domain in others:
-            print(
-                f"[launch] warning: '{others[domain]}' runs in ROS domain {domain}, too, and both hear each other: "
-                f"leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
-                flush=True,
-            )
+        for other in others.get(domain, ()):
+            if namespace_of(other.split()) == namespace_of(options.words):
+                print(
+                    f"[launch] warning: '{other}' runs in ROS domain {domain}, too, and both hear each other: "
+                    f"leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
+                    flush=True,
+                )
         print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
         if shutil.which("ros2") and not options.own:
             _by_ros2(file, arguments)
         return run(Launch(file, arguments))
+
+
+def namespace_of(words: Iterable[str]) -> str:
+    """Of a cell, from the words that it is launched with."""
+    given = dict(w.split(":=", 1) for w in words if ":=" in w)
+    return given.get("namespace", "").strip("/")
 
 
 @contextmanager

@@ -2,10 +2,12 @@
 """A ROS domain for each cell on this machine, so that none hears another.
 
 A running cell holds a lock on a file named after its domain, which says what runs; the lock ends with the process.
+A second one that is wanted in that domain, in a namespace of its own, holds one on DOMAIN.1, and so on.
 Every user has a folder of such files. Commands look for cells in their user's; a new cell keeps clear of all of them.
 """
 
 import fcntl
+import itertools
 import math
 import os
 import tempfile
@@ -47,8 +49,8 @@ def claimed(candidates: Iterable[int], who: str) -> Iterator[int]:
     named = os.environ.get(VARIABLE, "")
     wanted = [int(named)] if named.isdigit() else candidates
     for domain in wanted:
-        lock = _lock(domain, who)
-        if not named and (lock is None or _of_others(domain)):
+        lock = _lock_beside(domain, who) if named else _lock(str(domain), who)
+        if not named and (lock is None or _elsewhere(domain)):
             if lock is not None:
                 lock.close()
             continue
@@ -65,8 +67,15 @@ def claimed(candidates: Iterable[int], who: str) -> Iterator[int]:
     raise FailedError(f"no ROS domain is free: {LAST + 1} cells run on this machine, see {folder()}")
 
 
-def _lock(domain: int, who: str) -> IO[str] | None:
-    lock = (folder() / str(domain)).open("a+")
+def _lock_beside(domain: int, who: str) -> IO[str] | None:
+    """Of a cell that may not be the first in its domain; None where a test has that, of which nobody is to know."""
+    if (lock := _lock(str(domain), who)) is not None or domain not in running():
+        return lock
+    return next(lock for i in itertools.count(1) if (lock := _lock(f"{domain}.{i}", who)) is not None)
+
+
+def _lock(name: str, who: str) -> IO[str] | None:
+    lock = (folder() / name).open("a+")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -79,39 +88,43 @@ def _lock(domain: int, who: str) -> IO[str] | None:
     return lock
 
 
-def _of_others(domain: int) -> bool:
-    """Whether a cell of another user of this machine has a domain."""
-    mine = folder()
-    for place in mine.parent.glob(f"{FOLDERS}*"):
-        if place == mine:
-            continue
-        try:
-            with (place / str(domain)).open() as lock:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # there is none, or it is not for us to read
-            continue
-    return False
+def _elsewhere(domain: int) -> bool:
+    """Whether a cell of another user of this machine has a domain, or one of this user whose first has ended."""
+    first = folder() / str(domain)
+    places = {first.parent, *first.parent.parent.glob(f"{FOLDERS}*")}
+    files = [place / str(domain) for place in places] + [f for place in places for f in place.glob(f"{domain}.*")]
+    return any(_held(file) is not None for file in files if file != first)
 
 
-def age(domain: int) -> float:
-    """How long ago [s] the cell that runs in a domain was launched; infinite where none of this user does."""
-    if domain not in running():
-        return math.inf
+def _held(file: Path) -> str | None:
+    """What a cell that holds a lock on a file wrote into it; None where nobody does, or it is not for us to read."""
     try:
-        return max(time.time() - (folder() / str(domain)).stat().st_mtime, 0.0)  # it wrote its name then
-    except OSError:
-        return math.inf
-
-
-def running() -> dict[int, str]:
-    """The domains with a cell in them, and what it is."""
-    found = {}
-    for file in sorted(folder().iterdir()):
         with file.open() as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
-                found[int(file.name)] = lock.read().strip()
-    return {domain: who for domain, who in found.items() if who}  # tests take a domain without a word
+                return lock.read().strip()
+    except OSError:
+        pass
+    return None
+
+
+def age(domain: int) -> float:
+    """How long ago [s] the newest cell in a domain was launched; infinite where none of this user runs."""
+    try:  # it wrote its name then
+        return max(time.time() - max(f.stat().st_mtime for f, _ in _of_user().get(domain, ())), 0.0)
+    except (OSError, ValueError):
+        return math.inf
+
+
+def running() -> dict[int, list[str]]:
+    """The domains with cells of this user in them, and what these are."""
+    return {domain: [who for _, who in cells] for domain, cells in _of_user().items()}
+
+
+def _of_user() -> dict[int, list[tuple[Path, str]]]:
+    found: dict[int, list[tuple[Path, str]]] = {}
+    for file in sorted(folder().iterdir()):
+        if who := _held(file):  # tests take a domain without a word
+            found.setdefault(int(file.name.partition(".")[0]), []).append((file, who))
+    return found
