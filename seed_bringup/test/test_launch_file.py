@@ -109,7 +109,9 @@ def test_dirname_is_refused_where_ros2_would_take_it_for_another_folder(prefix: 
     (prefix / "parts/part.xml").write_text("<launch/>")
     include = '<include file="$(dirname)/parts/part.xml"/>\n'
     resolve(prefix, include)
-    with pytest.raises(LaunchError, match=r"under_test_launch.xml:3: \$\(dirname\) after an <include> is the folder of"):
+    with pytest.raises(
+        LaunchError, match=r"under_test_launch.xml:3: \$\(dirname\) after an <include> is the folder of"
+    ):
         resolve(prefix, include + '<let name="x" value="$(dirname)"/>')
     resolve(prefix, include + '<let name="x" value="$(dirname)" if="false"/>')
 
@@ -417,5 +419,7 @@ def test_the_guard_of_an_arm_of_ones_own_has_its_clock_and_timeout() -> None:
     """With the clock of a simulator it would refuse all targets as old."""
     file = ROOT / "seed_bringup/launch/own_arm_launch.xml"
     nodes = {n.name: n for n in describe(file, {"use_sim_time": "true", "command_timeout": "0.5"}).nodes}
-    told = {key: value for given in nodes["guard"].parameters if isinstance(given, dict) for key, value in given.items()}
+    told = {
+        key: value for given in nodes["guard"].parameters if isinstance(given, dict) for key, value in given.items()
+    }
     assert (told["use_sim_time"], told["command_timeout"]) == (True, 0.5)

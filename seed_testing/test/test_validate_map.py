@@ -85,7 +85,7 @@ def test_an_estimator_in_the_loop_tells_the_wrench_by_what_it_has_identified_its
     monkeypatch.setattr(image_run, "SPACING", 0.008)
     plain = image_run.load("default")
     few = replace(plain.procedure.excitation, poses=40)
-    plain = replace(plain, procedure=replace(plain.procedure, excitation=few))
+    plain = replace(plain, procedure=replace(plain.procedure, excitation=few, widths=plain.procedure.widths[1:2]))
     monkeypatch.setattr(image_run, "load", lambda _: plain)
     monkeypatch.setattr(image_run, "size_of", lambda *_: 0.4)
     monkeypatch.setattr(score, "SHARES", (0.2,))

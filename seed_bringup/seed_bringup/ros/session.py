@@ -222,9 +222,7 @@ class Session:
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
 
-    def _await_end(
-        self, result: Any, patience: float, what: str, check: Callable[[], None] = lambda: None
-    ) -> None:
+    def _await_end(self, result: Any, patience: float, what: str, check: Callable[[], None] = lambda: None) -> None:
         """As `until`; `check` may raise. Raises SessionError: the controller that plays the task is gone."""
 
         def ended() -> bool:

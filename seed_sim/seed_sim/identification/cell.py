@@ -75,9 +75,7 @@ class SimulatedCell:
         """Open the gripper and close it on the tool again; a bushing has nothing to forget."""
 
     @staticmethod
-    def with_pressure(
-        membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]
-    ) -> tuple[MembraneMotion, ...]:
+    def with_pressure(membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]) -> tuple[MembraneMotion, ...]:
         """The motions, with the pressures [hPa] of the left and of the right bubble."""
         told = dict(zip(("left", "right"), pressures, strict=True))
         return tuple(replace(m, pressure=told[m.finger]) for m in membrane)

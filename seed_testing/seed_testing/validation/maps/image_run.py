@@ -25,7 +25,7 @@ IMAGES = 3  # for each frame of a motion: 30 Hz
 
 
 def scenario_of(seed: int) -> IdentificationScenario:
-    """A round handle in the light grip of a random membrane, identified at that grip."""
+    """A round handle in the light grip of a random membrane."""
     scenario = identify_on_membrane(load("default"), seed)
     drawn = on_membrane(Scenario(tactile=scenario.tactile), seed)
     handle = ToolShape(radius=float(np.random.default_rng([seed, 0x3A9]).uniform(*RADII)))
@@ -33,7 +33,6 @@ def scenario_of(seed: int) -> IdentificationScenario:
         scenario,
         membrane=replace(drawn.membrane, spacing=SPACING),
         tactile=replace(tactile_of(drawn), tool=handle),
-        procedure=replace(scenario.procedure, widths=[float(np.median(scenario.procedure.widths))]),
     )
 
 
