@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from seed_core.config import ConfigError, checked
 from seed_core.estimate import NO_GRASP, RelativePoseEstimate
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS, Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
 from seed_estimation.contact.patch import ContactPatch
@@ -35,7 +35,6 @@ from seed_estimation.rigid_fit.systematic import Systematic
 from seed_estimation.rigid_fit.timing import Timing
 from seed_estimation.tracker import Tracker
 
-FINGERS = ("left", "right")
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from seed_core.errors import SeedError
-from seed_core.hand import Hand, Tool
+from seed_core.hand import FINGERS, Hand, Tool
 from seed_core.meshes import BUBBLE, WOOD, Bubble, Mesh, arrow, hand_parts, tool_parts, tube
 from seed_core.meshes.hand import STEEL
 from seed_core.spatial import Array, inverse_pose
 from seed_sim.plant.arm import ELBOW_UP
 from seed_sim.replay.fixtures import fixtures, table_mesh
-from seed_sim.replay.page import BEFORE, BESIDE, FINGERS, FORCE, PATH
+from seed_sim.replay.page import BEFORE, BESIDE, FORCE, PATH
 from seed_sim.replay.still import Body, Camera, picture
 from seed_ur.kinematics import URKinematics
 from seed_ur.meshes import arm_parts, arm_poses

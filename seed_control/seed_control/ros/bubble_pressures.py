@@ -8,9 +8,9 @@ from math import isfinite, nan
 from std_msgs.msg import Float32
 
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_ros import SENSOR, SeedNode
 
-FINGERS = ("left", "right")
 OLDEST = 0.5  # [s] of a reading that still counts
 
 

@@ -6,9 +6,10 @@ from functools import partial
 
 from std_msgs.msg import Float32, Float64
 
-from seed_control.ros.bubble_pressures import FINGERS, OLDEST
+from seed_control.ros.bubble_pressures import OLDEST
 from seed_control.wrench.stiffness_schedule import ScheduleSettings, StiffnessSchedule
 from seed_core.bushing import Stiffness
+from seed_core.hand import FINGERS
 from seed_core.stiffness_file import GripStiffness, load_stiffness
 from seed_ros import QUEUE, SENSOR, SeedNode
 

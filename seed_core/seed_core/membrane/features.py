@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from seed_core.errors import SeedError
 from seed_core.estimate import DEFORMATIONS, MembraneMotion
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, skew, so3_log
 
 Motions = tuple[MembraneMotion, MembraneMotion]  # of the left and of the right finger
-FINGERS = ("left", "right")
 RIGID = ("roll", "pitch", "yaw", "x", "y", "z")
 DEFORMATION = ("x by u", "z by v", "shear", "x by uu", "x by uv", "x by vv", "z by uu", "z by uv", "z by vv")
 OF_FINGER = (*RIGID, *DEFORMATION, "pressure")

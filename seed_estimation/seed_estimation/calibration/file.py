@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from seed_core.config import ConfigError, field, load_file, save_file
-from seed_core.hand import Frame, Hand
+from seed_core.hand import FINGERS, Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Image
@@ -17,7 +17,6 @@ HEADER = (
     "# SPDX-License-Identifier: Apache-2.0\n"
     "# Range [m] and poses in C of a hand's cameras, found by ./seed calibrate.\n"
 )
-FINGERS = ("left", "right")
 STEP = 4  # [px] between the nodes of the stored range offset
 SAME = 1e-6  # [1], [m] by which two drawings of a camera's pose may differ
 

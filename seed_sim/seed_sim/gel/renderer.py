@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS, Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera
 from seed_estimation.gel.image import GelImage
@@ -15,7 +15,6 @@ from seed_sim.gel.shapes import Field, ball_surface, tool_surface
 from seed_sim.gel.surface import CELL, SIZE, GelSurface, Pressed
 from seed_sim.tactile.membrane import followed
 
-FINGERS = ("left", "right")
 _LOOKS = 3  # steps to find where a pixel's ray meets the surface
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.errors import FailedError, SeedError
-from seed_core.hand import Hand, Tool
+from seed_core.hand import FINGERS, Hand, Tool
 from seed_core.meshes import (
     BUBBLE,
     PAPER,
@@ -42,7 +42,6 @@ BESIDE = 0.045  # [m] that the arrow of the force stands before the tool, to be 
 _GRAIN = 2e-5  # [m] to which vertices are kept: the file is half as large
 _TOUCH = 0.3  # [N] from which the tip draws its path
 _RINGS, _SECTORS = 10, 32
-FINGERS = ("left", "right")
 
 
 def replay_page(

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array
 from seed_ros import MessageError
-from seed_sim.tactile.cameras import FINGERS
 
 TOPIC = "ground_truth/membranes"  # of the node `sim`
 _HEAD = 2

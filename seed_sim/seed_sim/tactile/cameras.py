@@ -8,8 +8,6 @@ from seed_core.spatial import Array
 from seed_estimation import PinholeCamera
 from seed_sim.tactile.geometry import Rays
 
-FINGERS = ("left", "right")
-
 
 def camera_model(name: str) -> PinholeCamera:
     """Calibration of a pmd PicoFlexx (224 x 171) or of a RealSense D405 (640 x 480)."""

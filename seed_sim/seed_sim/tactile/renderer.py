@@ -9,10 +9,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS, Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera, TactileImages
-from seed_sim.tactile.cameras import FINGERS, camera_model, coarse_factor, coarse_rays
+from seed_sim.tactile.cameras import camera_model, coarse_factor, coarse_rays
 from seed_sim.tactile.geometry import Image, Rays
 from seed_sim.tactile.membrane import Membrane, Shape, followed
 from seed_sim.tactile.mesh_view import MeshView

@@ -6,14 +6,14 @@ from math import exp
 
 import numpy as np
 
-from seed_core.hand import Frame, Hand
+from seed_core.hand import FINGERS, Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation, so3_exp
 from seed_estimation import PinholeCamera, TactileImages
 from seed_sim.bubbles import HeldRenderer
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer
-from seed_sim.tactile.cameras import FINGERS, camera_model
+from seed_sim.tactile.cameras import camera_model
 from seed_sim.tactile.friction import Friction
 from seed_sim.tactile.geometry import Image, dome_depth
 from seed_sim.tactile.parameters import TactileParameters

@@ -13,6 +13,7 @@ import cv2
 
 from seed_bringup.bags.files import read_messages
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, interpolate_pose, inverse_pose
 from seed_estimation import Estimator, PinholeCamera, TactileImages
 from seed_estimation.images.tactile_images import Image
@@ -23,7 +24,6 @@ from seed_sim.closed_loop.relative_poses import estimator_parameters, refuse_cal
 from seed_testing.validation.run import GRASP_FRAMES, REFERENCE_FRAMES
 from seed_testing.validation.scores import Series
 
-FINGERS = ("left", "right")
 TRUTH = "ground_truth/relative_pose"
 _READERS = {"depth": depth_from_message, "ir": gray_from_message}
 _PAIRED = 0.004  # [s]; images further apart than this are not of one time

@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker
 
 from seed_bringup.page.state import CellState, Control, Depth, Grasp, Touch
 from seed_core.errors import SeedError
-from seed_core.hand import Tool
+from seed_core.hand import FINGERS, Tool
 from seed_core.meshes import Mesh
 from seed_core.spatial import Array, pose_from_quaternion
 from seed_ros import COMMAND, LATCHED, SENSOR
@@ -29,7 +29,6 @@ from seed_ros.images.cameras import IMAGES, INFO, intrinsics
 from seed_ros.images.serialized import read_image
 from seed_ur.models import JOINT_NAMES
 
-FINGERS = ("left", "right")
 DEBUG = "estimator/debug_image"
 STATE = "controller/state"
 NEWEST = QoSProfile(depth=1)  # of a reliable stream

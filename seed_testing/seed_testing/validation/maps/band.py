@@ -14,7 +14,8 @@ from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.estimate import MembraneMotion
-from seed_core.membrane.features import DEFORMATION, FINGERS, RIGID
+from seed_core.hand import FINGERS
+from seed_core.membrane.features import DEFORMATION, RIGID
 from seed_core.spatial import Array, rotation_error
 from seed_sim.bubbles import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
