@@ -90,6 +90,7 @@ class Bench:
 
     def close(self) -> None:
         """Destroy the nodes and the context."""
+        self._executor.shutdown()  # it holds what it looked at last, which would stay in the graph
         self.destroy_action_clients()
         for node in self._nodes:
             node.destroy_node()
