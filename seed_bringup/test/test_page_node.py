@@ -254,6 +254,19 @@ def test_a_stop_is_good_only_if_everybody_stops(
     assert "driver: the arm's program does not answer" in told
 
 
+def mute_controller(cell: SlowCell) -> tuple[ActionServer, threading.Event, threading.Event]:
+    """Takes a task and says no more; whether the task has begun, and what ends it."""
+    begun, end = threading.Event(), threading.Event()
+
+    def play(goal: Any) -> Any:
+        begun.set()
+        end.wait(20.0)
+        goal.abort()
+        return FollowSetpoints.Result()
+
+    return ActionServer(cell, FollowSetpoints, ACTION, play, callback_group=ReentrantCallbackGroup()), begun, end
+
+
 @pytest.mark.parametrize(
     ("cell", "hands", "anew", "told"),
     [
@@ -268,16 +281,7 @@ def test_a_task_whose_controller_has_died_ends_and_the_other_buttons_work(
     monkeypatch.setattr("seed_bringup.ros.played_goal.GONE", 1e9 if anew else 0.3)
     monkeypatch.setattr("seed_bringup.ros.played_goal.QUIET", 0.5)
     ready(hands)
-    begun, end = threading.Event(), threading.Event()
-
-    def play(goal: Any) -> Any:
-        begun.set()
-        end.wait(20.0)
-        goal.abort()
-        return FollowSetpoints.Result()
-
-    group = ReentrantCallbackGroup()
-    server = ActionServer(cell, FollowSetpoints, ACTION, play, callback_group=group)
+    server, begun, end = mute_controller(cell)
     until(hands._action.server_is_ready)
     said = hands.play("squeegee", None)
     assert begun.wait(10.0)
@@ -299,15 +303,7 @@ def test_a_cancel_that_finds_no_task_ends_what_the_page_takes_for_one(
     cell: SlowCell, hands: CellHands, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("seed_bringup.ros.played_goal.QUIET", 1e9)  # it is not asked by itself
-    begun, end = threading.Event(), threading.Event()
-
-    def play(goal: Any) -> Any:
-        begun.set()
-        end.wait(20.0)
-        goal.abort()
-        return FollowSetpoints.Result()
-
-    server = ActionServer(cell, FollowSetpoints, ACTION, play, callback_group=ReentrantCallbackGroup())
+    server, begun, end = mute_controller(cell)
     until(hands._action.server_is_ready)
     said = hands.play("squeegee", None)
     assert begun.wait(10.0)
