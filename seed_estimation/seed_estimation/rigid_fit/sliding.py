@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far the tool has slid on the membranes since the grasp, from what depth and markers contradict each other by.
+
+Markers show where the membranes' material is, depth where the tool is. The rigid fit joins both, and follows the
+markers, which are far more exact. A patch that has slid as a whole still looks as it did: no residual tells that the
+tool is elsewhere. But depth goes on telling so, roughly in one frame and well over some:
+
+    markers' motion  =  tool's motion  o  exp(s)          s = [rotation, translation] in the tool's frame
+
+s is a random walk along the tool's way on the membranes, as wide in what depth does not see (a cylinder along and about
+its own axis) as in what it sees. How fast it walks decide the frames themselves: Kalman filters of several rates run
+side by side, the first of which takes the tool for sticking, and count by how well they foretell what comes
+(multiple-model estimation; Magill 1965). So a tool that sticks keeps the exactness of its markers.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from seed_core.spatial import Array, inverse_pose
+from seed_estimation.rigid_fit.fit import Fit
+from seed_estimation.rigid_fit.reference import FingerModel
+from seed_estimation.rigid_fit.residuals import motion_vector
+
+# Chosen on membranes 6200 to 6204; docs/estimation_figures.md has the outcome on others
+SHARE, ALIKE_WAY = 0.5, 0.002  # [1] of the tool's way by which it slides, [m] along which that share stays what it is
+RATES = np.array((0.0, 1 / 64, 1 / 8, 1.0))  # of that variance, by filter
+LESS_LIKELY = 2.0  # logarithm of how much likelier it is, before anything is seen, that a tool sticks
+MEMORY = 2.0  # [s] for which frames tell how fast it slides
+DOUBT = 0.4  # [1] of the logarithm of a likelihood that counts: frames are not independent
+SEEN = 2.0e-4  # [m] deviation of depth in one frame up to which it sees a direction: it pretends to see all
+ERRS = 0.01, 2.0e-5  # [1] of the motion since the grasp, and [m], by which depth errs for a while
+ALIKE = 0.25  # [s] for which it does, and errors of cameras count
+REACH = 0.006  # [m] of a patch about its middle
+HELD = 100.0  # [m] deviation where nothing is seen, inverse
+LEAST = 1e-12  # weight of a filter
+_EYE = np.eye(6)
+
+
+class Sliding:
+    """Of one grasp."""
+
+    def __init__(self) -> None:
+        self._lever = np.ones(6)  # [m/rad, 1] from a motion to displacements of the patches
+        self._walk = np.zeros(6)
+        n = len(RATES)
+        self._s, self._P = np.zeros((n, 6)), np.zeros((n, 6, 6))  # of each filter, in displacements [m]
+        self._start = np.where(RATES > 0.0, -LESS_LIKELY, 0.0)
+        self._likely, self._weight = self._start, np.exp(self._start) / np.exp(self._start).sum()
+        self._X, self._stamp = np.eye(4), -np.inf
+        self._by_cameras = np.zeros((6, 6))
+
+    def _begin(self, models: Sequence[FingerModel], stamp: float) -> None:
+        across = float(np.mean([abs(m.p[1].mean()) for m in models]))  # [m] of the patches from the tool's axis
+        self._lever = np.array((across, REACH, across, 1.0, 1.0, 1.0))
+        # each patch slides along x and z and turns about y; both together turn the tool about all axes
+        of_turn = 0.0 if len(models) == 1 else 1.0
+        self._walk = np.array((of_turn, 1.0, of_turn, 1.0, 0.0, 1.0)) / len(models)
+        self._stamp = stamp
+
+    def update(self, fit: Fit, stamp: float, by_error: tuple[Array, Array], errors: Array) -> None:
+        """Takes a fit that is believed, of images of time `stamp` [s].
+
+        by_error: change of its gradients with errors of the cameras, as of `Systematic.gradients`; errors (n, n): their
+        covariance.
+        """
+        if not stamp > self._stamp > -np.inf:
+            self._begin([f.model for f in fit.fingers], stamp)
+        dt, self._stamp = stamp - self._stamp, stamp
+        scale = 1.0 / self._lever
+        image, to_depth = fit.H - fit.H_depth, np.asarray(fit.H_depth) * np.outer(scale, scale)
+        by_image = np.linalg.inv(image * np.outer(scale, scale) + HELD**2 * _EYE)
+        values, vectors = np.linalg.eigh(to_depth)
+        values = np.maximum(values, 0.0)
+        by_depth = (vectors / (values + HELD**2)) @ vectors.T
+        seen = values * (values / (values + SEEN**-2)) ** 2 + HELD**2
+        # what is told of s, and how it errs, for a while alike
+        told = by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
+        D = by_image @ (scale[:, None] * by_error[0]) - by_depth @ (scale[:, None] * by_error[1])
+        self._by_cameras = D @ errors @ D.T
+        size = self._lever * motion_vector(fit.X_CT)
+        alike = self._by_cameras + (ERRS[0] ** 2 * float(size @ size) + ERRS[1] ** 2) * _EYE
+        noise = by_image + (vectors / seen) @ vectors.T + max(ALIKE / max(dt, 1e-3), 1.0) * alike
+        # the filters
+        walk = SHARE**2 * ALIKE_WAY * self._moved(fit.X_CT) * self._walk
+        P = self._P + RATES[:, None, None] * np.diag(walk)
+        root = np.linalg.inv(np.linalg.cholesky(P + noise))
+        gain = P @ root.transpose(0, 2, 1) @ root
+        off = told - self._s
+        self._s = self._s + np.einsum("nij,nj->ni", gain, off)
+        P -= gain @ P
+        self._P = 0.5 * (P + P.transpose(0, 2, 1))
+        # how well each foretold this frame
+        white = np.einsum("nij,nj->ni", root, off)
+        likely = np.log(np.einsum("nii->ni", root)).sum(axis=1) - 0.5 * np.square(white).sum(axis=1)
+        likely = self._start + np.exp(-dt / MEMORY) * (self._likely - self._start) + DOUBT * likely
+        weight = np.exp(likely - likely.max())
+        self._weight = weight / weight.sum()
+        self._likely = np.log(np.maximum(self._weight, LEAST))
+
+    def of_pose(self, fit: Fit) -> tuple[Array, Array]:
+        """By how much the tool is elsewhere than the fit has it.
+
+        Returns:
+            (6,) [rotation, translation] in the tool's frame, and its covariance (6, 6).
+        """
+        s = self._weight @ self._s
+        apart = self._s - s
+        P = np.tensordot(self._weight, self._P + apart[:, :, None] * apart[:, None, :], 1)
+        P += (1.0 - self._weight[0]) * self._by_cameras
+        E = -np.linalg.solve(fit.H, fit.H - fit.H_depth) / self._lever
+        return E @ s, E @ P @ E.T
+
+    def _moved(self, X_CT: Array) -> float:
+        """Way [m] along the membranes since the last fit."""
+        step = self._lever * motion_vector(inverse_pose(self._X) @ X_CT)
+        self._X = X_CT
+        return float(np.sqrt(np.square(step[[0, 1, 2, 3, 5]]).sum()))
