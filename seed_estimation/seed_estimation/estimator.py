@@ -249,8 +249,10 @@ class Estimator:
 
         # Report: report.py
         estimate = report.rigid_fit(stamp, fit, covariance, self._covariance.creep, tracker, touching, p)
+        sliding = self._covariance.sliding
+        tracker.slid = sliding.value
         if estimate.valid:
-            estimate = report.slid(estimate, *self._covariance.sliding.of_pose(fit))
+            estimate = report.slid(estimate, *sliding.of_pose(fit))
         estimate = replace(estimate, membrane=report.membranes(tracker.around, self.patches, p))
         return report.from_free(estimate, self.zero)
 

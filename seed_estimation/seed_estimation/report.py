@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import NO_TOUCH, MembraneMotion, RelativePoseEstimate
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
@@ -74,12 +74,11 @@ def rigid_fit(
     )
 
 
-def slid(estimate: RelativePoseEstimate, motion: Array, covariance: Array) -> RelativePoseEstimate:
+def slid(estimate: RelativePoseEstimate, X_PT: Array, covariance: Array) -> RelativePoseEstimate:
     """An estimate of a tool that sticks to its membranes, moved by how far it has slid on them.
 
-    motion: (6,) [rotation, translation] in the tool's frame; covariance: (6, 6) of it.
+    X_PT: (4, 4); covariance: (6, 6) of [rotation, translation] in the tool's frame.
     """
-    X_PT = make_pose(so3_exp(motion[:3]), motion[3:])
     R = np.zeros((6, 6))
     R[:3, :3] = R[3:, 3:] = estimate.X_CT[:3, :3]
     in_C = R @ covariance @ R.T

@@ -13,6 +13,7 @@ from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, rotation_error, so3_exp
 from seed_estimation import Estimator, EstimatorParameters
 from seed_estimation.rigid_fit.fit import Fit
+from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.rigid_fit.sliding import Sliding
 
 tactile = pytest.importorskip("seed_sim.tactile", reason="needs the renderer of seed_sim")
@@ -28,7 +29,10 @@ def fit_of(X_CT: Array, off: Array, noise: Array) -> Fit:
     H_depth = np.diag(np.where(SEES, (np.array((0.012, 0.006, 0.012, 1, 1, 1)) / DEPTH) ** 2, 1.0))
     finger = [SimpleNamespace(model=SimpleNamespace(p=np.array([[0.0], [y], [0.0]]))) for y in (0.012, -0.012)]
     g = -H_depth @ np.where(SEES, off + noise, 0.0)
-    told = {"X_CT": X_CT, "H": BY_MARKERS + H_depth, "g": g, "H_depth": H_depth, "g_depth": g, "fingers": finger}
+    told = {
+        "X_CT": X_CT, "slid": np.zeros(6), "H": BY_MARKERS + H_depth, "g": g, "H_depth": H_depth, "g_depth": g,
+        "fingers": finger,
+    }  # fmt: skip
     return cast(Fit, SimpleNamespace(**told))
 
 
@@ -47,8 +51,8 @@ def followed(slides: float, seconds: float = 6.0) -> tuple[Array, Array, Array]:
         off = slides * min(t / 2.0, 1.0) * np.array((0.1, 0.0, 0.0, 0.002, 0.0, 0.0))
         fit = fit_of(X, off, unit * rng.normal(size=6))
         sliding.update(fit, t, NO_ERRORS, np.zeros((1, 1)))
-    motion, covariance = sliding.of_pose(fit)
-    return off, motion, np.sqrt(np.diag(covariance))
+    X_PT, covariance = sliding.of_pose(fit)
+    return off, motion_vector(X_PT), np.sqrt(np.diag(covariance))
 
 
 def test_what_depth_sees_of_a_slide_is_found() -> None:
@@ -84,7 +88,7 @@ def test_errors_of_the_cameras_are_not_taken_for_a_slide() -> None:
             fit = fit_of(make_pose(p=(0.003 * np.sin(0.1 * i), 0.0, 0.0)) if i < 40 else at, off, np.zeros(6))
             by_error = (np.zeros((6, 1)), fit.H_depth[:, 3:4])  # it moves depth along x
             sliding.update(fit, i * PERIOD, by_error, np.array([[errs**2]]))
-        found.append(sliding.of_pose(fit)[0][3])
+        found.append(sliding.of_pose(fit)[0][0, 3])
     assert found[0] > 0.8 * off[3]
     assert abs(found[1]) < 0.4 * off[3]
 
@@ -93,8 +97,8 @@ def test_a_clock_that_is_set_back_does_no_harm() -> None:
     sliding = Sliding()
     for t in (5.0, 5.03, 1.0, 1.03, 1.03):
         sliding.update(fit_of(np.eye(4), np.zeros(6), np.zeros(6)), t, NO_ERRORS, np.zeros((1, 1)))
-    motion, covariance = sliding.of_pose(fit_of(np.eye(4), np.zeros(6), np.zeros(6)))
-    assert np.isfinite(motion).all()
+    X_PT, covariance = sliding.of_pose(fit_of(np.eye(4), np.zeros(6), np.zeros(6)))
+    assert np.isfinite(X_PT).all()
     assert np.linalg.eigvalsh(covariance).min() > -1e-15
 
 

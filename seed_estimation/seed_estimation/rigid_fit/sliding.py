@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
@@ -75,7 +75,7 @@ class Sliding:
         by_depth = (vectors / (values + HELD**2)) @ vectors.T
         seen = values * (values / (values + SEEN**-2)) ** 2 + HELD**2
         # what is told of s, and how it errs, for a while alike
-        told = by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
+        told = self._lever * fit.slid + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
         D = by_image @ (scale[:, None] * by_error[0]) - by_depth @ (scale[:, None] * by_error[1])
         self._by_cameras = D @ errors @ D.T
         size = self._lever * motion_vector(fit.X_CT)
@@ -98,18 +98,24 @@ class Sliding:
         self._weight = weight / weight.sum()
         self._likely = np.log(np.maximum(self._weight, LEAST))
 
+    @property
+    def value(self) -> Array:
+        """s (6,) [rad, m]."""
+        return np.asarray(self._weight @ self._s / self._lever)
+
     def of_pose(self, fit: Fit) -> tuple[Array, Array]:
-        """By how much the tool is elsewhere than the fit has it.
+        """Where the tool is from where the fit has its patches.
 
         Returns:
-            (6,) [rotation, translation] in the tool's frame, and its covariance (6, 6).
+            X_PT (4, 4), and its covariance (6, 6) of [rotation, translation] in the tool's frame.
         """
-        s = self._weight @ self._s
-        apart = self._s - s
+        apart = self._s - self._weight @ self._s
         P = np.tensordot(self._weight, self._P + apart[:, :, None] * apart[:, None, :], 1)
         P += (1.0 - self._weight[0]) * self._by_cameras
         E = -np.linalg.solve(fit.H, fit.H - fit.H_depth) / self._lever
-        return E @ s, E @ P @ E.T
+        more = E @ (self._lever * (self.value - fit.slid))
+        X_PT = make_pose(so3_exp(-fit.slid[:3]), -fit.slid[3:]) @ make_pose(so3_exp(more[:3]), more[3:])
+        return X_PT, E @ P @ E.T
 
     def _moved(self, X_CT: Array) -> float:
         """Way [m] along the membranes since the last fit."""
