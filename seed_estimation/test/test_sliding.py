@@ -27,11 +27,18 @@ NO_ERRORS = (np.zeros((6, 1)), np.zeros((6, 1)))
 def fit_of(X_CT: Array, off: Array, noise: Array) -> Fit:
     """A fit that follows the markers, while depth puts the tool `off` (6,) from there, where it sees it."""
     H_depth = np.diag(np.where(SEES, (np.array((0.012, 0.006, 0.012, 1, 1, 1)) / DEPTH) ** 2, 1.0))
-    finger = [SimpleNamespace(model=SimpleNamespace(p=np.array([[0.0], [y], [0.0]]))) for y in (0.012, -0.012)]
+    patch = 0.004 * np.array([(u, 0.0, v) for u in (-1, 0, 1) for v in (-1, 0, 1)]).T
+    fingers = [
+        SimpleNamespace(
+            model=SimpleNamespace(finger=name, p=patch + np.array([[0.0], [y], [0.0]])),
+            depth=SimpleNamespace(H=0.5 * H_depth, scatter=lambda: 0.5 * H_depth),
+        )
+        for name, y in (("left", 0.012), ("right", -0.012))
+    ]
     g = -H_depth @ np.where(SEES, off + noise, 0.0)
     told = {
         "X_CT": X_CT, "slid": np.zeros(6), "H": BY_MARKERS + H_depth, "g": g, "H_depth": H_depth, "g_depth": g,
-        "fingers": finger,
+        "fingers": fingers,
     }  # fmt: skip
     return cast(Fit, SimpleNamespace(**told))
 

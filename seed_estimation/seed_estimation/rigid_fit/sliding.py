@@ -11,13 +11,17 @@ s is a random walk along the tool's way on the membranes, as wide in what depth 
 its own axis) as in what it sees. How fast it walks decide the frames themselves: Kalman filters of several rates run
 side by side, the first of which takes the tool for sticking, and count by how well they foretell what comes
 (multiple-model estimation; Magill 1965). So a tool that sticks keeps the exactness of its markers.
+
+Not all that depth seems to tell is true. Errors of its normals look like information about motions along the surface,
+errors of the cameras like a slide, and a membrane does not go with a thin tool as one body.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import eigh
 
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_core.spatial import Array, inverse_pose, make_pose, skew, so3_exp
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
@@ -28,12 +32,16 @@ RATES = np.array((0.0, 1 / 64, 1 / 8, 1.0))  # of that variance, by filter
 LESS_LIKELY = 2.0  # logarithm of how much likelier it is, before anything is seen, that a tool sticks
 MEMORY = 2.0  # [s] for which frames tell how fast it slides
 DOUBT = 0.4  # [1] of the logarithm of a likelihood that counts: frames are not independent
-SEEN = 2.0e-4  # [m] deviation of depth in one frame up to which it sees a direction: it pretends to see all
+# [rad] error of a normal, and how many times the information that such errors pretend is none yet
+NORMALS, PRETENDED = 0.017, 20.0
+# Times its noise from which on cells of depth contradict each other too much, how often that is counted, and the weight
+# of a frame in it
+USUAL, COUNTED, SMOOTH = 2.0, 3.0, 0.05
 ERRS = 0.01, 2.0e-5  # [1] of the motion since the grasp, and [m], by which depth errs for a while
 ALIKE = 0.25  # [s] for which it does, and errors of cameras count
 REACH = 0.006  # [m] of a patch about its middle
-HELD = 100.0  # [m] deviation where nothing is seen, inverse
-LEAST = 1e-12  # weight of a filter
+HELD = 100.0  # [1/m] of the deviation where nothing is seen
+LEAST, LEAST_SEEN = 1e-12, 1e-3  # weight of a filter; information in what is pretended
 _EYE = np.eye(6)
 
 
@@ -47,8 +55,10 @@ class Sliding:
         self._s, self._P = np.zeros((n, 6)), np.zeros((n, 6, 6))  # of each filter, in displacements [m]
         self._start = np.where(RATES > 0.0, -LESS_LIKELY, 0.0)
         self._likely, self._weight = self._start, np.exp(self._start) / np.exp(self._start).sum()
+        self._pretends: dict[str, Array] = {}  # by finger, (6, 6) of errors of normals, of information 1
         self._X, self._stamp = np.eye(4), -np.inf
         self._by_cameras = np.zeros((6, 6))
+        self._scatter: Array | None = None  # (6, 6) [m^2] of depth beyond its noise, averaged
 
     def _begin(self, models: Sequence[FingerModel], stamp: float) -> None:
         across = float(np.mean([abs(m.p[1].mean()) for m in models]))  # [m] of the patches from the tool's axis
@@ -56,6 +66,7 @@ class Sliding:
         # each patch slides along x and z and turns about y; both together turn the tool about all axes
         of_turn = 0.0 if len(models) == 1 else 1.0
         self._walk = np.array((of_turn, 1.0, of_turn, 1.0, 0.0, 1.0)) / len(models)
+        self._pretends = {m.finger: _pretended(m.p.astype(float)) for m in models}
         self._stamp = stamp
 
     def update(self, fit: Fit, stamp: float, by_error: tuple[Array, Array], errors: Array) -> None:
@@ -68,19 +79,26 @@ class Sliding:
             self._begin([f.model for f in fit.fingers], stamp)
         dt, self._stamp = stamp - self._stamp, stamp
         scale = 1.0 / self._lever
-        image, to_depth = fit.H - fit.H_depth, np.asarray(fit.H_depth) * np.outer(scale, scale)
-        by_image = np.linalg.inv(image * np.outer(scale, scale) + HELD**2 * _EYE)
-        values, vectors = np.linalg.eigh(to_depth)
+        unit = np.outer(scale, scale)
+        by_image = np.linalg.inv((fit.H - fit.H_depth) * unit + HELD**2 * _EYE)
+        # depth pretends to see all: a normal that errs looks as if it told of motions along the surface
+        pretended = sum(np.trace(f.depth.H[3:, 3:]) * self._pretends[f.model.finger] for f in fit.fingers)
+        values, vectors = eigh(fit.H_depth * unit, pretended * unit + HELD**2 * _EYE)
         values = np.maximum(values, 0.0)
-        by_depth = (vectors / (values + HELD**2)) @ vectors.T
-        seen = values * (values / (values + SEEN**-2)) ** 2 + HELD**2
+        by_depth = (vectors / (values + LEAST_SEEN)) @ vectors.T
+        seen = values * np.maximum(1.0 - (PRETENDED / np.maximum(values, LEAST_SEEN)) ** 2, 0.0) + LEAST_SEEN
+        # where the membrane's shape does not go with the tool (thin ones), cells of depth contradict each other more
+        scatter = sum(f.depth.scatter() for f in fit.fingers) - USUAL * fit.H_depth
+        scatter = by_depth @ (unit * scatter) @ by_depth
+        self._scatter = scatter if self._scatter is None else self._scatter + SMOOTH * (scatter - self._scatter)
         # what is told of s, and how it errs, for a while alike
         told = self._lever * fit.slid + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
         D = by_image @ (scale[:, None] * by_error[0]) - by_depth @ (scale[:, None] * by_error[1])
         self._by_cameras = D @ errors @ D.T
         size = self._lever * motion_vector(fit.X_CT)
         alike = self._by_cameras + (ERRS[0] ** 2 * float(size @ size) + ERRS[1] ** 2) * _EYE
-        noise = by_image + (vectors / seen) @ vectors.T + max(ALIKE / max(dt, 1e-3), 1.0) * alike
+        noise = by_image + (vectors / seen) @ vectors.T + COUNTED * _positive(self._scatter)
+        noise += max(ALIKE / max(dt, 1e-3), 1.0) * alike
         # the filters
         walk = SHARE**2 * ALIKE_WAY * self._moved(fit.X_CT) * self._walk
         P = self._P + RATES[:, None, None] * np.diag(walk)
@@ -122,3 +140,20 @@ class Sliding:
         step = self._lever * motion_vector(inverse_pose(self._X) @ X_CT)
         self._X = X_CT
         return float(np.sqrt(np.square(step[[0, 1, 2, 3, 5]]).sum()))
+
+
+def _positive(C: Array) -> Array:
+    """The part of a symmetric matrix (6, 6) that is a covariance."""
+    values, vectors = np.linalg.eigh(C)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _pretended(p: Array) -> Array:
+    """(6, 6) information about a motion that errors of normals at points p (3, N) pretend, of each one of depth."""
+    out = np.zeros((6, 6))
+    crossed = np.array([skew(x) for x in p.T])
+    out[:3, :3] = (crossed @ crossed.transpose(0, 2, 1)).mean(axis=0)
+    out[:3, 3:] = crossed.mean(axis=0)
+    out[3:, :3] = out[:3, 3:].T
+    out[3:, 3:] = np.eye(3)
+    return NORMALS**2 * out
