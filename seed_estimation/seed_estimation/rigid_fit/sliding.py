@@ -32,11 +32,9 @@ RATES = np.array((0.0, 1 / 64, 1 / 8, 1.0))  # of that variance, by filter
 LESS_LIKELY = 2.0  # logarithm of how much likelier it is, before anything is seen, that a tool sticks
 MEMORY = 2.0  # [s] for which frames tell how fast it slides
 DOUBT = 0.4  # [1] of the logarithm of a likelihood that counts: frames are not independent
-# [rad] error of a normal, and how many times the information that such errors pretend is none yet
+# [rad] error of a normal, and how many times the information that such errors pretend counts as a quarter of what it is
 NORMALS, PRETENDED = 0.017, 20.0
-# Times its noise from which on cells of depth contradict each other too much, how often that is counted, and the weight
-# of a frame in it
-USUAL, COUNTED, SMOOTH = 2.0, 3.0, 0.05
+USUAL, SMOOTH = 2.0, 0.05  # times its noise by which cells of depth contradict each other, and weight of a frame in it
 ERRS = 0.01, 2.0e-5  # [1] of the motion since the grasp, and [m], by which depth errs for a while
 ALIKE = 0.25  # [s] for which it does, and errors of cameras count
 REACH = 0.006  # [m] of a patch about its middle
@@ -86,7 +84,7 @@ class Sliding:
         values, vectors = eigh(fit.H_depth * unit, pretended * unit + HELD**2 * _EYE)
         values = np.maximum(values, 0.0)
         by_depth = (vectors / (values + LEAST_SEEN)) @ vectors.T
-        seen = values * np.maximum(1.0 - (PRETENDED / np.maximum(values, LEAST_SEEN)) ** 2, 0.0) + LEAST_SEEN
+        seen = values * (values / (values + PRETENDED)) ** 2 + LEAST_SEEN
         # where the membrane's shape does not go with the tool (thin ones), cells of depth contradict each other more
         scatter = sum(f.depth.scatter() for f in fit.fingers) - USUAL * fit.H_depth
         scatter = by_depth @ (unit * scatter) @ by_depth
@@ -97,7 +95,7 @@ class Sliding:
         self._by_cameras = D @ errors @ D.T
         size = self._lever * motion_vector(fit.X_CT)
         alike = self._by_cameras + (ERRS[0] ** 2 * float(size @ size) + ERRS[1] ** 2) * _EYE
-        noise = by_image + (vectors / seen) @ vectors.T + COUNTED * _positive(self._scatter)
+        noise = by_image + (vectors / seen) @ vectors.T + _positive(self._scatter)
         noise += max(ALIKE / max(dt, 1e-3), 1.0) * alike
         # the filters
         walk = SHARE**2 * ALIKE_WAY * self._moved(fit.X_CT) * self._walk
