@@ -31,7 +31,7 @@ def fit_of(X_CT: Array, off: Array, noise: Array) -> Fit:
     fingers = [
         SimpleNamespace(
             model=SimpleNamespace(finger=name, p=patch + np.array([[0.0], [y], [0.0]])),
-            depth=SimpleNamespace(H=0.5 * H_depth, scatter=lambda: 0.5 * H_depth),
+            depth=SimpleNamespace(H=0.5 * H_depth),
         )
         for name, y in (("left", 0.012), ("right", -0.012))
     ]
@@ -57,7 +57,7 @@ def followed(slides: float, seconds: float = 6.0) -> tuple[Array, Array, Array]:
         X = make_pose(p=(0.002 * np.sin(2.0 * t), 0.0, 0.001 * np.sin(3.0 * t)))
         off = slides * min(t / 2.0, 1.0) * np.array((0.1, 0.0, 0.0, 0.002, 0.0, 0.0))
         fit = fit_of(X, off, unit * rng.normal(size=6))
-        sliding.update(fit, t, NO_ERRORS, np.zeros((1, 1)))
+        sliding.update(fit, t, fit.H_depth, NO_ERRORS, np.zeros((1, 1)))
     X_PT, covariance = sliding.of_pose(fit)
     return off, motion_vector(X_PT), np.sqrt(np.diag(covariance))
 
@@ -94,7 +94,7 @@ def test_errors_of_the_cameras_are_not_taken_for_a_slide() -> None:
         for i in range(60):
             fit = fit_of(make_pose(p=(0.003 * np.sin(0.1 * i), 0.0, 0.0)) if i < 40 else at, off, np.zeros(6))
             by_error = (np.zeros((6, 1)), fit.H_depth[:, 3:4])  # it moves depth along x
-            sliding.update(fit, i * PERIOD, by_error, np.array([[errs**2]]))
+            sliding.update(fit, i * PERIOD, fit.H_depth, by_error, np.array([[errs**2]]))
         found.append(sliding.of_pose(fit)[0][0, 3])
     assert found[0] > 0.8 * off[3]
     assert abs(found[1]) < 0.4 * off[3]
@@ -103,8 +103,9 @@ def test_errors_of_the_cameras_are_not_taken_for_a_slide() -> None:
 def test_a_clock_that_is_set_back_does_no_harm() -> None:
     sliding = Sliding()
     for t in (5.0, 5.03, 1.0, 1.03, 1.03):
-        sliding.update(fit_of(np.eye(4), np.zeros(6), np.zeros(6)), t, NO_ERRORS, np.zeros((1, 1)))
-    X_PT, covariance = sliding.of_pose(fit_of(np.eye(4), np.zeros(6), np.zeros(6)))
+        fit = fit_of(np.eye(4), np.zeros(6), np.zeros(6))
+        sliding.update(fit, t, fit.H_depth, NO_ERRORS, np.zeros((1, 1)))
+    X_PT, covariance = sliding.of_pose(fit)
     assert np.isfinite(X_PT).all()
     assert np.linalg.eigvalsh(covariance).min() > -1e-15
 

@@ -56,8 +56,9 @@ class Covariance:
         stamp: of its images [s]; slip, timing: after it.
         """
         root = np.linalg.inv(np.linalg.cholesky(fit.H))
-        blocks = [finger.image for finger in fit.fingers] + [finger.depth for finger in fit.fingers]
-        excess = root @ np.asarray(sum(block.scatter() for block in blocks)) @ root.T
+        of_images = np.asarray(sum(finger.image.scatter() for finger in fit.fingers))
+        of_depth = np.asarray(sum(finger.depth.scatter() for finger in fit.fingers))
+        excess = root @ (of_images + of_depth) @ root.T
         if self._excess is None:
             self._excess = excess
         self._excess = self._excess + MEMORY * (excess - self._excess)
@@ -66,7 +67,7 @@ class Covariance:
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
         by_error = self.systematic.gradients(fit)
         C += self.systematic.of_pose(fit, by_error) + timing.covariance
-        self.sliding.update(fit, stamp, by_error, self.systematic.covariance)
+        self.sliding.update(fit, stamp, of_depth, by_error, self.systematic.covariance)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T

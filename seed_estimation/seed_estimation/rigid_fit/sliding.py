@@ -67,11 +67,11 @@ class Sliding:
         self._pretends = {m.finger: _pretended(m.p.astype(float)) for m in models}
         self._stamp = stamp
 
-    def update(self, fit: Fit, stamp: float, by_error: tuple[Array, Array], errors: Array) -> None:
+    def update(self, fit: Fit, stamp: float, scatter: Array, by_error: tuple[Array, Array], errors: Array) -> None:
         """Takes a fit that is believed, of images of time `stamp` [s].
 
-        by_error: change of its gradients with errors of the cameras, as of `Systematic.gradients`; errors (n, n): their
-        covariance.
+        scatter: (6, 6) of its depth images, as of `Residuals.scatter`; by_error: change of its gradients with errors of
+        the cameras, as of `Systematic.gradients`; errors (n, n): their covariance.
         """
         if not stamp > self._stamp > -np.inf:
             self._begin([f.model for f in fit.fingers], stamp)
@@ -86,9 +86,8 @@ class Sliding:
         by_depth = (vectors / (values + LEAST_SEEN)) @ vectors.T
         seen = values * (values / (values + PRETENDED)) ** 2 + LEAST_SEEN
         # where the membrane's shape does not go with the tool (thin ones), cells of depth contradict each other more
-        scatter = sum(f.depth.scatter() for f in fit.fingers) - USUAL * fit.H_depth
-        scatter = by_depth @ (unit * scatter) @ by_depth
-        self._scatter = scatter if self._scatter is None else self._scatter + SMOOTH * (scatter - self._scatter)
+        more = by_depth @ (unit * (scatter - USUAL * fit.H_depth)) @ by_depth
+        self._scatter = more if self._scatter is None else self._scatter + SMOOTH * (more - self._scatter)
         # what is told of s, and how it errs, for a while alike
         told = self._lever * fit.slid + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
         D = by_image @ (scale[:, None] * by_error[0]) - by_depth @ (scale[:, None] * by_error[1])
