@@ -17,16 +17,12 @@ SHORT = replace(CYLINDER, trajectory=replace(CYLINDER.trajectory, duration=2.0, 
 
 
 def test_a_world_as_believed_is_followed_and_a_scale_of_depth_scales_what_it_sees():
-    told = replace(SHORT, estimator={**SHORT.estimator, "depth_scale_std": 0.02})
-    known = scores(run_world(told, World(), "rigid_fit", 3))
+    known = scores(run_world(SHORT, World(), "rigid_fit", 3))
     assert known["valid_fraction"] == 1.0
     scaled = CameraWorld(depth_scale=0.05)
-    world = World(images=ImageWorld(left=scaled, right=scaled))
-    other = scores(run_world(told, world, "rigid_fit", 3))
+    other = scores(run_world(SHORT, World(images=ImageWorld(left=scaled, right=scaled)), "rigid_fit", 3))
     assert abs(other["gain"]["x"] - known["gain"]["x"]) > 0.01  # 5 % further away, 5 % more to the side
     assert other["gain"]["x"] == pytest.approx(1.05 * known["gain"]["x"], abs=0.02)
-    assert other["gain"]["roll"] == pytest.approx(known["gain"]["roll"], abs=0.1)  # and no slide of the tool
-    assert scores(run_world(SHORT, world, "rigid_fit", 3))["nees"] < 9.0  # where nobody states what depth may err
 
 
 def test_the_score_of_draws_has_every_draw_and_names_those_that_fail():
