@@ -15,6 +15,7 @@ from seed_core.vector3 import Vector3
 
 FloatOrArray = TypeVar("FloatOrArray", float, Array)
 FINGERS = ("left", "right")  # as they are named everywhere; the left one is on the side of +y of C
+FINGERS_OF = {"both": FINGERS, "left": ("left",), "right": ("right",)}  # by what a parameter `fingers` may be
 GRAVITY = 9.81  # [m/s^2]
 DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array
 from seed_estimation.calibration.capture import LEAST_COVERAGE, MOST_FULL
 from seed_estimation.contact.membrane import mean_depth
@@ -176,7 +177,7 @@ def left_is_left(seen: Observation, limits: Limits) -> Found:
     """The fingers can be told apart, and are not swapped."""
     if len(seen.fingers) < 2:
         return None, "one finger"
-    names = [{i.frame_id for k in ("depth", "ir") for i in seen.streams[f, k].seen} for f in ("left", "right")]
+    names = [{i.frame_id for k in ("depth", "ir") for i in seen.streams[f, k].seen} for f in FINGERS]
     if any(len(n) != 1 for n in names):
         return False, f"frame_id differs among images of one finger: {[sorted(n) for n in names]}"
     left, right = (next(iter(n)) for n in names)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from seed_core.arm.quaternion import as_quaternion
 from seed_core.errors import FailedError, SeedError
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, Wrench
 from seed_estimation.images.tactile_images import eight_bits
 
@@ -27,7 +28,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     # the set-point: pose of the tip in the base frame, and the wrench in the task frame
     "action": (*(f"tip_{p}" for p in _POSE), *_LOAD),
 }
-IMAGES = {side: f"observation.images.{side}" for side in ("left", "right")}
+IMAGES = {side: f"observation.images.{side}" for side in FINGERS}
 LEAST = 2  # frames of an episode
 
 

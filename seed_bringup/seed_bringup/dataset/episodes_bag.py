@@ -14,10 +14,11 @@ from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
 from seed_core.arm.quaternion import to_pose
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, Wrench
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
-PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in ("left", "right")}
+PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
 UNMEASURED = 0.2  # [s] without a valid relative pose, after which a stretch ends
 SHORTEST = 1.0  # [s]; what is shorter is no episode
 

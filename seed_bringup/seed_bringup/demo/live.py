@@ -19,6 +19,7 @@ from seed_bringup.launching.packages import find_launch_file
 from seed_control.tasks.steps import steps_of
 from seed_control.tasks.task import Task
 from seed_core.errors import FailedError, SeedError
+from seed_core.hand import FINGERS
 from seed_core.program.command_line import leaving_at_once
 from seed_sim.hand_file import hand_file_of
 from seed_sim.scenario import Scenario
@@ -41,9 +42,7 @@ RECORDED = [
     "/diagnostics",
 ]
 IMAGES = ["/current_pose", "/target_frame"] + [  # with the fast streams, what a playback needs
-    f"/bubble_{f}/{t}"
-    for f in ("left", "right")
-    for t in ("depth/image_rect_raw", "ir/image_rect_raw", "depth/camera_info")
+    f"/bubble_{f}/{t}" for f in FINGERS for t in ("depth/image_rect_raw", "ir/image_rect_raw", "depth/camera_info")
 ]
 CORES = 4  # that the live graph wants at full rates
 SMALL_CAMERA_RATE = 22.5  # [Hz] with fewer: every other picture

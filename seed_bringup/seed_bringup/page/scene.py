@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from seed_bringup.page.state import CellState, Touch
-from seed_core.hand import Hand, Tool
+from seed_core.hand import FINGERS, Hand, Tool
 from seed_core.meshes import (
     BUBBLE,
     FORCE_SCALE,
@@ -69,7 +69,7 @@ class Scene:
         self._of_tool = self._groups("held", tool_parts(self._tool))
         self._shape = slab((0.55, 0.5), 0.02, (0.12, 0.0))  # of the table, as long as nothing tells it
         self._table = self._add("/table", Part("table", "W", self._shape, PAPER, GLASS))
-        self._shapes = {finger: Bubble(finger) for finger in ("left", "right")}
+        self._shapes = {finger: Bubble(finger) for finger in FINGERS}
         self._bubbles = {
             finger: self._add(f"/bubble_{finger}", Part(finger, "C", bubble.mesh, BUBBLE))
             for finger, bubble in self._shapes.items()

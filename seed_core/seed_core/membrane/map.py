@@ -18,6 +18,7 @@ import numpy as np
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError
 from seed_core.estimate import DEFORMATIONS, MembraneMotion, RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_core.membrane.features import (
     COUNT,
     NAMES,
@@ -81,7 +82,7 @@ class MembraneMap:
         self._order = order[feature[order] < COUNT]
         self._ordered = np.tile(self._stacked, MOST_FACTORS)[:, self._order]
         self._moved, self._starts = np.unique(feature[self._order], return_index=True)
-        at_rest = tuple(MembraneMotion(f, np.eye(4), deformation=np.zeros(DEFORMATIONS)) for f in ("left", "right"))
+        at_rest = tuple(MembraneMotion(f, np.eye(4), deformation=np.zeros(DEFORMATIONS)) for f in FINGERS)
         _, slopes = self._terms(np.zeros(COUNT))
         self._rest = self._local_stiffness(np.eye(4), np.zeros(6), slopes, by_finger(at_rest))
         if not (self._rest > 0.0).all():

@@ -20,7 +20,7 @@ import numpy as np
 
 from seed_core.config import field, load_file
 from seed_core.errors import SeedError
-from seed_core.hand import Hand, read_hand
+from seed_core.hand import FINGERS, Hand, read_hand
 from seed_core.program.command_line import Parser, command, number
 from seed_core.program.npz import read_npz
 from seed_core.spatial import Array, so3_log
@@ -96,7 +96,7 @@ def calibrate(
         raise SeedError(f"poses of the cylinder in the capture: {told}; each must be before both cameras: capture anew")
     if len(cameras) < 2 or min(poses.values()) < 3:
         return Calibration(fingers)
-    found = dict(zip(("left", "right"), extrinsics(lines["left"], lines["right"], X["left"], X["right"]), strict=True))
+    found = dict(zip(FINGERS, extrinsics(lines["left"], lines["right"], X["left"], X["right"]), strict=True))
     drawn = {"left": hand.C_L, "right": hand.C_R}
     fingers = {f: replace(one, pose=frame_of(found[f]), drawn=drawn[f]) for f, one in fingers.items()}
     return Calibration(fingers, MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD)
@@ -148,7 +148,7 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
     cameras, no_contact, grasped = {}, {}, {}
     data = read_npz(path, "not a capture for calibration")
     try:
-        for finger in ("left", "right"):
+        for finger in FINGERS:
             if f"{finger}_no_contact" in data:
                 no_contact[finger] = list(np.asarray(data[f"{finger}_no_contact"], np.float32))
                 h, w = no_contact[finger][0].shape

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS
 from seed_core.program.npz import read_npz
 from seed_core.spatial import Array
 from seed_estimation.images.normalise import normalised
@@ -49,7 +50,7 @@ def load(path: Path) -> dict[str, Known]:
     out, foreign = {}, "identity_file was not written by the estimator"
     data = read_npz(path, foreign, MAX_BYTES)
     try:
-        for f in ("left", "right"):
+        for f in FINGERS:
             if f"{f}_pattern" in data:
                 dots, K = np.asarray(data[f"{f}_pattern"], np.float32), np.asarray(data[f"{f}_K"], float)
                 if dots.ndim != 2 or K.shape != (3, 3) or not (np.isfinite(dots).all() and np.isfinite(K).all()):

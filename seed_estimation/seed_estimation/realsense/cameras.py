@@ -12,10 +12,11 @@ from functools import partial
 from typing import Any
 
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS_OF
 from seed_estimation.realsense import CameraError, library
 from seed_estimation.realsense.camera import Camera, Pictures
 from seed_estimation.realsense.selection import assign, describe, listed
-from seed_estimation.realsense.settings import FINGERS, RealSenseSettings
+from seed_estimation.realsense.settings import RealSenseSettings
 
 LOOK = 0.25  # [s] between two looks at what is there
 FIRST = 3.0  # [s] that a camera may take to its first images
@@ -54,7 +55,7 @@ class Cameras:
         self.settings = settings
         files = [file for file in settings.recordings if file]
         self._find: Find = find or ((lambda: recorded(files)) if files else connected)
-        self.fingers = FINGERS[settings.fingers]
+        self.fingers = FINGERS_OF[settings.fingers]
         self._serials = {f: str(getattr(settings, f)) for f in self.fingers}
         self._open: dict[str, Camera] = {}
         self._before = dict.fromkeys(self.fingers, (0, 0))  # images taken and lost of cameras that are closed

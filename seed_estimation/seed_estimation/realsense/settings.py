@@ -4,8 +4,7 @@
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field
-
-FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
+from seed_core.hand import FINGERS_OF
 
 
 @dataclass(frozen=True)
@@ -14,7 +13,7 @@ class RealSenseSettings:
 
     left: str = field("", doc="serial number of the left bubble's camera; empty: the smaller one of two")
     right: str = field("", doc="serial number of the right bubble's camera; empty: the larger one of two")
-    fingers: str = field("both", choices=tuple(FINGERS), doc="which bubbles have a camera")
+    fingers: str = field("both", choices=tuple(FINGERS_OF), doc="which bubbles have a camera")
     recordings: list[str] = field([], doc="files of the library's recorder that are played in place of cameras on USB")
     model: str = field("D405", doc="that the camera's name must contain: others see nothing as near as a membrane")
     width: int = field(640, unit="px", low=64, high=1280, doc="of both images")

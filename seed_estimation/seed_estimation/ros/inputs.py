@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from seed_core.clocks import DOC, clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS_OF
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import TactileImages
@@ -27,9 +28,6 @@ from seed_ros.images import (
     read_image,
 )
 
-FINGERS = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
-
-
 NO_IMAGES = 3.0  # [s] without any, after which that is told
 
 
@@ -37,7 +35,7 @@ NO_IMAGES = 3.0  # [s] without any, after which that is told
 class InputSettings:
     """How images are taken in."""
 
-    fingers: str = field("both", choices=tuple(FINGERS), doc="which bubbles have a camera")
+    fingers: str = field("both", choices=tuple(FINGERS_OF), doc="which bubbles have a camera")
     rectified: bool = field(False, doc="streams are rectified: ignore D, use P of camera_info")
     pair_tolerance: float = field(0.005, unit="s", low=0.0, high=0.1, doc="between depth and infrared of one finger")
     finger_tolerance: float = field(
@@ -77,7 +75,7 @@ class ImageInputs:
         self.settings, self._bubbles = settings, bubbles
         self.clocks = clocks(settings.clocks)
         self._ahead = settings.clock_offset + self.clocks.offset  # [s]
-        self.fingers = FINGERS[settings.fingers]
+        self.fingers = FINGERS_OF[settings.fingers]
         self.cameras: dict[str, PinholeCamera] = {}
         self.frame_ids: dict[str, str] = {}
         self._camera_problems: dict[str, str] = {}  # by finger whose camera_info was refused

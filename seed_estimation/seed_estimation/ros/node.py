@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS_OF, Hand
 from seed_estimation.calibration import file as calibration_file
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.estimator import Estimator
@@ -26,7 +26,7 @@ from seed_estimation.images import identity
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.ros.gathering import Gathering, GatheringError, Images
-from seed_estimation.ros.inputs import FINGERS, ImageInputs, InputSettings
+from seed_estimation.ros.inputs import ImageInputs, InputSettings
 from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
 from seed_ros.conversions import estimate_to_message, fill, stamped, transform_stamped
 from seed_ros.images import image_message
@@ -74,7 +74,7 @@ class EstimatorNode(SeedNode):
 
         self.core: Estimator | None = None
         self._no_core = ""  # why there is none although the cameras are known
-        names = {finger: self.frames.camera(finger) for finger in FINGERS[inputs.fingers]}
+        names = {finger: self.frames.camera(finger) for finger in FINGERS_OF[inputs.fingers]}
         self.bubbles = identity.Bubbles(self.settings.identity_file, names)
         self.gathering = Gathering(self)
         self._arrivals: deque[float] = deque(maxlen=LATENCIES)

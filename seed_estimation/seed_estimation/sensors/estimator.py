@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from seed_core.config import checked
 from seed_core.estimate import NO_GRASP, NO_TOUCH, RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.checks import SET_BACK, EstimatorError
@@ -36,11 +37,11 @@ class SensorEstimator(Generic[Image]):
         Raises:
             EstimatorError: no sensor, or one of another finger.
         """
-        unknown = [f for f in sensors if f not in ("left", "right")]
+        unknown = [f for f in sensors if f not in FINGERS]
         if unknown or not sensors:
             raise EstimatorError(f"sensors of {sorted(sensors) or 'no finger'}: give 'left', 'right' or both")
         self.parameters, self.method = checked(parameters, "SensorEstimatorParameters"), method
-        self.fingers = tuple(f for f in ("left", "right") if f in sensors)
+        self.fingers = tuple(f for f in FINGERS if f in sensors)
         self.patches: dict[str, ContactPatch] = {}
         self._sensors = {f: sensors[f] for f in self.fingers}
         self._referenced = self._grasped = self._slid = False

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seed_core.config import field
-from seed_core.hand import Frame, Hand
+from seed_core.hand import FINGERS_OF, Frame, Hand
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
 from seed_estimation import PinholeCamera
@@ -22,7 +22,7 @@ class GelParameters:
 
     tool: ToolShape = field(ToolShape(kind="box", width=0.009, length=0.06), doc="what is held")
     T_held: Frame = field(Frame(), doc="where the middle of what is held lies in T")
-    fingers: str = field("both", choices=("both", "left", "right"), doc="which gels have a camera")
+    fingers: str = field("both", choices=tuple(FINGERS_OF), doc="which gels have a camera")
     squeeze: float = field(0.0007, unit="m", low=1e-4, high=0.002, doc="imprint of the tool in each gel at the grasp")
 
     distance: float = field(0.022, unit="m", low=0.01, high=0.1, doc="from the camera to the free gel")

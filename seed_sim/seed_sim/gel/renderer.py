@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from seed_core.hand import FINGERS, Hand
+from seed_core.hand import FINGERS, FINGERS_OF, Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera
 from seed_estimation.gel.image import GelImage
@@ -60,7 +60,7 @@ class GelRenderer:
 
     def __init__(self, parameters: GelParameters, hand: Hand, seed: int) -> None:
         self.parameters, self.hand = parameters, hand
-        names = FINGERS if parameters.fingers == "both" else (parameters.fingers,)
+        names = FINGERS_OF[parameters.fingers]
         streams = dict(zip(FINGERS, np.random.SeedSequence(seed).spawn(len(FINGERS)), strict=True))
         camera = gel_camera(parameters)
         self.fingers = {

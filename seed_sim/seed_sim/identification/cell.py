@@ -13,6 +13,7 @@ import numpy as np
 
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.truth import direction, draw_truth
@@ -77,7 +78,7 @@ class SimulatedCell:
     @staticmethod
     def with_pressure(membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]) -> tuple[MembraneMotion, ...]:
         """The motions, with the pressures [hPa] of the left and of the right bubble."""
-        told = dict(zip(("left", "right"), pressures, strict=True))
+        told = dict(zip(FINGERS, pressures, strict=True))
         return tuple(replace(m, pressure=told[m.finger]) for m in membrane)
 
     def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:

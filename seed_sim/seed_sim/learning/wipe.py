@@ -12,6 +12,7 @@ from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS
 from seed_estimation.images.tactile_images import eight_bits
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
 from seed_sim.learning.episode import WORLDS, Episode, Wanted, WorldName
@@ -98,7 +99,7 @@ class WipeEnv(gymnasium.Env[Observation, NDArray[Any]]):
         }
         if images:
             shape = camera_model(self._scenario.tactile.camera).shape
-            for finger in ("left", "right"):
+            for finger in FINGERS:
                 spaces[finger] = Box(0, 255, shape, np.uint8)
                 spaces[f"{finger}_depth"] = Box(0.0, 2.0, shape, np.float32)
         self._spaces = spaces

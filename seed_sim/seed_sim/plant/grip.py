@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
-from seed_core.hand import GripperPressure
+from seed_core.hand import FINGERS, GripperPressure
 from seed_core.spatial import Array, skew
 from seed_sim.plant.tools import ToolInertia
 from seed_sim.scenario import GraspSection
@@ -66,7 +66,7 @@ class Grip:
     @property
     def pressures(self) -> dict[str, float]:
         """In each bubble at this width [hPa]."""
-        return dict.fromkeys(("left", "right"), self.pressure)
+        return dict.fromkeys(FINGERS, self.pressure)
 
     @property
     def pressure(self) -> float:

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import Frame
+from seed_core.hand import FINGERS, Frame
 from seed_core.spatial import Wrench, inverse_pose
 from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
 from seed_ros.conversions import check_frame, estimate_to_message, pose_stamped, pose_to_matrix, wrench_stamped
@@ -60,7 +60,7 @@ class CellNode(SeedNode):
         self._wrench = create(WrenchStamped, "ft_sensor/wrench", QUEUE)
         self._width = create(Float64, "gripper/width", QUEUE)
         self._relative = create(RelativePose, "relative_pose", QUEUE)
-        self._pressure = [create(Float32, f"bubble_{f}/pressure", SENSOR) for f in ("left", "right")]
+        self._pressure = [create(Float32, f"bubble_{f}/pressure", SENSOR) for f in FINGERS]
         self.loop = FixedRateLoop(self, self.settings.rate, self._tick)
         self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
         self.loop.poll(Float64, "gripper/command", self._on_width, COMMAND)

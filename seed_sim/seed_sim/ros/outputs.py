@@ -12,6 +12,7 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray
 from visualization_msgs.msg import Marker
 
 from seed_core.estimate import NO_TOOL, Regrasp, RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, so3_log
 from seed_ros import CLOCK, COMMAND, LATCHED, QUEUE, SENSOR, FrameNames, SeedNode, TransformBroadcaster
 from seed_ros.conversions import (
@@ -61,7 +62,7 @@ class Outputs:
         self._ft = create(WrenchStamped, "ft_sensor/wrench", QUEUE)
         self._joints = create(JointState, "joint_states", QUEUE)
         self._width = create(Float64, "gripper/width", QUEUE)
-        self._pressures = {f: create(Float32, f"bubble_{f}/pressure", SENSOR) for f in ("left", "right")}
+        self._pressures = {f: create(Float32, f"bubble_{f}/pressure", SENSOR) for f in FINGERS}
         membranes = plant.membranes
         self._membranes = create(Float64MultiArray, f"~/{TOPIC}", SENSOR) if membranes is not None else None
         self._told = -1.0  # [s] the solve that was published last

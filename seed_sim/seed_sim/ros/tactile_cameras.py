@@ -13,6 +13,7 @@ from seed_msgs.msg import RelativePose
 from std_msgs.msg import Float64MultiArray
 
 from seed_core.config import field
+from seed_core.hand import FINGERS_OF
 from seed_core.spatial import Array
 from seed_estimation import TactileImages
 from seed_ros import SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
@@ -35,7 +36,7 @@ class CameraSettings:
 
     scenario: str = field("nominal", doc="name or file of the scenario")
     seed: int = field(0, low=0, high=2**31 - 1, doc="of dots and noise")
-    fingers: str = field("both", choices=("both", "left", "right"), doc="which bubbles have a camera")
+    fingers: str = field("both", choices=tuple(FINGERS_OF), doc="which bubbles have a camera")
     rate: float = field(0.0, unit="Hz", low=0.0, high=120.0, doc="of the cameras; 0: the scenario's")
     latency: float = field(
         0.02, unit="s", low=0.0, high=0.5, doc="least time from exposure to the message, as cameras have it"

@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field
+from seed_core.hand import FINGERS_OF
 
 CAMERAS = ("picoflexx", "d405")
 SHAPES = ("cylinder", "short_handle", "box", "marker")
@@ -31,7 +32,7 @@ class TactileParameters:
     """What is held, how the membrane gives way, and how the camera errs."""
 
     camera: str = field("picoflexx", choices=CAMERAS, doc="camera inside each bubble")
-    fingers: str = field("both", choices=("both", "left", "right"), doc="which cameras deliver images")
+    fingers: str = field("both", choices=tuple(FINGERS_OF), doc="which cameras deliver images")
     tool: ToolShape = field(ToolShape(), doc="what is held")
     squeeze: float = field(
         0.0065, unit="m", low=0.0005, high=0.015, doc="imprint of the tool in each bubble at the grasp"

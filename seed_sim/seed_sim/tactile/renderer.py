@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from seed_core.hand import FINGERS, Hand
+from seed_core.hand import FINGERS, FINGERS_OF, Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera, TactileImages
 from seed_sim.tactile.cameras import camera_model, coarse_factor, coarse_rays
@@ -80,7 +80,7 @@ class _Bubbles:
     def __init__(self, parameters: TactileParameters, hand: Hand, lenses: Lenses | None) -> None:
         self.parameters, self.hand = parameters, hand
         self._lenses = lenses or dict.fromkeys(FINGERS, camera_model(parameters.camera))
-        self._names = FINGERS if parameters.fingers == "both" else (parameters.fingers,)
+        self._names = FINGERS_OF[parameters.fingers]
         self.fingers: dict[str, FingerRenderer] = {}
 
     def _add(self, finger: str, rays: Rays, rest: Shape, seed: int) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.errors import SeedError
+from seed_core.hand import FINGERS
 from seed_core.vector3 import Vector3
 from seed_sim.world.parameters import (
     KINDS,
@@ -95,6 +96,6 @@ def draw_world(seed: int, kind: Kind = "spring", *, late_stamps: bool = False) -
 
 def _on_membranes(world: World) -> World:
     """Without what membranes with mechanics bring themselves, and with cameras whose range was calibrated elsewhere."""
-    sides = {f: replace(getattr(world.images, f), shape_mm=0.0) for f in ("left", "right")}
+    sides = {f: replace(getattr(world.images, f), shape_mm=0.0) for f in FINGERS}
     images = replace(world.images, slip=0.0, range_error=0.0, **sides)
     return replace(world, spring=SpringWorld(), images=images)

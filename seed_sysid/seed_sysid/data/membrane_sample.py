@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from seed_core.estimate import DEFORMATIONS, MembraneMotion
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, make_pose, pose_from_rpy, rpy_from_rotation
 
 _LENGTHS = {"motion": 6, "deformation": DEFORMATIONS, "area": 1, "centroid": 3, "indentation": 1, "pressure": 1}
@@ -98,7 +99,7 @@ def since(sample: MembraneSample, first: MembraneSample) -> MembraneSample:
 
 def from_json(entry: Any) -> MembraneSample:
     """From a mapping. Raises ValueError with what is wrong."""
-    if not isinstance(entry, dict) or entry.get("finger") not in ("left", "right"):
+    if not isinstance(entry, dict) or entry.get("finger") not in FINGERS:
         raise ValueError(f"membrane: {entry!r} must be a mapping with finger: left or right")
     values: dict[str, Any] = {"finger": entry["finger"]}
     for name, length in _LENGTHS.items():

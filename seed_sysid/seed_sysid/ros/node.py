@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from seed_core.clocks import clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
-from seed_core.hand import Frame, Hand
+from seed_core.hand import FINGERS, Frame, Hand
 from seed_core.spatial import inverse_pose
 from seed_ros import COMMAND, LATCHED, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, diagnostics
 from seed_ros.arm import arm_holds
@@ -86,7 +86,7 @@ class SysidNode(SeedNode):
         self.listen(RelativePose, "relative_pose", self._on_estimate, QUEUE, refused="estimates_refused")
         self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
         self.loop.poll(Float64, "gripper/width", self._on_width, QUEUE)
-        for finger in ("left", "right"):
+        for finger in FINGERS:
             receive = partial(self._on_pressure, finger)
             self.loop.poll(Float32, f"bubble_{finger}/pressure", receive, SENSOR)
         self._server = self.serve_action(IdentifyStiffness, "~/identify_stiffness", self._execute)

@@ -19,7 +19,7 @@ from seed_bringup.ros.link_frames import joints_of
 from seed_control.tasks.load import load_task, shipped_tasks
 from seed_core.clocks import clocks, save_clocks
 from seed_core.config import to_mapping
-from seed_core.hand import Hand, read_hand
+from seed_core.hand import FINGERS, Hand, read_hand
 from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hysteretic
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
@@ -201,8 +201,7 @@ def _samples() -> bytes:
 def _identity() -> bytes:
     rng = np.random.default_rng(0)
     known = {
-        f: identity.Known(rng.random((12, 16)).astype(np.float32), f"bubble_{f}_optical", np.eye(3))
-        for f in ("left", "right")
+        f: identity.Known(rng.random((12, 16)).astype(np.float32), f"bubble_{f}_optical", np.eye(3)) for f in FINGERS
     }
     return _written("i.npz", lambda f: identity.save(f, known))
 

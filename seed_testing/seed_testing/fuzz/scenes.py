@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from seed_control.tasks.load import shipped_tasks
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
-from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
+from seed_core.hand import DEFAULT_STIFFNESS, FINGERS, Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
 from seed_ros.conversions import (
     estimate_to_message,
@@ -52,9 +52,7 @@ class ArmScene(Subject):
         load = np.array((0.0, 0.0, self.pressed - Tool().mass * 9.81))
         X_CT = make_pose(None, self.X_WE[:3, :3].T @ load / K)
         small = np.diag([1e-8] * 6)
-        motions = tuple(
-            MembraneMotion(f, X_CT, small, deformation=np.zeros(9), pressure=1030.0) for f in ("left", "right")
-        )
+        motions = tuple(MembraneMotion(f, X_CT, small, deformation=np.zeros(9), pressure=1030.0) for f in FINGERS)
         told = RelativePoseEstimate(self.now, X_CT, small, method="test", membrane=motions)
         return estimate_to_message(told, "compliance", "tool")
 

@@ -16,6 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 from seed_bringup.bags.files import BagWriter
+from seed_core.hand import FINGERS
 from seed_core.program.command_line import Parser, command
 from seed_ros.images import Intrinsics, camera_info, image_message
 from seed_testing.recordings.press import Press, load
@@ -63,7 +64,7 @@ def main(argv: list[str]) -> int:
     parser = Parser(description="Turn a recorded press into a bag.")
     parser.add_argument("press", type=Path)
     parser.add_argument("bag", type=Path, help="must not exist; .mcap for a single file")
-    parser.add_argument("--finger", choices=("left", "right"), default="left")
+    parser.add_argument("--finger", choices=FINGERS, default="left")
     options = parser.parse_args(argv)
     write(load(options.press), options.bag, options.finger)
     print(f"written to {options.bag}")

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from joblib import delayed
 
-from seed_core.hand import Frame, Hand
+from seed_core.hand import FINGERS, Frame, Hand
 from seed_estimation import EstimatorError, PinholeCamera
 from seed_estimation.gel.sensor import Gel
 from seed_estimation.gel.settings import GelSettings
@@ -30,7 +30,7 @@ from seed_testing.validation.scores import NAMED, Series, scores
 MOTION = TrajectorySection(duration=4.0, rate=25.0, translation_mm=(0.4, 0.08, 0.4), rotation_deg=(1.2, 3.0, 1.2))
 MOUNT_DEG, MOUNT_MM, FOCAL = 0.3, 0.1, 0.005  # deviations of what the estimator is told wrongly
 GOAL = 0.2, 1.0  # [mm], [deg] rms
-CASES = {"both": ("left", "right"), "left alone": ("left",)}
+CASES = {"both": FINGERS, "left alone": ("left",)}
 
 
 def parameters(rng: np.random.Generator) -> GelParameters:

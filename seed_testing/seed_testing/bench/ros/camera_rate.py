@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool
 
 from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
+from seed_core.hand import FINGERS
 from seed_core.program.command_line import Parser, command, number
 from seed_ros import FixedRateLoop
 from seed_ros.images import IMAGES, read_image
@@ -31,7 +32,7 @@ from seed_testing.figures import text
 
 NODE = "seed_testing.bench.ros.software_cameras"
 PATIENT = QoSProfile(depth=30, reliability=ReliabilityPolicy.BEST_EFFORT)  # counts all, and is in no hurry
-STREAMS = tuple((f, k) for f in ("left", "right") for k in IMAGES)
+STREAMS = tuple((f, k) for f in FINGERS for k in IMAGES)
 GAP = 1.5  # [periods] between two stamps: an image is missing
 AWAY = 2.0  # [s] that a camera is unplugged
 RATE = 30.0  # [Hz]

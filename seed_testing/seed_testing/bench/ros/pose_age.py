@@ -35,6 +35,7 @@ from seed_bringup.launching.launcher import Launch
 from seed_bringup.launching.packages import find_launch_file
 from seed_bringup.ros.session import Session, SessionError
 from seed_core.errors import FailedError
+from seed_core.hand import FINGERS
 from seed_ros import QUEUE, SENSOR, FixedRateLoop
 from seed_ros.conversions import seconds
 from seed_testing.bench.processes import processes
@@ -59,7 +60,7 @@ class _Listener:
         self._node = Node("listener", context=self._context, start_parameter_services=False)
         loop = FixedRateLoop(self._node, 10.0, lambda: None, eager=True)
         loop.poll(RelativePose, "relative_pose", self._on_pose, QUEUE)
-        for finger in ("left", "right"):  # each finger's camera_info is sent right before its images
+        for finger in FINGERS:  # each finger's camera_info is sent right before its images
             loop.poll(CameraInfo, f"bubble_{finger}/depth/camera_info", self._on_info, SENSOR, raw=True)
         loop.poll(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=10))
         self._thread = threading.Thread(target=loop.run, args=(self._over.is_set,))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS, Hand
 from seed_core.spatial import Array
 from seed_estimation import PinholeCamera, TactileImages
 from seed_testing.validation.other.sheet import STEP, Field, Held, Sheet
@@ -116,7 +116,7 @@ class OtherRenderer:
     ) -> None:
         """hand: as it is, not as believed; wrong: what else is not as believed, by finger."""
         rng, wrong = np.random.default_rng((seed, 31)), wrong or {}
-        self.cameras = {f: PinholeCamera(*SIZE, K, D, "plumb_bob") for f in ("left", "right")}
+        self.cameras = {f: PinholeCamera(*SIZE, K, D, "plumb_bob") for f in FINGERS}
         self.bubbles = {
             f: Bubble(Sheet(held, side, (0.055, 0.041), 0.028, squeeze, 0.0095), X_CX, wrong.get(f, Camera()), rng)
             for f, side, X_CX in (("left", 1.0, hand.X_CL), ("right", -1.0, hand.X_CR))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from seed_core.hand import Hand
+from seed_core.hand import FINGERS, Hand
 from seed_core.spatial import Array, pose_from_rpy
 from seed_estimation import Estimator
 from seed_estimation.calibration.file import frame_of
@@ -46,7 +46,7 @@ def run_other(scenario: Scenario, method: str, seed: int, astray: float) -> Seri
 
     believed = scenario.hand
     hand: Hand = replace(believed, C_L=frame_of(mount(believed.X_CL)), C_R=frame_of(mount(believed.X_CR)))
-    wrong = {f: Camera(*(float(off(size, 1)[0]) for size in (FOCAL, SCALE, OFFSET))) for f in ("left", "right")}
+    wrong = {f: Camera(*(float(off(size, 1)[0]) for size in (FOCAL, SCALE, OFFSET))) for f in FINGERS}
     held = Held(tool.radius, tool.length, None if tool.round else tool.width)
     bubbles = OtherRenderer(held, hand, seed, wrong)
     estimator = Estimator(estimator_parameters(scenario, method), believed, bubbles.cameras)
