@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -54,21 +55,25 @@ def seed(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=90.0)
 
 
+def together(*lines: str) -> list[subprocess.CompletedProcess[str]]:
+    """Commands that do not disturb one another, side by side: each waits for the graph most of its time."""
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(lambda line: seed(*line.split()), lines))
+
+
 def playing(*words: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-P", "-u", "-m", "seed_bringup.commands.dispatch", "play", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_task_without_a_cell_is_told_what_starts_one() -> None:
-    for words in (("play", "squeegee"), ("cancel",)):
-        done = seed(*words, "--domain", "229")  # nobody's
+def test_without_a_cell_a_task_is_told_what_starts_one_and_a_service_is_told_apart_from_a_refusal() -> None:
+    asked = ("play squeegee", "cancel", "call", "call controller/enable on")
+    lines = (f"{line} --domain {domain}" for domain, line in enumerate(asked, 226))  # nobody's, and each its own
+    play, cancel, *calls = together(*lines)
+    for done, name, domain in ((play, "play", 226), (cancel, "cancel", 227)):
         assert done.returncode == 1
-        assert done.stderr == f"seed {words[0]}: no cell is running in ROS domain 229: ./seed launch cell starts one\n"
-
-
-def test_a_service_of_nobody_is_told_apart_from_a_refusal() -> None:
-    for words in (("call",), ("call", "controller/enable", "on")):
-        done = seed(*words, "--domain", "229")  # nobody's
+        assert done.stderr == f"seed {name}: no cell is running in ROS domain {domain}: ./seed launch cell starts one\n"
+    for done in calls:
         assert done.returncode == 2
         assert "no cell is running" in done.stderr
 
@@ -181,32 +186,29 @@ def test_services_are_listed_and_wrong_calls_are_named(cell: Launch) -> None:
     while "/controller/enable on|off\n" not in (listed := seed("call")).stdout:
         assert time.monotonic() < until, listed
     assert "/sim/grasp\n" in listed.stdout
-    switch = seed("call", "controller/enable")
+    switch, trigger, gone, near, _ = together(
+        "call controller/enable", "call /sim/grasp on", "call sim/gone", "call sim/grab", "call sim/release"
+    )
     assert switch.returncode == 2
     assert "say on or off" in switch.stderr
-    trigger = seed("call", "/sim/grasp", "on")
     assert trigger.returncode == 2
     assert "takes neither" in trigger.stderr
-    seed("call", "sim/release")
+    assert gone.returncode == 2
+    assert "no service /sim/gone; ./seed call lists what there is" in gone.stderr
+    assert "did you mean sim/grasp?" in near.stderr
     refused = seed("call", "controller/enable", "on")  # without a tool
     assert refused.returncode == 1
     assert "/controller/enable: cannot enable" in refused.stderr
-    gone = seed("call", "sim/gone")
-    assert gone.returncode == 2
-    assert "no service /sim/gone; ./seed call lists what there is" in gone.stderr
-    assert "did you mean sim/grasp?" in seed("call", "sim/grab").stderr
     assert cell.poll() is None
 
 
 @pytest.mark.usefixtures("cell")
 def test_a_topic_is_watched_without_a_ros_installation() -> None:
-    listed = seed("watch").stdout
-    assert "/controller/state  (seed_msgs/msg/ControllerState)" in listed
-    once = seed("watch", "current_pose", "--once", "--for", "30")
+    listed, once, missing = together("watch", "watch current_pose --once --for 30", "watch nobody --for 1")
+    assert "/controller/state  (seed_msgs/msg/ControllerState)" in listed.stdout
     assert once.returncode == 0, once.stderr
     assert once.stdout.count("/current_pose: message 1") == 1
     assert "frame_id: base" in once.stdout
     assert "orientation: roll pitch yaw " in once.stdout
-    missing = seed("watch", "nobody", "--for", "1")
     assert missing.returncode == 1
     assert "nobody publishes /nobody" in missing.stderr
