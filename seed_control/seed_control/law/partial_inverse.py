@@ -7,11 +7,11 @@
 Torques are N(q)^T diag(k) q written in T, q = (r, p, y) = rpy(R_TC); pairs are tx-roll, ty-pitch, tz-yaw.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 from math import asin, cos, isfinite, pi, sin
 
 import numpy as np
-from scipy.optimize import brentq
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
@@ -110,11 +110,7 @@ def _pitch_by_root(k: Vector3, ty: float, roll: float, tz: float, c2: float, s2:
 
     # F' = 0 is a quadratic in sin p, so the range falls into at most three pieces on which F is monotone.
     edges = [-PITCH_RANGE, *_turning_points(c2 * kp, s2 * a, s2 * tz), PITCH_RANGE]
-    roots = [
-        float(brentq(value, low, high, xtol=1e-15, rtol=8.9e-16))
-        for low, high in pairwise(edges)
-        if value(low) * value(high) <= 0.0
-    ]
+    roots = [_root(value, low, high) for low, high in pairwise(edges) if value(low) * value(high) <= 0.0]
     if not roots:
         low, high = sorted((value(-PITCH_RANGE) + ty, value(PITCH_RANGE) + ty))
         raise PartialInverseError(
@@ -128,6 +124,25 @@ def _pitch_by_root(k: Vector3, ty: float, roll: float, tz: float, c2: float, s2:
         )
     start = near if near is not None else roots[0]
     return min(roots, key=lambda p: abs(p - start))
+
+
+def _root(value: Callable[[float], float], low: float, high: float) -> float:
+    """Zero of a monotone function between places of different sign: false position, the Illinois variant.
+
+    SciPy's brentq does the same, and is half of what a command or a controller loads when it starts.
+    """
+    f_low, f_high = value(low), value(high)
+    for _ in range(100):
+        if f_high == 0.0 or abs(high - low) < 1e-15:
+            break
+        p = high - f_high * (high - low) / (f_high - f_low)
+        f = value(p)
+        if f * f_high < 0.0:
+            low, f_low = high, f_high
+        else:
+            f_low *= 0.5
+        high, f_high = p, f
+    return high
 
 
 def _turning_points(b: float, c: float, d: float) -> list[float]:
