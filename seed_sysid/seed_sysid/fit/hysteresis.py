@@ -7,7 +7,6 @@ the data want its h: clearly away from zero, and not small beside what the axis 
 """
 
 from dataclasses import replace
-from itertools import accumulate
 
 import numpy as np
 
@@ -24,12 +23,20 @@ _SHARE = 0.02  # of the largest elastic load on that axis; below it friction doe
 def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
     """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre."""
     steps = np.diff(path, axis=0, prepend=np.zeros((1, 6))) / yields
-    z = [[*accumulate(axis, _follow, initial=0.0)][1:] for axis in steps.T.tolist()]
-    return np.asarray(np.array(z).T[index])
+    return np.asarray(np.array([_stop(axis) for axis in steps.T.tolist()]).T[index])
 
 
-def _follow(z: float, step: float) -> float:
-    return min(max(z + step, -1.0), 1.0)
+def _stop(steps: list[float]) -> list[float]:
+    """The state of one axis after each step. A plain loop: a fit goes over millions of steps."""
+    z, states = 0.0, []
+    for step in steps:
+        z += step
+        if z > 1.0:
+            z = 1.0
+        elif z < -1.0:
+            z = -1.0
+        states.append(z)
+    return states
 
 
 def fit_with_friction(problem: Problem) -> tuple[Problem, Solution]:
