@@ -17,8 +17,7 @@ itself estimated from the residuals, apart for poses along one axis and for comb
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtri, stdtrit  # scipy.stats, which has them too, loads for half a second
 
 from seed_core.spatial import Array
 from seed_sysid.fit.load_model import LoadModel, Problem, Unknowns
@@ -126,7 +125,7 @@ class _Fit:
     def likely(self, noise: Array) -> np.ndarray:
         """(n,) whether a sample's residuals together pass for noise (GROUPS, 6): their squared Mahalanobis distance."""
         distance = ((self._residuals() / noise[self.problem.group]) ** 2).sum(axis=1)
-        return np.asarray(distance < chi2.isf(self.problem.parameters.outlier, 6))
+        return np.asarray(distance < chdtri(6, self.problem.parameters.outlier))
 
     def solution(self) -> Solution:
         """What was found, with standard deviations from the covariance (J^T J)^-1."""
@@ -138,7 +137,7 @@ class _Fit:
         value, deviation, r = Unknowns.from_vector(self.unknowns), Unknowns.from_vector(std), self._residuals()
         measured = self.problem.wrench[self.inlier]
         total = ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
-        quantile = float(student.isf(0.5 * (1.0 - self.problem.parameters.confidence), self._degrees()))
+        quantile = float(stdtrit(self._degrees(), 0.5 * (1.0 + self.problem.parameters.confidence)))
         return Solution(
             value=value,
             std=deviation,

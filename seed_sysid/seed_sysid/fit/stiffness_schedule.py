@@ -8,7 +8,7 @@ trend is therefore only claimed where its interval excludes zero, and the band s
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from seed_core.hand import GripperPressure
 from seed_core.spatial import Array
@@ -38,7 +38,7 @@ class Line:
     @property
     def slope_interval(self) -> float:
         """Half width of the slope's 95 % interval; infinite where two points leave nothing to judge it by."""
-        quantile = float(student.isf(0.5 * (1.0 - _CONFIDENCE), self.degrees)) if self.degrees > 0 else float("inf")
+        quantile = float(stdtrit(self.degrees, 0.5 * (1.0 + _CONFIDENCE))) if self.degrees > 0 else float("inf")
         return quantile * self.slope_std
 
 

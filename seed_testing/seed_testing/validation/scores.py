@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, rotation_error, rpy_from_rotation
@@ -114,8 +114,8 @@ def _consistency(squares: Array) -> dict[str, Any]:
     Errors of neighbouring frames are alike, so the bounds are for as many independent frames as there are.
     """
     independent = _independent(squares)
-    low, high = (float(chi2.ppf(q, 6 * independent)) / independent for q in (_TAIL, 1.0 - _TAIL))
-    inside = float(np.mean((squares > chi2.ppf(_TAIL, 6)) & (squares < chi2.ppf(1.0 - _TAIL, 6))))
+    low, high = (float(chdtri(6 * independent, 1.0 - q)) / independent for q in (_TAIL, 1.0 - _TAIL))
+    inside = float(np.mean((squares > chdtri(6, 1.0 - _TAIL)) & (squares < chdtri(6, _TAIL))))
     mean = float(squares.mean())
     return {
         "nees": mean,
