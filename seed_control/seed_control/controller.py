@@ -106,7 +106,9 @@ class Controller:
         """A new relative pose. False (counted) when it is invalid, older than the last one, or no pose.
 
         While force, torque or a displacement is controlled on an axis that it does not observe, it counts as invalid.
+        The law presses by the membranes, so it goes by their patches, also where the tool has slid on them.
         """
+        estimate = estimate.of_patches()
         good = self.supervisor.add_estimate(estimate, self._unobserved(estimate), self._now)
         self.checks.stamp_problem = self.supervisor.stamps.reason
         return good

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller on the bench: it presses with the force asked for, and stops when it must."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -335,6 +337,16 @@ def test_another_stiffness_takes_over_without_a_jump() -> None:
     bench.run(3.0)
     bench.stiffness = DEFAULT_STIFFNESS.scaled(1.5)  # a firmer grip, known to the controller
     bench.controller.set_stiffness(bench.stiffness, bench.t)
+    bench.run(3.0)
+    assert_allclose(bench.force, 10.0, atol=TIGHT)
+
+
+def test_a_tool_that_has_slid_on_its_membranes_is_pressed_by_what_loads_them() -> None:
+    """By 2 mm along the force, which a spring would take for 1.6 N."""
+    slid = make_pose(p=(0.0, 0.0, 0.002))
+    bench = Bench().enabled()
+    bench.told = lambda estimate: replace(estimate, X_CT=estimate.X_CT @ slid, X_PT=slid)
+    bench.press(10.0)
     bench.run(3.0)
     assert_allclose(bench.force, 10.0, atol=TIGHT)
 

@@ -6,7 +6,7 @@ from math import inf, nan
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, inverse_pose
 
 LEAST = 10  # poses that are invalid; three in a row are enough
 LASTING = 0.3  # [s]; a controller holds after 0.15 s without a valid pose
@@ -65,6 +65,9 @@ class RelativePoseEstimate:
         slip: share of the tool's motion that the membrane does not follow, 0 (sticks) to 1.
         gross_slip: the tool has slid in the grasp since the last grasp; the pose is no longer relative to it.
         membrane: what the membranes do at this time, by finger; empty where the estimator does not tell.
+        X_PT: (4, 4) how far the tool has slid on the membranes since the grasp: pose of the tool in the frame P of the
+            patches, which lies where the tool would be had it stuck to them. I where it has not, or nobody tells.
+        covariance_PT: (6, 6) of that, the part of `covariance` that is due to it.
     """
 
     stamp: float
@@ -77,6 +80,15 @@ class RelativePoseEstimate:
     gross_slip: bool = False
     method: str = ""
     membrane: tuple[MembraneMotion, ...] = ()
+    X_PT: Array = field(default_factory=lambda: np.eye(4))
+    covariance_PT: Array = field(default_factory=lambda: np.zeros((6, 6)))
+
+    def of_patches(self) -> "RelativePoseEstimate":
+        """The same of the patches' frame P in place of the tool's: what loads the membranes, and so a bushing."""
+        return replace(
+            self, X_CT=self.X_CT @ inverse_pose(self.X_PT), covariance=self.covariance - self.covariance_PT,
+            X_PT=np.eye(4), covariance_PT=np.zeros((6, 6)),
+        )  # fmt: skip
 
     @property
     def observed_translation(self) -> tuple[bool, bool, bool]:

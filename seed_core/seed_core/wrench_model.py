@@ -116,6 +116,7 @@ class BushingModel:
         self._own = stated**2 + u.residual**2 + drift**2  # variance of each share
 
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
+        estimate = estimate.of_patches()  # what the tool has slid on its membranes loads nothing
         X_CT = observed_part(estimate)
         X_TC = inverse_pose(X_CT)
         wrench = self.bushing.wrench(X_TC)

@@ -244,11 +244,15 @@ class Estimator:
             mistakes = (identity.mistaken(f, self._images[f].ir, self.patterns) for f in self.fingers)
             return self._invalid(stamp, next(filter(None, mistakes), report.lost_reason(fit, touching, p.lock)))
 
-        # Covariance: rigid_fit/covariance.py
-        covariance = self._covariance.update(fit, tracker.slip, tracker.timing)
+        # Covariance, and how far the tool has slid on the membranes: rigid_fit/covariance.py, rigid_fit/sliding.py
+        covariance = self._covariance.update(fit, stamp, tracker.slip, tracker.timing)
 
         # Report: report.py
         estimate = report.rigid_fit(stamp, fit, covariance, self._covariance.creep, tracker, touching, p)
+        sliding = self._covariance.sliding
+        tracker.slid = sliding.value
+        if estimate.valid:
+            estimate = report.slid(estimate, *sliding.of_pose(fit))
         estimate = replace(estimate, membrane=report.membranes(tracker.around, self.patches, p))
         return report.from_free(estimate, self.zero)
 

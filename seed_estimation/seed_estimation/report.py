@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import NO_TOUCH, MembraneMotion, RelativePoseEstimate
-from seed_core.spatial import Array, make_pose
+from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
@@ -48,7 +48,7 @@ def rigid_fit(
     touching: Collection[str],
     p: EstimatorParameters,
 ) -> RelativePoseEstimate:
-    """An estimate by the rigid fit, from a track that is locked.
+    """An estimate by the rigid fit, from a track that is locked, of a tool that sticks to its membranes.
 
     covariance: (6, 6) of [rotation vector in C, translation in C]; creep: (6,) variances in it that do not say that an
     axis is not seen; touching: fingers whose depth shows a contact.
@@ -72,6 +72,25 @@ def rigid_fit(
     return RelativePoseEstimate(
         stamp, X_CT, covariance, observed, reason="; ".join(words), slip=slip, method="rigid_fit"
     )
+
+
+def slid(estimate: RelativePoseEstimate, X_PT: Array, covariance: Array) -> RelativePoseEstimate:
+    """An estimate of a tool that sticks to its membranes, moved by how far it has slid on them.
+
+    X_PT: (4, 4); covariance: (6, 6) of [rotation, translation] in the tool's frame.
+    """
+    R = np.zeros((6, 6))
+    R[:3, :3] = R[3:, 3:] = estimate.X_CT[:3, :3]
+    in_C = R @ covariance @ R.T
+    turn, way = np.sqrt(in_C.diagonal()[:3].max()), np.sqrt(in_C.diagonal()[3:].max())
+    reason = estimate.reason
+    if turn > NO_POSE[0] or way > NO_POSE[1]:
+        told = f"it has slid on the membranes, by how much is known to {np.rad2deg(turn):.0f} degrees"
+        reason = "; ".join(filter(None, (reason, f"{told} and {1e3 * way:.1f} mm")))
+    return replace(
+        estimate, X_CT=estimate.X_CT @ X_PT, covariance=estimate.covariance + in_C, reason=reason,
+        X_PT=X_PT, covariance_PT=in_C,
+    )  # fmt: skip
 
 
 def membranes(
@@ -104,6 +123,7 @@ def from_free(estimate: RelativePoseEstimate, zero: GraspZero) -> RelativePoseEs
     return replace(
         estimate,
         X_CT=estimate.X_CT @ X,
+        X_PT=inverse_pose(X) @ estimate.X_PT @ X,
         covariance=estimate.covariance + zero.covariance,
         membrane=tuple(replace(m, X_CM=m.X_CM @ X_band, covariance=m.covariance + of_band) for m in estimate.membrane),
     )

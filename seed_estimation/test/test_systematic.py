@@ -60,7 +60,7 @@ def found(images: tuple[dict[str, PinholeCamera], Frames, Frames, Frames], kind:
     for frame in way:
         last = estimator.update(frame, frame["left"].stamp)
         assert last.valid, last.reason
-    return last.X_CT, estimator
+    return last.of_patches().X_CT, estimator
 
 
 def test_a_wrong_camera_moves_the_pose_by_what_was_foretold(
@@ -69,14 +69,14 @@ def test_a_wrong_camera_moves_the_pose_by_what_was_foretold(
     fits: list[Fit] = []
     told = Systematic.of_pose
 
-    def of_pose(self: Systematic, fit: Fit) -> Array:
+    def of_pose(self: Systematic, fit: Fit, by_error: tuple[Array, Array]) -> Array:
         fits.append(fit)
-        return told(self, fit)
+        return told(self, fit, by_error)
 
     monkeypatch.setattr(Systematic, "of_pose", of_pose)
     right, _ = found(images)
     fit = fits[-1]
-    S = np.linalg.solve(fit.H, gradients(fit.fingers[0], fit.X_CT))
+    S = np.linalg.solve(fit.H, sum(gradients(fit.fingers[0], fit.X_CT)))
     for kind, size in SIZES.items():
         wrong, _ = found(images, kind)
         step = inverse_pose(right) @ wrong

@@ -112,6 +112,8 @@ def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: s
     message.child_frame_id = frame_t
     fill_pose(message.pose.pose, estimate.X_CT)
     message.pose.covariance = estimate.covariance[np.ix_(_SWAP, _SWAP)].ravel()
+    fill_pose(message.slid.pose, estimate.X_PT)
+    message.slid.covariance = estimate.covariance_PT[np.ix_(_SWAP, _SWAP)].ravel()
     message.observed = [bool(o) for o in estimate.observed]
     message.valid = bool(estimate.valid)
     message.reason = estimate.reason
@@ -165,8 +167,11 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
         SpatialError, MessageError: a value is not finite, or the quaternion is no unit quaternion.
     """
     covariance = np.asarray(message.pose.covariance, dtype=float).reshape(6, 6)
+    slid = np.asarray(message.slid.covariance, dtype=float).reshape(6, 6)
     if message.valid and not np.isfinite(covariance).all():
         raise MessageError("relative_pose.covariance has a value that is not finite")
+    if message.valid and not np.isfinite(slid).all():
+        raise MessageError("relative_pose.slid.covariance has a value that is not finite")
     if not math.isfinite(message.slip):
         raise MessageError(f"relative_pose.slip = {message.slip} is not finite")
     X_CT = pose_to_matrix(message.pose.pose, "relative_pose") if message.valid else np.eye(4)
@@ -182,6 +187,8 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
         gross_slip=bool(message.gross_slip),
         method=message.method,
         membrane=tuple(_motion_from_message(m) for m in message.membrane) if message.valid else (),
+        X_PT=pose_to_matrix(message.slid.pose, "relative_pose.slid") if message.valid else np.eye(4),
+        covariance_PT=slid[np.ix_(_SWAP, _SWAP)],
     )
 
 

@@ -40,12 +40,17 @@ def test_stamps_survive_to_the_nanosecond_of_a_double() -> None:
 
 def test_covariance_is_rotation_first_inside_and_translation_first_outside() -> None:
     diagonal = np.diag([1e-4, 2e-4, 3e-4, 4e-6, 5e-6, 6e-6])
-    estimate = RelativePoseEstimate(3.5, some_pose(), diagonal, (True, False, True, True, False, True), method="m")
+    estimate = RelativePoseEstimate(
+        3.5, some_pose(), diagonal, (True, False, True, True, False, True), method="m",
+        X_PT=some_pose(), covariance_PT=0.5 * diagonal,
+    )  # fmt: skip
     message = c.estimate_to_message(estimate, "compliance", "tool")
     assert_allclose(np.diag(message.pose.covariance.reshape(6, 6)), [4e-6, 5e-6, 6e-6, 1e-4, 2e-4, 3e-4])
     back = c.estimate_from_message(message)
     assert_allclose(back.covariance, diagonal)
     assert_allclose(back.X_CT, estimate.X_CT, atol=1e-12)
+    assert_allclose(back.of_patches().X_CT, estimate.of_patches().X_CT, atol=1e-12)
+    assert_allclose(back.of_patches().covariance, 0.5 * diagonal)
     assert (back.observed, back.stamp, back.method) == (estimate.observed, 3.5, "m")
 
 
@@ -70,6 +75,10 @@ def test_what_is_not_finite_or_no_rotation_is_refused_by_name() -> None:
         c.wrench_to_core(wrench, "wanted wrench")
     estimate = c.estimate_to_message(RelativePoseEstimate(0.0, np.eye(4), slip=float("nan")), "compliance", "tool")
     with pytest.raises(SeedError, match=r"relative_pose\.slip = nan is not finite"):
+        c.estimate_from_message(estimate)
+    estimate = c.estimate_to_message(RelativePoseEstimate(0.0, np.eye(4)), "compliance", "tool")
+    estimate.slid.covariance[0] = float("inf")
+    with pytest.raises(SeedError, match=r"relative_pose\.slid\.covariance has a value that is not finite"):
         c.estimate_from_message(estimate)
     with pytest.raises(SeedError, match=r"target_frame\.header\.frame_id = 'map' is unknown here; known: base"):
         c.check_frame("map", ("base",), "target_frame")

@@ -239,6 +239,7 @@ def test_a_slip_on_membranes_with_mechanics_makes_the_estimate_invalid(monkeypat
         (["--world", "hidden", "--renderer", "other"], "leave out --world hidden"),
         (["--renderer", "other", "--membrane", "3"], "leave out --renderer other"),
         (["--astray", "1"], "give --renderer other"),
+        (["--larger", "2"], "give --membrane SEED"),
         (["--from", "bag", "--membrane", "3"], "leave out --from"),
     ],
 )

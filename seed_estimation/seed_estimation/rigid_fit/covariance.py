@@ -9,7 +9,8 @@ tell a variance roughly only: with H = L L^T, the average is of L^-1 (sum of g_c
 one camera sees less.
 
 What no image contradicts, because mounts, lenses and ranges are wrong all the time, comes from `systematic.py`, and
-what a creeping membrane hides from `creep.py`.
+what a creeping membrane hides from `creep.py`. All that is of a tool that sticks to its membranes; how far it has slid
+on them is in `sliding.py`.
 """
 
 import numpy as np
@@ -18,6 +19,7 @@ from seed_core.spatial import Array, so3_log
 from seed_estimation.rigid_fit.creep import Creep
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
+from seed_estimation.rigid_fit.sliding import Sliding
 from seed_estimation.rigid_fit.systematic import Systematic
 from seed_estimation.rigid_fit.timing import Timing
 
@@ -39,26 +41,33 @@ class Covariance:
     Attributes:
         systematic: errors of the cameras.
         creep: (6,) variances in the last one that are doubt about the membrane, not about what the images show.
+        sliding: how far the tool has slid on the membranes.
     """
 
     def __init__(self, systematic: Systematic) -> None:
         self.systematic = systematic
-        self._creep = Creep()
+        self._creep, self.sliding = Creep(), Sliding()
         self.creep = np.zeros(6)
         self._excess: Array | None = None  # average of L^-1 (sum of g_c g_c^T) L^-T
 
-    def update(self, fit: Fit, slip: MicroSlip, timing: Timing) -> Array:
-        """(6, 6) of [rotation vector in C, translation in C] of a fit that is believed; slip, timing: after it."""
+    def update(self, fit: Fit, stamp: float, slip: MicroSlip, timing: Timing) -> Array:
+        """(6, 6) of [rotation vector in C, translation in C] of a fit that is believed, were the tool to stick.
+
+        stamp: of its images [s]; slip, timing: after it.
+        """
         root = np.linalg.inv(np.linalg.cholesky(fit.H))
-        blocks = [finger.image for finger in fit.fingers] + [finger.depth for finger in fit.fingers]
-        excess = root @ np.asarray(sum(block.scatter() for block in blocks)) @ root.T
+        of_images = np.asarray(sum(finger.image.scatter() for finger in fit.fingers))
+        of_depth = np.asarray(sum(finger.depth.scatter() for finger in fit.fingers))
+        excess = root @ (of_images + of_depth) @ root.T
         if self._excess is None:
             self._excess = excess
         self._excess = self._excess + MEMORY * (excess - self._excess)
         C = root.T @ (OWN**2 * np.eye(6) + SCATTER**2 * self._excess) @ root
         effect = fit.slip_information.effect
         C = (ALONE**2 if _alone(fit) else 1.0) * C + slip.deviation**2 * np.outer(effect, effect)
-        C += self.systematic.of_pose(fit) + timing.covariance
+        by_error = self.systematic.gradients(fit)
+        C += self.systematic.of_pose(fit, by_error) + timing.covariance
+        self.sliding.update(fit, stamp, slip, of_depth, by_error, self.systematic.covariance)
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
         C = R @ C @ R.T

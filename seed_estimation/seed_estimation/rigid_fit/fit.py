@@ -3,7 +3,8 @@
 
 Robust Gauss-Newton over xi = [rotation, translation] on the residuals of all fingers, coarse then fine. The membrane
 may follow only a share 1 - slip of the motion across the camera's axis (micro-slip), which the image sees and depth
-does not.
+does not. Where the tool has slid on the membrane, the pose is that of the membrane's patches, and depth sees the tool
+that far from there (`sliding.py`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals, solved
 
 Course = Callable[[Array, str], Array]
+_STICKS = np.zeros(6)
 DONE = 2.0  # a step of less than this many deviations, as residuals that were independent would have them, is the last
 
 
@@ -27,7 +29,8 @@ class Fit:
     """Outcome of the fit.
 
     Attributes:
-        X_CT: (4, 4).
+        X_CT: (4, 4) of the tool, were it to stick to its patches.
+        slid: (6,) [rotation, translation] by which patches are ahead of the tool, in its frame, as it was fitted.
         H, g: (6, 6) information about xi, in the tool's frame, that of the prior included, and (6,) gradient.
         H_depth, g_depth: those of the depth images alone; H^-1 g is where they would like to go.
         explained: share of each finger's image that the motion explains.
@@ -36,6 +39,7 @@ class Fit:
     """
 
     X_CT: Array
+    slid: Array
     H: Array
     g: Array
     H_depth: Array
@@ -59,24 +63,27 @@ def fit(
     prior: Array,
     steps: tuple[int, int],
     course: Course | None = None,
+    slid: Array = _STICKS,
 ) -> Fit:
     """Pose of the tool from the fingers' images, started at X_CT (4, 4); slip: micro-slip [1].
 
     prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine; course:
-    where the tool is for a finger (by name) whose images are of another time.
+    where the tool is for a finger (by name) whose images are of another time; slid: as of Fit.
     """
     at = course or _same
+    X_PT = make_pose(so3_exp(-slid[:3]), -slid[3:]) if slid.any() else None
     X = X_CT
     for level, most in enumerate(steps):
         if most == 0:
             continue
-        fingers = [FingerResiduals(m, crops[m.finger], at(X, m.finger), slip, level) for m in models]
+        fingers = [FingerResiduals(m, crops[m.finger], at(X, m.finger), slip, level, X_PT) for m in models]
         X = _descended(fingers, X, prior, most, at)
     R = X[:3, :3]  # without the rounding of many products: one step of Newton's towards the nearest rotation
     X = make_pose(R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R)), X[:3, 3])
     H_depth, g_depth = sum(f.depth.H for f in fingers), sum(f.depth.g for f in fingers)
     return Fit(
         X_CT=X,
+        slid=slid,
         H=np.asarray(sum(f.image.H for f in fingers) + H_depth + prior),
         g=np.asarray(sum(f.image.g for f in fingers) + g_depth),
         H_depth=np.asarray(H_depth),

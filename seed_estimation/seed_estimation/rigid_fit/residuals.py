@@ -107,9 +107,14 @@ class FingerResiduals:
         depth_points: (3, M) the points of depth that touch, in the tool's frame [m].
     """
 
-    def __init__(self, model: FingerModel, crop: Crop, X_CT: Array, slip: float, level: int) -> None:
-        """X_CT (4, 4): about where the tool is; it decides which points touch. level: 0 coarse, 1 fine."""
-        self.model, self._crop, self._slip = model, crop, slip
+    def __init__(
+        self, model: FingerModel, crop: Crop, X_CT: Array, slip: float, level: int, X_PT: Array | None = None
+    ) -> None:
+        """X_CT (4, 4): about where the tool is; it decides which points touch. level: 0 coarse, 1 fine.
+
+        X_PT (4, 4): how far the tool has slid on its patches, by which depth sees it elsewhere than the image does.
+        """
+        self.model, self._crop, self._slip, self._X_PT = model, crop, slip, X_PT
         self._picture = crop.fine if level else crop.coarse
         points = model.levels[level]
         p, n = model.surfaces[level]
@@ -131,6 +136,10 @@ class FingerResiduals:
         X_XT, count = self.model.X_XC @ X_CT, self.points.value.size
         R, t = _single(X_XT)
         P = R @ self._p + t
+        if self._X_PT is not None:
+            X_XT = X_XT @ self._X_PT
+            R_slid, t_slid = _single(X_XT)
+            P[:, count:] = R_slid @ self._p[:, count:] + t_slid
         if self._slip > 0.0:
             self._leave_behind(P[:, :count], R)
         pixels = self.model.camera.project32(P)

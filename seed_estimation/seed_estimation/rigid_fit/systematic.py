@@ -18,9 +18,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, skew
+from seed_estimation.images.tactile_images import Array32
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.fit import Fit
-from seed_estimation.rigid_fit.residuals import FingerResiduals
+from seed_estimation.rigid_fit.residuals import FingerResiduals, Residuals
 
 MOUNT = 6  # errors of a mount: turns about the optical frame's x, y, z [rad], shifts along them [m]
 SOME = 4  # every so many points tell what lens and range do
@@ -64,29 +65,39 @@ class Systematic:
         gain = np.linalg.solve(B @ P @ B.T + np.diag(np.square(mutual)), B @ P).T
         self.covariance = P - gain @ B @ P
 
-    def of_pose(self, fit: Fit) -> Array:
-        """(6, 6) by which they make a fit's pose uncertain, [rotation, translation] in the tool's frame."""
+    def gradients(self, fit: Fit) -> tuple[Array, Array]:
+        """(6, n) change with the errors of the gradient of all infrared images, and of all depth images."""
         by_finger = {f.model.finger: f for f in fit.fingers}
-        G = np.hstack([gradients(by_finger[name], fit.X_CT) for name in self.fingers])
-        S = np.linalg.solve(fit.H, G)
+        image, depth = zip(*(gradients(by_finger[name], fit.X_CT) for name in self.fingers), strict=True)
+        return np.hstack(image), np.hstack(depth)
+
+    def of_pose(self, fit: Fit, by_error: tuple[Array, Array]) -> Array:
+        """(6, 6) by which they make a fit's pose uncertain, [rotation, translation] in the tool's frame.
+
+        by_error: as `gradients` gives it.
+        """
+        S = np.linalg.solve(fit.H, by_error[0] + by_error[1])
         return np.asarray(S @ self.covariance @ S.T)
 
 
-def gradients(finger: FingerResiduals, X_CT: Array) -> Array:
-    """(6, COUNT) change of one finger's gradient g with its camera's errors, at a pose X_CT (4, 4)."""
+def gradients(finger: FingerResiduals, X_CT: Array) -> tuple[Array, Array]:
+    """(6, COUNT) change with its camera's errors of one finger's gradient g, of its image and of its depth.
+
+    X_CT: (4, 4) where it is evaluated.
+    """
     model = finger.model
     X_TX = inverse_pose(model.X_XC)  # at the grasp, T = C
     motion = model.X_XC @ X_CT @ X_TX  # in the optical frame
-    out = np.empty((6, COUNT))
-    turned = adjoint(X_TX)
-    out[:, :MOUNT] = (finger.image.H + finger.depth.H) @ (turned @ (adjoint(inverse_pose(motion)) - np.eye(6)))
-    out[:, MOUNT:] = 0.0
+    by_mount = adjoint(X_TX) @ (adjoint(inverse_pose(motion)) - np.eye(6))
     R, t = motion[:3, :3].astype(np.float32), motion[:3, 3:].astype(np.float32)
     R_TX = (X_TX[:3, :3] @ motion[:3, :3].T).astype(np.float32)  # from the optical frame now to the tool
     R_XT, t_XT = model.X_XC[:3, :3].astype(np.float32), model.X_XC[:3, 3:].astype(np.float32)
-    for residuals, p in ((finger.image, finger.points.p), (finger.depth, finger.depth_points)):
+
+    def of(residuals: Residuals, p: Array32) -> Array:
+        out = np.zeros((6, COUNT))
+        out[:, :MOUNT] = residuals.H @ by_mount
         if residuals.r.size == 0:
-            continue
+            return out
         x = R_XT @ p[:, ::SOME] + t_XT
         moved = R @ x + t
         x_flat, moved_flat = x.copy(), moved.copy()
@@ -94,5 +105,7 @@ def gradients(finger: FingerResiduals, X_CT: Array) -> Array:
         slope = R_TX.T @ residuals.J[3:, ::SOME]  # of the residual, in the optical frame now
         d = (moved_flat - R @ x_flat, moved - R @ x, moved / moved[2] - R @ (x / x[2]))
         columns = np.stack([(slope * one).sum(axis=0) for one in d], axis=1)
-        out[:, MOUNT:] += (residuals.Jw[:, ::SOME] @ columns).astype(float) * (SOME * residuals.scale)
-    return out
+        out[:, MOUNT:] = (residuals.Jw[:, ::SOME] @ columns).astype(float) * (SOME * residuals.scale)
+        return out
+
+    return of(finger.image, finger.points.p), of(finger.depth, finger.depth_points)

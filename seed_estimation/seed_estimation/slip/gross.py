@@ -84,7 +84,8 @@ class GrossSlip:
         depth = UNSEEN
         if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
             covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
-            displacement = self._lever * (motion_vector(fit.X_CT)[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
+            seen = motion_vector(fit.X_CT) - fit.slid
+            displacement = self._lever * (seen[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
             depth = Depth(displacement, self._lever * np.sqrt(covariance.diagonal()))
         for markers in self._markers.values():
             markers.forget(stamp)

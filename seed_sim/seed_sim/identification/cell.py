@@ -67,7 +67,7 @@ class SimulatedCell:
             followed = None if seen is None else False
             return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, followed=followed)
         membrane = self.with_pressure(seen.membrane, pressures)
-        X_seen = inverse_pose(seen.X_CT)
+        X_seen = inverse_pose(seen.of_patches().X_CT)
         return Reading(
             self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane, followed=True
         )

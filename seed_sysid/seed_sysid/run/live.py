@@ -138,15 +138,16 @@ class Live:
         s = self.streams
         assert s.X_WE is not None
         estimate, s.estimate = s.estimate, None
+        told = estimate.of_patches() if estimate is not None and estimate.valid else None
         return Reading(
             stamp=now,
             X_TC=inverse_pose(self.X_WT) @ s.X_WE @ self.X_EC,
             wrench=s.take_wrench(),
             width=s.width if s.width is not None else 0.0,
             pressures=tuple(v for _, v in sorted(s.pressures.items())),
-            X_TC_estimated=inverse_pose(estimate.X_CT) if estimate is not None and estimate.valid else None,
+            X_TC_estimated=inverse_pose(told.X_CT) if told is not None else None,
             slip=float(np.median(s.slip)) if s.slip else 0.0,
             gross_slip=estimate is not None and estimate.gross_slip,
-            membrane=estimate.membrane if estimate is not None and estimate.valid else (),
+            membrane=told.membrane if told is not None else (),
             followed=None if estimate is None else estimate.valid,
         )

@@ -16,6 +16,7 @@ seed validate faults --runs 500 --seed 1 [--kind 'moving table'] [--jobs 2] [--j
 import argparse
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,10 @@ def _parser() -> argparse.ArgumentParser:
         help="hold the tool between two membranes with mechanics, drawn from this seed; the motion is "
         f"{run.SCALE:g} of the scenario's, so that the tool stays in the grasp",
     )
+    one.add_argument(
+        "--larger", type=number(0.0, "1"), default=1.0, metavar="TIMES",
+        help="with --membrane: times as large a motion; the more the tool slides on the membranes",
+    )  # fmt: skip
     one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
     one.add_argument(
         "--report",
@@ -154,7 +159,7 @@ def _estimator(options: argparse.Namespace) -> int:
         print(to_json(result) if options.json else worlds.table(result))
         return 0
     if options.membrane is not None:
-        scenario = run.between_membranes(scenario, options.membrane)
+        scenario = run.between_membranes(scenario, options.membrane, options.larger)
     if options.bag is not None:
         from seed_testing.validation.bag import run_bag
 
@@ -169,7 +174,10 @@ def _estimator(options: argparse.Namespace) -> int:
     result = {"method": options.method, "scenario": name, "seed": options.seed, **result}
     if series.sliding:
         slid = {"mean": float(np.mean(series.sliding)), "max": float(np.max(series.sliding))}
+        stuck = replace(series, estimates=[e.of_patches() for e in series.estimates])
+        by_patches = scores(stuck, scenario.trajectory.score_from)
         result |= {"membrane": options.membrane, "sliding_share": slid}
+        result |= {"of_patches": {k: by_patches[k] for k in ("rmse", "nees")}}
     if options.report is not None:
         result["report"] = str(draw({options.method: series}, options.report, name))
     print(json.dumps(result, indent=2) if options.json else _table(result))
@@ -189,6 +197,8 @@ def _left_out(options: argparse.Namespace) -> str:
         return "--membrane and --renderer are of rendered images: leave out --from"
     if other and options.membrane is not None:
         return "--membrane is of the own renderer: leave out --renderer other"
+    if options.larger != 1.0 and options.membrane is None:
+        return "--larger is of a tool on membranes: give --membrane SEED"
     if options.astray and not other:
         return "--astray is of the other renderer: give --renderer other"
     return ""
@@ -260,6 +270,9 @@ def _table(result: dict[str, Any]) -> str:
     if "sliding_share" in result:
         slid = result["sliding_share"]
         lines.append(f"sliding nodes {100 * slid['mean']:.0f} % on average, {100 * slid['max']:.0f} % at most")
+        if (off := result["of_patches"])["nees"] is not None:
+            rms = " ".join(f"{off['rmse'][n]:.3f}" for n in NAMED)
+            lines.append(f"of the patches instead of the tool: rmse {rms}, normalised error squared {off['nees']:.1f}")
     cost = result["ms_per_pair"]
     lines.append(f"CPU per pair {cost['median'] or 0:.2f} ms median, {cost['p99'] or 0:.2f} ms at 99 %")
     if result.get("report"):

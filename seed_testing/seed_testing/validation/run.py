@@ -32,9 +32,12 @@ SCALE = 0.25  # of a scenario's motion that random membranes bear
 _LEAD = 2.0  # [s] between the no-contact frames and the motion
 
 
-def between_membranes(scenario: Scenario, seed: int) -> Scenario:
-    """The tool between two random membranes with mechanics, moved so little that it stays in the grasp."""
-    moved = replace(scenario.trajectory, scale=SCALE * scenario.trajectory.scale)
+def between_membranes(scenario: Scenario, seed: int, larger: float = 1.0) -> Scenario:
+    """The tool between two random membranes with mechanics, moved so little that it stays in the grasp.
+
+    larger: times that; it slides the more.
+    """
+    moved = replace(scenario.trajectory, scale=larger * SCALE * scenario.trajectory.scale)
     return replace(on_membrane(scenario, seed), trajectory=moved)
 
 

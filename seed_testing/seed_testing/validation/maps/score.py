@@ -63,7 +63,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     out["motions"] = []
     for asked, truth in run.motions.items():
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
-        of_pose = np.array([bushing.wrench(inverse_pose(e.X_CT)).vector() for e in truth.estimates])
+        of_pose = np.array([bushing.wrench(inverse_pose(e.of_patches().X_CT)).vector() for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
         if elements is not None and truth.elements is not None:
             for name, told in elements.told(truth.estimates, truth.elements).items():
