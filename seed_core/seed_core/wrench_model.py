@@ -53,7 +53,10 @@ class WrenchModel(Protocol):
     def stiffness(self) -> Stiffness: ...
 
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
-        """The spring's wrench as the estimate shows it; a covariance that is not finite says that it cannot be told."""
+        """The spring's wrench as the estimate shows it; a covariance that is not finite says that it cannot be told.
+
+        What the tool has slid on its membranes loads nothing: a bushing tells of the patches, in their frame.
+        """
         ...
 
 

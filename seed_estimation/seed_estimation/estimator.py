@@ -250,7 +250,7 @@ class Estimator:
         # Report: report.py
         estimate = report.rigid_fit(stamp, fit, covariance, self._covariance.creep, tracker, touching, p)
         sliding = self._covariance.sliding
-        tracker.slid = sliding.value
+        tracker.ahead = sliding.value
         if estimate.valid:
             estimate = report.slid(estimate, *sliding.of_pose(fit))
         estimate = replace(estimate, membrane=report.membranes(tracker.around, self.patches, p))

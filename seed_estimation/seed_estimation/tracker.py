@@ -53,7 +53,7 @@ class Tracker:
         X_CT: (4, 4) where the tool was last.
         lost: no pose is known; the tool is looked for.
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
-        slid: (6,) by which the patches are ahead of the tool, as of `Fit`; whoever knows it sets it.
+        ahead: (6,) by which the patches are ahead of the tool, as of `Fit`; whoever knows it sets it.
         slip: micro-slip. timing: skew of the fingers and lag of depth.
         patches, around: motion of the membranes' material in the last frame, of the patches and of the bands around
             them, by finger; only of those that are found. Of patches that one rigid motion explains, none is told.
@@ -68,7 +68,7 @@ class Tracker:
         self.lost = False
         self.gross_slip = False
         self.slip, self.timing = MicroSlip(max_slip), timing
-        self.slid = np.zeros(6)
+        self.ahead = np.zeros(6)
         self._course: Course | None = None
         self.patches: Motions = {}
         self.around: Motions = {}
@@ -156,7 +156,7 @@ class Tracker:
         self, models: Sequence[FingerModel], crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]
     ) -> Fit:
         at = self._course.at if self._course is not None else None
-        return fit(models, crops, start, self.slip.value, PRIOR, steps, at, self.slid)
+        return fit(models, crops, start, self.slip.value, PRIOR, steps, at, self.ahead)
 
     def _fits_elsewhere(self, crops: Mapping[str, Crop], start: Array, iterations: int) -> list[Fit]:
         """The fit from the likeliest of other places, if there are any: found anew, or near where the tool was."""

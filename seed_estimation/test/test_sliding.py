@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, rotation_error, so3_exp
-from seed_estimation import Estimator, EstimatorParameters
+from seed_estimation import Estimator, EstimatorParameters, report
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.residuals import motion_vector
@@ -39,7 +39,7 @@ def fit_of(X_CT: Array, off: Array, noise: Array) -> Fit:
     ]
     g = -H_depth @ np.where(SEES, off + noise, 0.0)
     told = {
-        "X_CT": X_CT, "slid": np.zeros(6), "H": BY_MARKERS + H_depth, "g": g, "H_depth": H_depth, "g_depth": g,
+        "X_CT": X_CT, "ahead": np.zeros(6), "H": BY_MARKERS + H_depth, "g": g, "H_depth": H_depth, "g_depth": g,
         "fingers": fingers, "slip_information": SimpleNamespace(effect=motion_vector(X_CT)),
     }  # fmt: skip
     return cast(Fit, SimpleNamespace(**told))
@@ -131,13 +131,23 @@ def test_a_micro_slip_that_is_not_known_yet_is_no_slide() -> None:
     assert max(told[90:]) < 3e-5
 
 
-def test_a_clock_that_is_set_back_does_no_harm() -> None:
-    sliding = Sliding()
-    for t in (5.0, 5.03, 1.0, 1.03, 1.03):
-        fit = fit_of(np.eye(4), np.zeros(6), np.zeros(6))
+def goes_on(sliding: Sliding, stamps: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """What is told of a tool that has slid by 0.15 mm along x, and goes on to and fro, at the last of these times."""
+    unit = DEPTH / np.array((0.012, 0.006, 0.012, 1, 1, 1))
+    for t in stamps:
+        X = make_pose(p=(0.002 * np.sin(2.0 * t), 0.0, 0.001 * np.sin(3.0 * t)))
+        fit = fit_of(X, np.array((0.0, 0.0, 0.0, 1.5e-4, 0.0, 0.0)), unit * rng.normal(size=6))
         sliding.update(fit, t, KNOWN, fit.H_depth, NO_ERRORS, np.zeros((1, 1)))
     X_PT, covariance = sliding.of_pose(fit)
-    assert np.isfinite(X_PT).all()
+    return motion_vector(X_PT), covariance
+
+
+@pytest.mark.parametrize("after", [20.0, 3.0], ids=["a pause", "a clock that is set back"])
+def test_a_slide_is_not_forgotten_over(after: float) -> None:
+    rng, sliding = np.random.default_rng(4), Sliding()
+    goes_on(sliding, np.arange(0.0, 10.0, PERIOD), rng)
+    told, covariance = goes_on(sliding, after + PERIOD * np.arange(2), rng)
+    assert told[3] == pytest.approx(1.5e-4, abs=4e-5)
     assert np.linalg.eigvalsh(covariance).min() > -1e-15
 
 
@@ -169,7 +179,18 @@ def test_on_images_the_tool_is_found_where_it_has_slid_to_and_its_patches_where_
     assert error @ np.linalg.solve(last.covariance, error) < 25.0  # 99.97 % of an honest one
     assert np.abs(patches.X_CT[:3, 3] - behind[:3, 3]).max() < 1.5e-4
     assert np.rad2deg(np.abs(rotation_error(patches.X_CT[:3, :3], behind[:3, :3]))).max() < 1.0
-    assert (np.diag(patches.covariance) <= np.diag(last.covariance)).all()
+
+
+def test_a_slide_of_the_tool_is_told_in_the_axes_of_the_hand() -> None:
+    """Its tool's x lies along the hand's y, and more than 2 mm of doubt are told."""
+    X_PT, covariance = slid(1.0), np.diag((0.0, 0.0, 0.0, 0.003**2, 0.0, 0.0))
+    stuck = RelativePoseEstimate(0.0, make_pose(so3_exp(np.array((0.0, 0.0, np.pi / 2)))), 1e-8 * np.eye(6))
+    told = report.slid(stuck, X_PT, covariance)
+    assert_allclose(told.X_CT, stuck.X_CT @ X_PT)
+    assert told.covariance[4, 4] == pytest.approx(0.003**2 + 1e-8)
+    assert told.covariance[3, 3] == pytest.approx(1e-8)
+    assert "which is known to 0 degrees and 3.0 mm" in told.reason
+    assert_allclose(told.of_patches().covariance, stuck.covariance, atol=1e-18)
 
 
 def test_of_patches_takes_the_slide_back() -> None:

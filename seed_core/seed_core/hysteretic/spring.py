@@ -108,6 +108,7 @@ class HystereticSpring:
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
         """The load at the estimate's pose, having come from the last one's straight along each coordinate."""
         s = self.identified
+        estimate = estimate.of_patches()
         X_TC = inverse_pose(observed_part(estimate))
         R = X_TC[:3, :3]
         about_centre = make_pose(R, about(s.centre, R, X_TC[:3, 3]))

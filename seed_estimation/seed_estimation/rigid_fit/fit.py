@@ -30,7 +30,7 @@ class Fit:
 
     Attributes:
         X_CT: (4, 4) of the tool, were it to stick to its patches.
-        slid: (6,) [rotation, translation] by which patches are ahead of the tool, in its frame, as it was fitted.
+        ahead: (6,) [rotation, translation] by which patches are ahead of the tool, in its frame, as it was fitted.
         H, g: (6, 6) information about xi, in the tool's frame, that of the prior included, and (6,) gradient.
         H_depth, g_depth: those of the depth images alone; H^-1 g is where they would like to go.
         explained: share of each finger's image that the motion explains.
@@ -39,7 +39,7 @@ class Fit:
     """
 
     X_CT: Array
-    slid: Array
+    ahead: Array
     H: Array
     g: Array
     H_depth: Array
@@ -63,15 +63,15 @@ def fit(
     prior: Array,
     steps: tuple[int, int],
     course: Course | None = None,
-    slid: Array = _STICKS,
+    ahead: Array = _STICKS,
 ) -> Fit:
     """Pose of the tool from the fingers' images, started at X_CT (4, 4); slip: micro-slip [1].
 
     prior: (6, 6) information that holds unobserved axes where they start; steps: most steps, coarse and fine; course:
-    where the tool is for a finger (by name) whose images are of another time; slid: as of Fit.
+    where the tool is for a finger (by name) whose images are of another time; ahead: as of Fit.
     """
     at = course or _same
-    X_PT = make_pose(so3_exp(-slid[:3]), -slid[3:]) if slid.any() else None
+    X_PT = make_pose(so3_exp(-ahead[:3]), -ahead[3:]) if ahead.any() else None
     X = X_CT
     for level, most in enumerate(steps):
         if most == 0:
@@ -83,7 +83,7 @@ def fit(
     H_depth, g_depth = sum(f.depth.H for f in fingers), sum(f.depth.g for f in fingers)
     return Fit(
         X_CT=X,
-        slid=slid,
+        ahead=ahead,
         H=np.asarray(sum(f.image.H for f in fingers) + H_depth + prior),
         g=np.asarray(sum(f.image.g for f in fingers) + g_depth),
         H_depth=np.asarray(H_depth),

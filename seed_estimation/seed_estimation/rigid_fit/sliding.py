@@ -7,7 +7,7 @@ tool is elsewhere. But depth goes on telling so, roughly in one frame and well o
 
     markers' motion  =  tool's motion  o  exp(s)          s = [rotation, translation] in the tool's frame
 
-s is a random walk along the tool's way on the membranes, as wide in what depth does not see (a cylinder along and about
+s is a random walk along the way that the patches go, as wide in what depth does not see (a cylinder along and about
 its own axis) as in what it sees. It is corrected in what depth sees only; there is no telling the rest, so the pose
 stays with the markers there, and its covariance grows. How fast s walks decide the frames themselves: Kalman filters of
 several rates run side by side, the first of which takes the tool for sticking, and count by how well they foretell what
@@ -27,12 +27,12 @@ from seed_estimation.rigid_fit.micro_slip import MicroSlip
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 
-# Chosen on membranes 6200 to 6204; docs/estimation_figures.md has the outcome on others
+# Chosen on membranes 101 to 105 and 6200 to 6204; docs/estimation_figures.md has the outcome on others
 SHARE, ALIKE_WAY = 0.5, 0.002  # [1] of the tool's way by which it slides, [m] along which that share stays what it is
 RATES = np.array((0.0, 1 / 64, 1 / 8, 1.0))  # of that variance, by filter
 LESS_LIKELY = 2.0  # logarithm of how much likelier it is, before anything is seen, that a tool sticks
 FARTHEST = 0.004  # [m] deviation of a slide of which nothing is seen
-MEMORY = 2.0  # [s] for which frames tell how fast it slides
+MEMORY = 2.0  # [s] for which frames tell how fast it slides; a pause forgets nothing
 DOUBT = 0.4  # [1] of the logarithm of a likelihood that counts: frames are not independent
 # [rad] error of a normal; how many times the information that such errors pretend counts half, and how steeply
 NORMALS, PRETENDED, STEEP = 0.017, 25.0, 6
@@ -63,7 +63,7 @@ class Sliding:
 
     def _begin(self, models: Sequence[FingerModel], stamp: float) -> None:
         across = float(np.mean([abs(m.p[1].mean()) for m in models]))  # [m] of the patches from the tool's axis
-        self._lever = np.array((across, REACH, across, 1.0, 1.0, 1.0))
+        self._lever = np.array((max(across, 1e-3), REACH, max(across, 1e-3), 1.0, 1.0, 1.0))
         # each patch slides along x and z and turns about y; both together turn the tool about all axes
         of_turn = 0.0 if len(models) == 1 else 1.0
         self._walk = np.array((of_turn, 1.0, of_turn, 1.0, 0.0, 1.0)) / len(models)
@@ -98,7 +98,7 @@ class Sliding:
         # how well each filter foretold this frame
         white = np.einsum("nij,nj->ni", root, off)
         likely = np.log(np.einsum("nii->ni", root)).sum(axis=1) - 0.5 * np.square(white).sum(axis=1)
-        likely = self._start + np.exp(-dt / MEMORY) * (self._likely - self._start) + DOUBT * likely
+        likely = self._start + np.exp(-min(dt, ALIKE) / MEMORY) * (self._likely - self._start) + DOUBT * likely
         weight = np.exp(likely - likely.max())
         self._weight = weight / weight.sum()
         self._likely = np.log(np.maximum(self._weight, LEAST_WEIGHT))
@@ -121,7 +121,7 @@ class Sliding:
         told = np.maximum(told, 0.0) + LEAST * pretended
         seen = 1.0 / (1.0 + (PRETENDED * pretended / told) ** STEEP)
         by_depth = (directions / told) @ directions.T
-        s = self._lever * fit.slid + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
+        s = self._lever * fit.ahead + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
         # where the membrane's shape does not go with the tool (thin ones), cells of depth contradict each other more
         more = by_depth @ (unit * (scatter - USUAL * fit.H_depth)) @ by_depth
         self._scatter = more if self._scatter is None else self._scatter + SMOOTH * (more - self._scatter)
@@ -151,8 +151,8 @@ class Sliding:
         P = np.tensordot(self._weight, self._P + apart[:, :, None] * apart[:, None, :], 1)
         P += (1.0 - self._weight[0]) * self._by_cameras
         E = -np.linalg.solve(fit.H, fit.H - fit.H_depth) / self._lever
-        more = E @ (self._lever * (self.value - fit.slid))
-        X_PT = make_pose(so3_exp(-fit.slid[:3]), -fit.slid[3:]) @ make_pose(so3_exp(more[:3]), more[3:])
+        more = E @ (self._lever * (self.value - fit.ahead))
+        X_PT = make_pose(so3_exp(-fit.ahead[:3]), -fit.ahead[3:]) @ make_pose(so3_exp(more[:3]), more[3:])
         return X_PT, E @ P @ E.T
 
     def _moved(self, X_CT: Array) -> float:

@@ -84,7 +84,7 @@ class GrossSlip:
         depth = UNSEEN
         if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
             covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
-            seen = motion_vector(fit.X_CT) - fit.slid
+            seen = motion_vector(fit.X_CT) - fit.ahead
             displacement = self._lever * (seen[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
             depth = Depth(displacement, self._lever * np.sqrt(covariance.diagonal()))
         for markers in self._markers.values():
