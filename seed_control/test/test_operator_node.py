@@ -174,10 +174,13 @@ def test_a_task_ends_when_nobody_listens_to_it_any_more(make: Callable[..., Cell
     """Of a client that knows nothing of ~/operator, such as ros2 action send_goal."""
     cell = make()
     cell.enabled()
+    heard = "/controller/follow_setpoints/_action/feedback"
+    assert cell.bench.until(lambda: not cell.node.count_subscribers(heard))  # those of the tests before are gone
     cell.play(FREE)
     assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
     cell.bench.spin(1.0)
     assert cell.node.follow.busy
+    assert cell.node.count_subscribers(heard) == 1
     cell.bench.destroy_action_clients()
     assert cell.bench.until(lambda: not cell.node.follow.busy, 10.0)
     assert cell.bench.until(lambda: cell.state.tip.position.z > 0.13)
