@@ -63,7 +63,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     out["motions"] = []
     for asked, truth in run.motions.items():
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
-        of_pose = np.array([bushing.wrench(inverse_pose(e.of_patches().X_CT)).vector() for e in truth.estimates])
+        of_pose = np.array([_by_pose(bushing, e) for e in truth.estimates])
         shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
         if elements is not None and truth.elements is not None:
             for name, told in elements.told(truth.estimates, truth.elements).items():
@@ -92,6 +92,12 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
             }
         )
     return out
+
+
+def _by_pose(bushing: Bushing, estimate: RelativePoseEstimate) -> Array:
+    """(6,) load on the tool about T, in T, as the pose of its patches tells it."""
+    wrench = bushing.wrench(inverse_pose(estimate.of_patches().X_CT))
+    return wrench.about(estimate.X_PT[:3, 3]).rotated(estimate.X_PT[:3, :3].T).vector()
 
 
 class _Elements:
