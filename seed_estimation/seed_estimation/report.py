@@ -85,7 +85,7 @@ def slid(estimate: RelativePoseEstimate, X_PT: Array, covariance: Array) -> Rela
     turn, way = np.sqrt(in_C.diagonal()[:3].max()), np.sqrt(in_C.diagonal()[3:].max())
     reason = estimate.reason
     if turn > NO_POSE[0] or way > NO_POSE[1]:
-        told = f"it may have slid on the membranes, which is known to {np.rad2deg(turn):.0f} degrees"
+        told = f"it may have slid on the membranes: how far is known to {np.rad2deg(turn):.0f} degrees"
         reason = "; ".join(filter(None, (reason, f"{told} and {1e3 * way:.1f} mm")))
     return replace(
         estimate, X_CT=estimate.X_CT @ X_PT, covariance=estimate.covariance + in_C, reason=reason,

@@ -189,7 +189,7 @@ def test_a_slide_of_the_tool_is_told_in_the_axes_of_the_hand() -> None:
     assert_allclose(told.X_CT, stuck.X_CT @ X_PT)
     assert told.covariance[4, 4] == pytest.approx(0.003**2 + 1e-8)
     assert told.covariance[3, 3] == pytest.approx(1e-8)
-    assert "which is known to 0 degrees and 3.0 mm" in told.reason
+    assert "how far is known to 0 degrees and 3.0 mm" in told.reason
     assert_allclose(told.of_patches().covariance, stuck.covariance, atol=1e-18)
 
 

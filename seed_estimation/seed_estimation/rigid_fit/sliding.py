@@ -9,7 +9,7 @@ tool is elsewhere. But depth goes on telling so, roughly in one frame and well o
 
 s is a random walk along the way that the patches go, as wide in what depth does not see (a cylinder along and about
 its own axis) as in what it sees. It is corrected in what depth sees only; there is no telling the rest, so the pose
-stays with the markers there, and its covariance grows. How fast s walks decide the frames themselves: Kalman filters of
+stays with the markers there, and its covariance grows. The frames themselves decide how fast s walks: Kalman filters of
 several rates run side by side, the first of which takes the tool for sticking, and count by how well they foretell what
 comes (multiple-model estimation; Magill 1965). So a tool that sticks keeps the exactness of its markers.
 
@@ -28,7 +28,8 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 
 # Chosen on membranes 101 to 105 and 6200 to 6204; docs/estimation_figures.md has the outcome on others
-SHARE, ALIKE_WAY = 0.5, 0.002  # [1] of the tool's way by which it slides, [m] along which that share stays what it is
+SHARE = 0.5  # [1] of the patches' way by which the tool slides
+ALIKE_WAY = 0.002  # [m] of way with one and the same share
 RATES = np.array((0.0, 1 / 64, 1 / 8, 1.0))  # of that variance, by filter
 LESS_LIKELY = 2.0  # logarithm of how much likelier it is, before anything is seen, that a tool sticks
 FARTHEST = 0.004  # [m] deviation of a slide of which nothing is seen
@@ -41,7 +42,7 @@ UNFIT = 0.3  # [1] of what they do so beyond that which stays alike for a while
 ERRS = 0.01, 2.0e-5  # [1] of the motion since the grasp, and [m], by which depth errs for a while
 ALIKE = 0.25  # [s] for which it does, and errors of cameras count
 REACH = 0.006  # [m] of a patch about its middle
-HELD = 100.0  # [1/m] of the deviation where nothing is seen
+HELD = 100.0  # [1/m] one over the deviation of what neither markers nor depth see
 LEAST_WEIGHT, LEAST = 1e-12, 1e-3  # of a filter; of information, in what is pretended
 _EYE = np.eye(6)
 
@@ -62,8 +63,9 @@ class Sliding:
         self._scatter: Array | None = None  # (6, 6) [m^2] of depth beyond its noise, averaged
 
     def _begin(self, models: Sequence[FingerModel], stamp: float) -> None:
-        across = float(np.mean([abs(m.p[1].mean()) for m in models]))  # [m] of the patches from the tool's axis
-        self._lever = np.array((max(across, 1e-3), REACH, max(across, 1e-3), 1.0, 1.0, 1.0))
+        apart = float(np.mean([abs(m.p[1].mean()) for m in models]))  # [m] of the patches from the tool's axis
+        across = max(apart, 1e-3)
+        self._lever = np.array((across, REACH, across, 1.0, 1.0, 1.0))
         # each patch slides along x and z and turns about y; both together turn the tool about all axes
         of_turn = 0.0 if len(models) == 1 else 1.0
         self._walk = np.array((of_turn, 1.0, of_turn, 1.0, 0.0, 1.0)) / len(models)
@@ -82,12 +84,12 @@ class Sliding:
             self._begin([f.model for f in fit.fingers], stamp)
         dt, self._stamp = max(stamp - self._stamp, 1e-3), stamp
         told, noise, in_seen = self._told(fit, dt, slip, scatter, by_error, errors)
-        # slides, and comes back to where nothing tells of it
+        # the tool slides; what nothing tells of fades
         walk = SHARE**2 * ALIKE_WAY * self._moved(fit.X_CT) * self._walk
         stays = np.exp(-0.5 * RATES[:, None] * walk / FARTHEST**2)
         s = stays * self._s
         P = stays[:, :, None] * self._P * stays[:, None, :] + RATES[:, None, None] * np.diag(walk)
-        # is corrected in what depth sees only; Joseph's form, because that is not the best of gains
+        # corrected in what depth sees only; by Joseph's form, because that gain is not the optimal one
         root = np.linalg.inv(np.linalg.cholesky(P + noise))
         gain = in_seen @ P @ root.transpose(0, 2, 1) @ root
         off = told - s
@@ -115,17 +117,17 @@ class Sliding:
         unit = np.outer(scale, scale)
         by_image = np.linalg.inv((fit.H - fit.H_depth) * unit + HELD**2 * _EYE)
         # depth pretends to see all: a normal that errs looks as if it told of motions along the surface
-        told, directions = np.linalg.eigh(fit.H_depth * unit)
+        information, directions = np.linalg.eigh(fit.H_depth * unit)
         by_normals = sum(np.trace(f.depth.H[3:, 3:]) * self._pretends[f.model.finger] for f in fit.fingers)
         pretended = np.einsum("ij,ij->j", directions, (by_normals * unit + HELD**2 * _EYE) @ directions)
-        told = np.maximum(told, 0.0) + LEAST * pretended
-        seen = 1.0 / (1.0 + (PRETENDED * pretended / told) ** STEEP)
-        by_depth = (directions / told) @ directions.T
+        information = np.maximum(information, 0.0) + LEAST * pretended
+        seen = 1.0 / (1.0 + (PRETENDED * pretended / information) ** STEEP)
+        by_depth = (directions / information) @ directions.T
         s = self._lever * fit.ahead + by_depth @ (scale * fit.g_depth) - by_image @ (scale * (fit.g - fit.g_depth))
         # where the membrane's shape does not go with the tool (thin ones), cells of depth contradict each other more
         more = by_depth @ (unit * (scatter - USUAL * fit.H_depth)) @ by_depth
         self._scatter = more if self._scatter is None else self._scatter + SMOOTH * (more - self._scatter)
-        noise = by_image + (directions / (told * seen + LEAST * pretended)) @ directions.T
+        noise = by_image + (directions / (information * seen + LEAST * pretended)) @ directions.T
         # errors that stay alike for a while
         D = by_image @ (scale[:, None] * by_error[0]) - by_depth @ (scale[:, None] * by_error[1])
         self._by_cameras = D @ errors @ D.T

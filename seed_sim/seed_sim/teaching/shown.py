@@ -9,14 +9,14 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks import Task
 from seed_control.teach import Demonstration, Recorder
-from seed_control.teach.demonstration import STEP as EVEN
+from seed_control.teach.demonstration import STEP as EVEN_STEP
 from seed_core.spatial import Array
 from seed_sim.closed_loop.run import SETTLE, SeedSteering, start_pose
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import load_scenario
 
 STEP = 0.004  # [s]
-_TRUE = round(EVEN / STEP)  # steps from one true sample to the next: what is compared has no more
+_STEPS_APART = round(EVEN_STEP / STEP)  # of true samples: a comparison keeps no more
 _PRESSES = 3.0  # [s] in which a hand comes down and presses, before it leads on
 _LIFT, _LIFTS = 0.05, 0.03  # [m], [m/s] at the end
 _DOWN = 0.02  # [m/s] of a hand towards the surface, at most
@@ -62,7 +62,7 @@ class Shown:
         if state.X_W_tip is not None and state.estimated is not None:
             force = state.estimated.rotated(state.R_W_task).force
             self._measured.add(state.stamp - state.image_age, state.X_W_tip, force)
-        if round(t / STEP) % _TRUE == 0:
+        if round(t / STEP) % _STEPS_APART == 0:
             tip = self.plant.X_WT @ self.plant.tool.X_Ttip
             self._true.add(t, tip, self.plant.contact_wrench.force)
 
@@ -73,7 +73,7 @@ class Shown:
 
     @property
     def true(self) -> Demonstration:
-        """One of every _TRUE control steps."""
+        """As dense as a comparison keeps it."""
         return self._true.demonstration()
 
     def led(self, path: Array, forces: Array, speed: float) -> None:

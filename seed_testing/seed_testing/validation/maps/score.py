@@ -95,7 +95,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
 
 
 def _by_pose(bushing: Bushing, estimate: RelativePoseEstimate) -> Array:
-    """(6,) load on the tool about T, in T, as the pose of its patches tells it."""
+    """(6,) load on the tool about T, in T, as the stiffness map tells it by the pose of the patches."""
     wrench = bushing.wrench(inverse_pose(estimate.of_patches().X_CT))
     return wrench.about(estimate.X_PT[:3, 3]).rotated(estimate.X_PT[:3, :3].T).vector()
 
