@@ -12,11 +12,13 @@ import pytest
 from numpy.testing import assert_allclose
 from rendered import PERIOD, held
 from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from seed_core.membrane.material import deformation, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp
 from seed_estimation import Estimator, TactileImages, tracker
 from seed_estimation.material.motion import MaterialMotion
+from seed_estimation.rigid_fit.reference import _evenly
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -153,3 +155,13 @@ def test_nothing_is_told_of_material_that_is_covered() -> None:
     assert [m.finger for m in estimate.membrane] == ["right"]
     estimate = estimator.update(bubbles.render(np.eye(4), 2 * PERIOD), 2 * PERIOD)
     assert [m.finger for m in estimate.membrane] == ["left", "right"]
+
+
+def test_points_of_an_area_are_spread_evenly_whatever_its_edge():
+    v, u = np.mgrid[:170, :220]
+    for width in np.linspace(39.0, 40.0, 6):
+        rows, columns = _evenly(((u - 110) / width) ** 2 + ((v - 85) / 65) ** 2 < 1.0, 300)
+        assert 270 < len(rows) < 330
+        points = np.stack([rows, columns], axis=1)
+        gaps = cKDTree(points).query(points, k=2)[0][:, 1]
+        assert gaps.min() > 4.0 and gaps.max() < 7.0  # [px]; 5.2 on average

@@ -133,7 +133,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         _image_points(picture, good, points, normals, membrane, p.image_points),
     )
     patch, band = _materials(membrane, depth, picture, good, mask, p)
-    v, u, cells = _sorted_by_cell(*_spread(good, p.depth_points))
+    v, u, cells = _sorted_by_cell(*_evenly(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
     rows = _rows(P)
     return FingerModel(
@@ -165,23 +165,27 @@ def _materials(
     if np.count_nonzero(touches) < p.least_area // 3:
         touches = good
 
+    def in_hand(v: Indices, u: Indices) -> Array32:
+        return _rows(_in_hand(points[v, u], normals[v, u], membrane.X_CX)[0])
+
     def material(area: Bools) -> Material:
-        v, u = _spread(area, p.depth_points)
-        evenly, _ = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
-        return Material(_image_points(picture, area, points, normals, membrane, p.image_points), _rows(evenly))
+        image = _image_points(picture, area, points, normals, membrane, p.image_points)
+        return Material(image, in_hand(*_evenly(area, p.depth_points)))
 
-    patch = material(touches)
-    P, _ = _in_hand(points[known], normals[known], membrane.X_CX)
     band = np.zeros(known.shape, bool)
-    band[known] = around(_rows(P), patch.area)
-    return patch, material(band) if np.count_nonzero(band) >= p.least_area else None
+    band[known] = around(in_hand(*np.nonzero(known)), in_hand(*np.nonzero(touches)))
+    return material(touches), material(band) if np.count_nonzero(band) >= p.least_area else None
 
 
-def _spread(area: Bools, wanted: int) -> tuple[Indices, Indices]:
-    """Rows and columns of so many pixels of an area (H, W), evenly."""
-    v, u = np.nonzero(area)
-    chosen = np.unique(np.linspace(0, v.size - 1, min(wanted, v.size)).astype(int))
-    return v[chosen], u[chosen]
+def _evenly(area: Bools, wanted: int) -> tuple[Indices, Indices]:
+    """Rows and columns of about so many pixels of an area (H, W), on an even lattice.
+
+    Every n-th of them, row by row, would stand in slanted lines, other ones for each pixel more or less.
+    """
+    step = max(float(np.sqrt(np.count_nonzero(area) / wanted)), 1.0)
+    rows, columns = (np.diff(np.floor(np.arange(n + 1) / step)) > 0.0 for n in area.shape)
+    v, u = np.nonzero(area & rows[:, None] & columns)
+    return v, u
 
 
 def _eroded(mask: Mask, width: int) -> Bools:
