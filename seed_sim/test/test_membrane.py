@@ -104,7 +104,7 @@ def test_without_friction_work_on_the_tool_is_energy_of_sheet_gas_and_springs():
 
 
 def test_friction_slips_a_little_first_then_all_and_then_bears_mu_n():
-    g = closed(friction=0.5)
+    g = closed(friction=0.5, spacing=0.005)
     shares, forces, normal = [], [], []
     for z in np.linspace(0.0, 0.02, 41):
         s = g.solve(moved(z=z))
@@ -139,6 +139,23 @@ def test_a_loop_leaves_work_behind_with_friction_and_none_without():
         second = slice(24, 49)
         areas.append(float(np.sum(0.5 * (f[second][1:] + f[second][:-1]) * np.diff(z[second]))))
     assert areas[0] > 1e-3 > 100.0 * abs(areas[1])
+
+
+def test_a_coarse_patch_does_not_keep_nodes_that_the_tool_once_turned_to():
+    p = replace(random_membrane(7, 0.0052), squeeze=0.016)
+    g = MembraneGrasp(p, ToolShape("box", length=0.06))
+    g.close()
+
+    def pulled():
+        for z in np.linspace(0.0, -0.0045, 8):
+            force = g.solve(moved(z=z)).wrench.force[2]
+        g.solve(moved())
+        return force
+
+    before = pulled()
+    for angle in (-0.07, -0.14, 0.0, 0.08, 0.16, 0.0):
+        g.solve(moved(turn=(0.0, angle, 0.0)))
+    assert pulled() == pytest.approx(before, rel=0.02)
 
 
 def test_the_same_path_from_a_saved_state_gives_the_same_wrench():

@@ -26,9 +26,18 @@ def grasp(X: np.ndarray) -> GraspState:
     bubbles = {}
     for finger, side in (("left", 1.0), ("right", -1.0)):
         nodes = np.stack([u, np.full(len(u), 0.012 * side), v], 1) @ X[:3, :3].T + X[:3, 3]
-        none, touching = np.zeros(len(u), bool), np.hypot(u, v) < 0.012
+        touching = np.hypot(u, v) < 0.012
         bubbles[finger] = BubbleState(
-            nodes, np.zeros((0, 3), int), np.stack([u, v], 1), touching, none, 3500.0, 2e-4, Wrench.zero()
+            nodes=nodes,
+            triangles=np.zeros((0, 3), int),
+            material=np.stack([u, v], 1),
+            touching=touching,
+            patch=nodes[touching],
+            touched=3e-4,
+            slid=0.0,
+            pressure=3500.0,
+            volume=2e-4,
+            wrench=Wrench.zero(),
         )
     return GraspState(np.eye(4), bubbles, Wrench.zero(), np.zeros((6, 6)), 1, True)
 

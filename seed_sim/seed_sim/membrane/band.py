@@ -21,8 +21,11 @@ class Band:
         rows: (n_free * 3,) indices into the flat (n * 3,) vector of all nodes, in the band's order.
     """
 
-    def __init__(self, triangles: Index, free: NDArray[np.bool_], flat: Array) -> None:
-        """triangles (m, 3); free (n,) bool, nodes that move; flat (n, 2) where the nodes lie on the sheet."""
+    def __init__(self, triangles: Index, free: NDArray[np.bool_], flat: Array, pairs: Index) -> None:
+        """triangles (m, 3); free (n,) bool, nodes that move; flat (n, 2) where the nodes lie on the sheet.
+
+        pairs: (e, 2) nodes of a triangle between which something acts.
+        """
         n = len(free)
         edges = np.concatenate([triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
         order = _narrow(edges[free[edges].all(axis=1)], np.flatnonzero(free), flat)
@@ -40,7 +43,9 @@ class Band:
         at = self._at(row, column).ravel()
         places, inverse = np.unique(at, return_inverse=True)
         self._places, self._of_triangles = places, inverse.astype(np.intp)
-        self._of_nodes = self._at(dof[:, :, None], dof[:, None, :])
+        ends = dof[pairs]  # (e, 2, 3)
+        of_pairs = self._at(ends[:, :, None, :, None], ends[:, None, :, None, :])
+        self._of_pairs = np.searchsorted(places, of_pairs).astype(np.intp)  # (e, 2, 2, 3, 3)
         self._length = self.size * self._height + 1
 
     def _at(self, row: Index, column: Index) -> Index:
@@ -49,11 +54,13 @@ class Band:
         at = np.where((row >= 0) & (column >= 0), at, self.size * self._height)
         return np.asarray(at, np.intp)
 
-    def matrix(self, of_triangles: Array, nodes: Index, of_nodes: Array) -> Single:
-        """Sum of (9, 9, m) per triangle and (k, 3, 3) at different nodes (k,), as a band (height, size)."""
-        flat = np.zeros(self._length, np.float32)
-        flat[self._places] = np.bincount(self._of_triangles, of_triangles.ravel(), len(self._places))
-        flat[self._of_nodes[nodes]] += of_nodes
+    def matrix(self, of_triangles: Array, pairs: Index, of_pairs: Array) -> Single:
+        """Sum of (9, 9, m) per triangle and (k, 2, 2, 3, 3) of pairs (k,), node by node, as a band."""
+        flat, count = np.zeros(self._length, np.float32), len(self._places)
+        values = np.bincount(self._of_triangles, of_triangles.ravel(), count)
+        if len(pairs):
+            values += np.bincount(self._of_pairs[pairs].ravel(), of_pairs.ravel(), count)
+        flat[self._places] = values
         band: Single = flat[:-1].reshape(self.size, self._height).T
         return band
 

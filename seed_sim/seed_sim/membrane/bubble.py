@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from seed_core.spatial import Array, Wrench
 from seed_sim.membrane.band import Band, Factors
-from seed_sim.membrane.contact import Contact, ContactLoad
+from seed_sim.membrane.contact import Contact, ContactLoad, Mask
 from seed_sim.membrane.gas import add_curvature, area_vectors, volume
-from seed_sim.membrane.mesh import Mesh, moulded_dome
+from seed_sim.membrane.mesh import Index, Mesh, moulded_dome
 from seed_sim.membrane.parameters import MembraneError, MembraneParameters
 from seed_sim.membrane.sheet import Corners, Sheet
 from seed_sim.membrane.surface import ToolSurface
@@ -29,6 +29,7 @@ _ENOUGH = 10.0  # [tolerances] that will do where no step comes nearer
 _WORTH = 0.45  # share of the unbalanced forces that a step with old factors may leave
 _LONGEST = 0.5  # [spacings] that a node moves in one Newton step
 _DEEPEST = 0.0025  # [m] that a node may lie inside the tool
+_AT_NODES = 0.25  # share of the sheet that may touch at nodes; the rest may in the middle of their sides
 _STRETCH = 4.0  # [1] Green's strain at which rubber is torn: a stretch of 3
 
 
@@ -65,9 +66,9 @@ class Bubble:
         # the triangles run so that their area vectors point outwards
         self.triangles = mesh.triangles if side > 0.0 else mesh.triangles[:, ::-1]
         self.sheet = Sheet(reference, self.triangles, p.Et, p.poisson)
-        self._band = Band(self.triangles, ~mesh.rim, mesh.flat)
-        area = np.where(mesh.rim, 0.0, self.sheet.node_area)
-        self.contact = Contact(surface, area, p.friction, p.normal_stiffness, p.shear_stiffness)
+        ends, area = _places(self.sheet, ~mesh.rim)
+        self._band = Band(self.triangles, ~mesh.rim, mesh.flat, ends)
+        self.contact = Contact(surface, ends, area, p.friction, p.normal_stiffness, p.shear_stiffness)
         self.x = reference
         self.content: float | None = None  # [J]; unknown until the bubble is inflated
         self.iterations = 0
@@ -165,8 +166,15 @@ class Bubble:
             return None
         R, origin = pose
         touch = self.contact.load(x @ R.T + origin)
-        force[touch.nodes] -= touch.force @ R
+        force -= self._at_nodes(touch, touch.force @ R)
         return touch
+
+    def _at_nodes(self, touch: ContactLoad, values: Array) -> Array:
+        """(n, ...) sums at the nodes of what acts on the ends of touching places (k, 2, ...)."""
+        size = math.prod(values.shape[2:])
+        at = self.contact.ends[touch.places].reshape(-1, 1) * size + np.arange(size)
+        flat = np.bincount(at.ravel(), values.ravel(), len(self.x) * size)
+        return np.asarray(flat.reshape(len(self.x), *values.shape[2:]), float)
 
     def _factors(self, x: Array, pose: Pose | None, gauge: float | None, damping: float) -> Factors:
         """Of the equations' slope at nodes x; damping [N/m] goes onto its diagonal."""
@@ -175,12 +183,12 @@ class Bubble:
         assert K is not None
         pressure, fall = self._gas(c, gauge)
         add_curvature(c, -pressure, K)
-        nodes, blocks = np.empty(0, int), np.empty((0, 3, 3))
+        places, blocks = np.empty(0, int), np.empty((0, 2, 2, 3, 3))
         if pose is not None:
             R, origin = pose
             touch = self.contact.load(x @ R.T + origin)
-            nodes, blocks = touch.nodes, R.T @ touch.stiffness @ R
-        band = self._band.matrix(K, nodes, blocks)
+            places, blocks = touch.places, R.T @ touch.stiffness @ R
+        band = self._band.matrix(K, places, blocks)
         self._band.add_diagonal(band, damping)
         return Factors(self._band, band, fall, area_vectors(c, self.sheet).ravel()[self._band.rows])
 
@@ -335,25 +343,21 @@ class Bubble:
         # sliding goes on sliding; nodes that have just touched stick from now on
         touch = self.contact.load(self.x @ R.T + origin)
         factors = self._factors(self.x, self._pose, None, 0.0)
-        point = self.x[touch.nodes] @ R.T + origin
-        k = len(touch.nodes)
-        move = np.zeros((k, 3, 6))  # of each point in T per motion (rotation, translation) of F in T
-        arm = point - origin
-        move[:, :, :3] = -_skews(arm)
-        move[:, :, 3:] = np.eye(3)
-        direct = touch.stiffness @ move
-        turned = direct.copy()
-        turned[:, :, :3] -= _skews(touch.force)
-        right = np.zeros((3 * len(self.x), 6))
-        right.reshape(-1, 3, 6)[touch.nodes] = R.T @ turned
+        ends = self.contact.ends[touch.places]
+        point = self.x[ends] @ R.T + origin  # (k, 2, 3)
+        arms, pull = _skews(point), _skews(touch.force)
+        move = np.zeros((*point.shape, 6))  # of each end in T per motion (rotation, translation) of F in T
+        move[..., :3] = -_skews(point - origin)
+        move[..., 3:] = np.eye(3)
+        turned = np.einsum("kabij,kbjm->kaim", touch.stiffness, move)
+        turned[..., :3] -= pull
+        right = self._at_nodes(touch, R.T @ turned).reshape(-1, 6)
         u = -factors.solve(right[self._band.rows])
         whole = np.zeros((3 * len(self.x), 6))
         whole[self._band.rows] = u
-        w = move + R @ whole.reshape(-1, 3, 6)[touch.nodes]
-        df = touch.stiffness @ w
-        tangent = np.zeros((6, 6))
-        tangent[:3] = (_skews(point) @ df + _skews(touch.force) @ w).sum(0)
-        tangent[3:] = df.sum(0)
+        w = move + R @ whole.reshape(-1, 3, 6)[ends]
+        df = np.einsum("kabij,kbjm->kaim", touch.stiffness, w)
+        tangent = np.concatenate([(arms @ df + pull @ w).sum((0, 1)), df.sum((0, 1))])
         self.tangent, self._sensitivity, self._factors_now = tangent, u, factors
 
     def wrench(self) -> Wrench:
@@ -361,16 +365,23 @@ class Bubble:
         if self.load is None or self._pose is None:
             return Wrench.zero()
         R, origin = self._pose
-        point = self.x[self.load.nodes] @ R.T + origin
-        return Wrench(-np.cross(point, self.load.force).sum(0), -self.load.force.sum(0))
+        point = self.x[self.contact.ends[self.load.places]] @ R.T + origin
+        return Wrench(-np.cross(point, self.load.force).sum((0, 1)), -self.load.force.sum((0, 1)))
 
-    def flags(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """touching and sliding (n,) bool."""
-        touching, sliding = np.zeros(len(self.x), bool), np.zeros(len(self.x), bool)
+    def touching(self) -> tuple[NDArray[Any], Array]:
+        """(n,) bool which nodes touch the tool; (k, 3) [m] all places that do, in F."""
+        touching, ends = np.zeros(len(self.x), bool), np.empty((0, 2), int)
         if self.load is not None:
-            touching[self.load.nodes] = True
-            sliding[self.load.nodes] = self.load.sliding
-        return touching, sliding
+            ends = self.contact.ends[self.load.places]
+            touching[ends[ends[:, 0] == ends[:, 1], 0]] = True
+        return touching, 0.5 * self.x[ends].sum(axis=1)
+
+    def areas(self) -> tuple[float, float]:
+        """[m^2] of the sheet that touches the tool, and of that which slides on it."""
+        if self.load is None:
+            return 0.0, 0.0
+        area = self.contact.area[self.load.places]
+        return float(area.sum()), float(area[self.load.sliding].sum())
 
     def energy(self) -> float:
         """[J] of sheet, gas (against the ambient, up to a constant) and normal contact springs."""
@@ -378,12 +389,22 @@ class Bubble:
         return self.sheet.load(self.x, stiffness=False).energy + gas + (self.load.energy if self.load else 0.0)
 
 
+def _places(sheet: Sheet, free: Mask) -> tuple[Index, Array]:
+    """Where a sheet may touch: the nodes (e, 2) of each place, and its area (e,) [m^2]; free: (n,) nodes that move."""
+    pairs = np.sort(np.concatenate([sheet.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    sides, of = np.unique(pairs, axis=0, return_inverse=True)
+    beside = np.bincount(of.ravel(), np.tile(sheet.area / 3.0, 3), len(sides))
+    moves, nodes = free[sides].any(axis=1), np.flatnonzero(free)
+    ends = np.concatenate([np.stack([nodes, nodes], axis=1), sides[moves]])
+    return ends, np.concatenate([_AT_NODES * sheet.node_area[nodes], (1.0 - _AT_NODES) * beside[moves]])
+
+
 def _skews(v: Array) -> Array:
-    """(k, 3, 3) of (k, 3)."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
-    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
-    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
+    """(..., 3, 3) of (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
     return out
 
 

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact of nodes with the tool: normal penalty, and Coulomb friction with anchors that stick to the tool.
+"""Contact of the sheet with the tool: normal penalty, and Coulomb friction with anchors that stick to the tool.
 
-Each touching node hangs on its anchor by a shear spring; where that would pull harder than friction bears, the node
-slides and the anchor follows (return mapping). All in T, so that anchors move with the tool.
+The sheet may touch at its nodes and in the middle of the sides between them, so that a patch does not grow by whole
+nodes. Of a side the mean of its ends' profiles counts (`ToolSurface`): on a round tool it is as round as the tool.
+
+Each touching place hangs on its anchor by a shear spring; where that would pull harder than friction bears, it slides
+and the anchor follows (return mapping). All in T, so that anchors move with the tool.
 """
 
 from typing import Any, NamedTuple
@@ -11,22 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.spatial import Array
+from seed_sim.membrane.mesh import Index
 from seed_sim.membrane.surface import ToolSurface
 
 Mask = NDArray[np.bool_]
 
 
 class ContactLoad(NamedTuple):
-    """What the tool does to the nodes that touch it.
+    """What the tool does to the places that touch it.
 
     Attributes:
-        nodes: (k,) indices. force: (k, 3) [N] on them in T. push: (k,) [N] its part along the
-            normal. stiffness: (k, 3, 3) [N/m], minus the force's slope.
+        places: (k,) indices. force: (k, 2, 3) [N] on their ends in T. push: (k,) [N] on both along the normal.
+            stiffness: (k, 2, 2, 3, 3) [N/m], minus the force's slope, of each end by each.
         sliding: (k,) bool. anchors: (k, 3) [m] to keep if this state is the equilibrium. energy: [J] of the normal
-            springs. depth: [m] of the deepest node.
+            springs. depth: [m] of the deepest place.
     """
 
-    nodes: NDArray[Any]
+    places: NDArray[Any]
     force: Array
     push: Array
     stiffness: Array
@@ -37,68 +41,87 @@ class ContactLoad(NamedTuple):
 
 
 class Contact:
-    """Contact law of one bubble's nodes.
+    """Contact law of one bubble's sheet.
 
     Attributes:
-        anchors: (n, 3) [m] in T; NaN where a node does not touch.
-        bound: (n,) [N] that friction bears, where that is held for now; None: friction times the present push.
+        ends: (e, 2) nodes of each place that may touch: one twice, or both of a side.
+        area: (e,) [m^2] of the sheet that belongs to it.
+        anchors: (e, 3) [m] in T; NaN where a place does not touch.
+        bound: (e,) [N] that friction bears, where that is held for now; None: friction times the present push.
     """
 
-    def __init__(self, surface: ToolSurface, area: Array, friction: float, normal: float, shear: float) -> None:
-        """area (n,) [m^2] of the nodes, 0 where they cannot touch; stiffnesses [N/m^3]."""
-        self.surface, self.area, self.friction = surface, area, friction
+    def __init__(
+        self, surface: ToolSurface, ends: Index, area: Array, friction: float, normal: float, shear: float
+    ) -> None:
+        """normal, shear: stiffnesses [N/m^3]."""
+        self.surface, self.ends, self.area, self.friction = surface, ends, area, friction
         self._kn, self._kt = normal * area, shear * area
         self.anchors = np.full((len(area), 3), np.nan)
         self.bound: Array | None = None
 
     def load(self, x: Array) -> ContactLoad:
-        """Forces at nodes x (n, 3) [m] in T."""
-        near = np.flatnonzero((np.abs(x) < self.surface.half).all(axis=1) & (self.area > 0.0))
-        nodes = near[self.surface.distance(x[near]) < 0.0]
-        point = x[nodes]
-        phi, n, H = self.surface.local(point)
-        kn, kt = self._kn[nodes], self._kt[nodes]
-        push = -kn * phi
-        force = push[:, None] * n
-        K = kn[:, None, None] * (n[:, :, None] * n[:, None, :] + phi[:, None, None] * H)
-        anchors = self.anchors[nodes]
-        old = ~np.isnan(anchors[:, 0])
-        anchors = np.where(old[:, None], anchors, point)
-        delta = point - anchors
-        normal_part = np.einsum("ni,ni->n", n, delta)
-        g = delta - normal_part[:, None] * n
-        length = np.linalg.norm(g, axis=1)
-        limit = self.friction * push if self.bound is None else self.bound[nodes]
+        """Forces with nodes at x (n, 3) [m] in T."""
+        profile = self.surface.profile(x)
+        middle = 0.5 * (profile[self.ends[:, 0]] + profile[self.ends[:, 1]])
+        near = np.flatnonzero((np.abs(middle) < self.surface.extent).all(axis=1))
+        places = near[self.surface.distance_of(middle[near]) < 0.0]
+        at_ends = x[self.ends[places]]  # (k, 2, 3)
+        gap, to_ends, bent = self._gap(middle[places], at_ends)
+        kn, kt = self._kn[places], self._kt[places]
+        push = -kn * gap
+        force = push[:, None, None] * to_ends
+        K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :] + gap[:, None, None, None, None] * bent
+        K *= kn[:, None, None, None, None]
+        point, n = 0.5 * at_ends.sum(axis=1), to_ends.sum(axis=1)
+        n /= np.sqrt((n * n).sum(axis=1))[:, None]
+        old = ~np.isnan(self.anchors[places, 0])
+        anchors = np.where(old[:, None], self.anchors[places], point)
+        g = point - anchors
+        g -= (n * g).sum(axis=1)[:, None] * n
+        length = np.sqrt((g * g).sum(axis=1))
+        limit = self.friction * push if self.bound is None else self.bound[places]
         sliding = old & (kt * length > limit)
         if self.friction > 0.0:
-            # slope of the shear displacement; new nodes bear no shear in the step in which they touch
-            slope = np.eye(3) - n[:, :, None] * n[:, None, :]
-            slope = (
-                slope - normal_part[:, None, None] * H - n[:, :, None] * np.einsum("nij,nj->ni", H, delta)[:, None, :]
-            )
+            # slope of the shear, but for the normal's turn over it, which is micrometres long; new places bear no
+            # shear in the step in which they touch
             safe = np.maximum(length, 1e-15)
             s = g / safe[:, None]
             scale = np.where(sliding, limit / safe, np.where(old, kt, 0.0))
-            force = force - scale[:, None] * g
-            turn = np.where(
-                sliding[:, None, None], slope - s[:, :, None] * np.einsum("ni,nij->nj", s, slope)[:, None, :], slope
-            )
-            K = K + scale[:, None, None] * turn
-            rise = self.friction * kn if self.bound is None else 0.0
-            K = K - np.where(sliding, rise, 0.0)[:, None, None] * s[:, :, None] * n[:, None, :]
+            force = force - 0.5 * (scale[:, None] * g)[:, None]
+            across = np.eye(3) - n[:, :, None] * n[:, None, :]
+            across -= np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
+            K += (0.25 * scale[:, None, None] * across)[:, None, None]
+            if self.bound is None:  # what slides bears the more the harder it is pressed
+                rise = (0.5 * self.friction * np.where(sliding, kn, 0.0))[:, None] * s
+                K -= rise[:, None, None, :, None] * to_ends[:, None, :, None, :]
             reach = np.where(sliding, limit / kt, length)
-            anchors = np.where(old[:, None], np.where(sliding[:, None], point - s * reach[:, None], anchors), point)
-        energy = 0.5 * float(kn @ phi**2)
-        depth = float(-phi.min()) if len(nodes) else 0.0
-        return ContactLoad(nodes, force, push, K, sliding & (self.friction > 0.0), anchors, energy, depth)
+            anchors = np.where((old & ~sliding)[:, None], anchors, point - s * np.where(old, reach, 0.0)[:, None])
+        energy, depth = 0.5 * float(kn @ gap**2), float(-gap.min()) if len(gap) else 0.0
+        return ContactLoad(places, force, push, K, sliding & (self.friction > 0.0), anchors, energy, depth)
+
+    def _gap(self, middle: Array, at_ends: Array) -> tuple[Array, Array, Array]:
+        """Distances (k,) [m] at profiles (k, d), with first (k, 2, 3) and second slopes (k, 2, 2, 3, 3) by the ends.
+
+        at_ends: (k, 2, 3) [m] of which the profiles are the means.
+        """
+        k, flat = len(middle), at_ends.reshape(-1, 3)
+        gap, slope, H = self.surface.local_of(middle)
+        half = 0.5 * self.surface.axes(flat).reshape(k, 2, middle.shape[1], 3)
+        to_ends = (slope[:, None, None] @ half)[:, :, 0]
+        bent = half.swapaxes(2, 3)[:, :, None] @ H[:, None, None] @ half[:, None]
+        if self.surface.round:
+            own = (0.5 * slope[:, 0])[:, None, None, None] * self.surface.bend(flat).reshape(k, 2, 3, 3)
+            bent[:, 0, 0] += own[:, 0]
+            bent[:, 1, 1] += own[:, 1]
+        return gap, to_ends, bent
 
     def bounds(self, load: ContactLoad) -> Array:
-        """(n,) [N] that friction bears at a state."""
+        """(e,) [N] that friction bears at a state."""
         push = np.zeros(len(self.area))
-        push[load.nodes] = load.push
+        push[load.places] = load.push
         return self.friction * push
 
     def keep(self, load: ContactLoad) -> None:
-        """Remember the anchors of an equilibrium; nodes that do not touch forget theirs."""
+        """Remember the anchors of an equilibrium; places that do not touch forget theirs."""
         self.anchors = np.full_like(self.anchors, np.nan)
-        self.anchors[load.nodes] = load.anchors
+        self.anchors[load.places] = load.anchors

@@ -214,11 +214,12 @@ class MembraneGrasp:
 
     # -- state ---------------------------------------------------------------------------------------------------------
     def _bubble_state(self, name: str, squeeze: float) -> BubbleState:
-        bubble = self.bubbles[name]
-        nodes = bubble.x + np.array((0.0, SIDES[name] * self.rim(squeeze), 0.0))
+        bubble, out = self.bubbles[name], np.array((0.0, SIDES[name] * self.rim(squeeze), 0.0))
+        touching, patch = bubble.touching()
         return BubbleState(
-            nodes, self.mesh.triangles, self.mesh.flat, *bubble.flags(), bubble.pressure, bubble.volume, bubble.wrench()
-        )
+            bubble.x + out, self.mesh.triangles, self.mesh.flat, touching, patch + out, *bubble.areas(),
+            bubble.pressure, bubble.volume, bubble.wrench(),
+        )  # fmt: skip
 
     def _state(self, iterations: int, converged: bool) -> GraspState:
         X_TC = inverse_pose(self._X_CT)

@@ -15,7 +15,8 @@ class BubbleState(NamedTuple):
     Attributes:
         nodes: (n, 3) [m] in C. triangles: (m, 3) their indices, constant.
         material: (n, 2) [m] x and z in C of each node on the flat, printed sheet, constant.
-        touching, sliding: (n,) bool, nodes in contact with the tool, and those of them that slide on it.
+        touching: (n,) bool, nodes in contact with the tool. patch: (k, 3) [m] in C, all places of the sheet that are.
+        touched, slid: [m^2] of the sheet that touches the tool, and of that which slides on it.
         pressure: [Pa] above the ambient. volume: [m^3] enclosed with its dead volume.
         wrench: load on the tool about T's origin, in T.
     """
@@ -24,7 +25,9 @@ class BubbleState(NamedTuple):
     triangles: NDArray[Any]
     material: Array
     touching: NDArray[Any]
-    sliding: NDArray[Any]
+    patch: Array
+    touched: float
+    slid: float
     pressure: float
     volume: float
     wrench: Wrench
@@ -51,9 +54,9 @@ class GraspState(NamedTuple):
 
     @property
     def sliding_share(self) -> float:
-        """Share of the touching nodes that slide."""
-        touching = sum(int(b.touching.sum()) for b in self.bubbles.values())
-        return sum(int(b.sliding.sum()) for b in self.bubbles.values()) / max(touching, 1)
+        """Share of the touching sheet that slides."""
+        touched = sum(b.touched for b in self.bubbles.values())
+        return sum(b.slid for b in self.bubbles.values()) / touched if touched > 0.0 else 0.0
 
 
 def push_of(state: GraspState) -> float:

@@ -65,7 +65,7 @@ class Watcher:
     """Tells membranes' motions since a grasp as an estimator would, with noise times its usual errors."""
 
     def __init__(self, grasped: GraspState, noise: float, rng: np.random.Generator) -> None:
-        self._band = {f: around(b.nodes.T, b.nodes[b.touching].T) for f, b in grasped.bubbles.items()}
+        self._band = {f: around(b.nodes.T, b.patch.T) for f, b in grasped.bubbles.items()}
         self._before = {f: b.nodes[self._band[f]].T for f, b in grasped.bubbles.items()}
         self._noise, self._rng = noise, rng
 
