@@ -164,4 +164,5 @@ def test_points_of_an_area_are_spread_evenly_whatever_its_edge():
         assert 270 < len(rows) < 330
         points = np.stack([rows, columns], axis=1)
         gaps = cKDTree(points).query(points, k=2)[0][:, 1]
-        assert gaps.min() > 4.0 and gaps.max() < 7.0  # [px]; 5.2 on average
+        assert gaps.min() > 4.0  # [px]; 5.2 on average
+        assert gaps.max() < 7.0
