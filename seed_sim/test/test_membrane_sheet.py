@@ -85,12 +85,19 @@ def test_distance_to_the_tool_is_one_with_its_normal_and_curvature(tool):
     surface = ToolSurface(tool, 0.003)
     rng = np.random.default_rng(2)
     x = rng.uniform(-1.1, 1.1, (300, 3)) * (0.015, 0.012, 0.025)
-    distance, normal, H = surface.local(x)
+
+    def local(x):
+        distance, slope, H = surface.local_of(surface.profile(x))
+        ends = np.stack([x, x], axis=1)
+        normal, bend = surface.slope_by_ends(slope, ends), surface.bend_by_ends(slope, H, ends)
+        return distance, normal.sum(axis=1), bend.sum(axis=(1, 2))
+
+    distance, normal, H = local(x)
     np.testing.assert_allclose(distance, surface.distance(x), atol=1e-15)
     near = np.flatnonzero(np.abs(distance) < 0.003)  # inside its rounded skin, where it is smooth
     assert len(near) > 30
     for k, e in enumerate(1e-7 * np.eye(3)):
-        ahead, behind = surface.local(x + e), surface.local(x - e)
+        ahead, behind = local(x + e), local(x - e)
         smooth = near[np.linalg.norm(ahead[1] - behind[1], axis=1)[near] < 1e-3]
         np.testing.assert_allclose(normal[smooth, k], ((ahead[0] - behind[0]) / 2e-7)[smooth], atol=1e-5)
         np.testing.assert_allclose(H[smooth, :, k], ((ahead[1] - behind[1]) / 2e-7)[smooth], atol=0.05)

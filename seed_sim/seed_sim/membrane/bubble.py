@@ -165,7 +165,7 @@ class Bubble:
         if pose is None:
             return None
         R, origin = pose
-        touch = self.contact.load(x @ R.T + origin)
+        touch = self.contact.load(x @ R.T + origin, stiffness=False)
         force -= self._at_nodes(touch, touch.force @ R)
         return touch
 
@@ -187,6 +187,7 @@ class Bubble:
         if pose is not None:
             R, origin = pose
             touch = self.contact.load(x @ R.T + origin)
+            assert touch.stiffness is not None
             places, blocks = touch.places, R.T @ touch.stiffness @ R
         band = self._band.matrix(K, places, blocks)
         self._band.add_diagonal(band, damping)
@@ -342,6 +343,7 @@ class Bubble:
         R, origin = self._pose
         # sliding goes on sliding; nodes that have just touched stick from now on
         touch = self.contact.load(self.x @ R.T + origin)
+        assert touch.stiffness is not None
         factors = self._factors(self.x, self._pose, None, 0.0)
         ends = self.contact.ends[touch.places]
         point = self.x[ends] @ R.T + origin  # (k, 2, 3)

@@ -25,7 +25,7 @@ class ContactLoad(NamedTuple):
 
     Attributes:
         places: (k,) indices. force: (k, 2, 3) [N] on their ends in T. push: (k,) [N] on both along the normal.
-            stiffness: (k, 2, 2, 3, 3) [N/m], minus the force's slope, of each end by each.
+            stiffness: (k, 2, 2, 3, 3) [N/m], minus the force's slope, of each end by each, where that is asked for.
         sliding: (k,) bool. anchors: (k, 3) [m] to keep if this state is the equilibrium. energy: [J] of the normal
             springs. depth: [m] of the deepest place.
     """
@@ -33,7 +33,7 @@ class ContactLoad(NamedTuple):
     places: NDArray[Any]
     force: Array
     push: Array
-    stiffness: Array
+    stiffness: Array | None
     sliding: Mask
     anchors: Array
     energy: float
@@ -59,61 +59,49 @@ class Contact:
         self.anchors = np.full((len(area), 3), np.nan)
         self.bound: Array | None = None
 
-    def load(self, x: Array) -> ContactLoad:
-        """Forces with nodes at x (n, 3) [m] in T."""
-        profile = self.surface.profile(x)
+    def load(self, x: Array, stiffness: bool = True) -> ContactLoad:
+        """Forces, and stiffness if asked for, with nodes at x (n, 3) [m] in T."""
+        surface, profile = self.surface, self.surface.profile(x)
         middle = 0.5 * (profile[self.ends[:, 0]] + profile[self.ends[:, 1]])
-        near = np.flatnonzero((np.abs(middle) < self.surface.extent).all(axis=1))
-        places = near[self.surface.distance_of(middle[near]) < 0.0]
-        at_ends = x[self.ends[places]]  # (k, 2, 3)
-        gap, to_ends, bent = self._gap(middle[places], at_ends)
+        near = np.flatnonzero((np.abs(middle) < surface.extent).all(axis=1))
+        places = near[surface.distance_of(middle[near]) < 0.0]
+        ends = x[self.ends[places]]  # (k, 2, 3)
+        gap, slope, H = surface.local_of(middle[places])
         kn, kt = self._kn[places], self._kt[places]
-        push = -kn * gap
+        push, to_ends = -kn * gap, surface.slope_by_ends(slope, ends)
         force = push[:, None, None] * to_ends
-        K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :] + gap[:, None, None, None, None] * bent
-        K *= kn[:, None, None, None, None]
-        point, n = 0.5 * at_ends.sum(axis=1), to_ends.sum(axis=1)
+        point, n = 0.5 * ends.sum(axis=1), to_ends.sum(axis=1)
         n /= np.sqrt((n * n).sum(axis=1))[:, None]
         old = ~np.isnan(self.anchors[places, 0])
         anchors = np.where(old[:, None], self.anchors[places], point)
-        g = point - anchors
+        g = point - anchors  # shear; new places bear none in the step in which they touch
         g -= (n * g).sum(axis=1)[:, None] * n
         length = np.sqrt((g * g).sum(axis=1))
         limit = self.friction * push if self.bound is None else self.bound[places]
-        sliding = old & (kt * length > limit)
-        if self.friction > 0.0:
-            # slope of the shear, but for the normal's turn over it, which is micrometres long; new places bear no
-            # shear in the step in which they touch
-            safe = np.maximum(length, 1e-15)
-            s = g / safe[:, None]
-            scale = np.where(sliding, limit / safe, np.where(old, kt, 0.0))
-            force = force - 0.5 * (scale[:, None] * g)[:, None]
+        sliding = old & (kt * length > limit) & (self.friction > 0.0)
+        safe = np.maximum(length, 1e-15)
+        s = g / safe[:, None]
+        pull = np.where(sliding, limit, kt * length) if self.friction > 0.0 else np.zeros(len(places))
+        force = force - 0.5 * (pull[:, None] * s)[:, None]
+        K = None
+        if stiffness:
+            K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :]
+            K += gap[:, None, None, None, None] * surface.bend_by_ends(slope, H, ends)
+            K *= kn[:, None, None, None, None]
+        if K is not None and self.friction > 0.0:
+            # but for the normal's turn over the shear, which is micrometres long
             across = np.eye(3) - n[:, :, None] * n[:, None, :]
             across -= np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
-            K += (0.25 * scale[:, None, None] * across)[:, None, None]
+            across *= np.where(sliding, 0.25 * limit / safe, np.where(old, 0.25 * kt, 0.0))[:, None, None]
+            K += across[:, None, None]
             if self.bound is None:  # what slides bears the more the harder it is pressed
                 rise = (0.5 * self.friction * np.where(sliding, kn, 0.0))[:, None] * s
                 K -= rise[:, None, None, :, None] * to_ends[:, None, :, None, :]
-            reach = np.where(sliding, limit / kt, length)
-            anchors = np.where((old & ~sliding)[:, None], anchors, point - s * np.where(old, reach, 0.0)[:, None])
+        slid = sliding | ~old
+        reach = np.where(sliding, limit / kt, 0.0)
+        anchors = np.where(slid[:, None], point - s * reach[:, None], anchors)
         energy, depth = 0.5 * float(kn @ gap**2), float(-gap.min()) if len(gap) else 0.0
-        return ContactLoad(places, force, push, K, sliding & (self.friction > 0.0), anchors, energy, depth)
-
-    def _gap(self, middle: Array, at_ends: Array) -> tuple[Array, Array, Array]:
-        """Distances (k,) [m] at profiles (k, d), with first (k, 2, 3) and second slopes (k, 2, 2, 3, 3) by the ends.
-
-        at_ends: (k, 2, 3) [m] of which the profiles are the means.
-        """
-        k, flat = len(middle), at_ends.reshape(-1, 3)
-        gap, slope, H = self.surface.local_of(middle)
-        half = 0.5 * self.surface.axes(flat).reshape(k, 2, middle.shape[1], 3)
-        to_ends = (slope[:, None, None] @ half)[:, :, 0]
-        bent = half.swapaxes(2, 3)[:, :, None] @ H[:, None, None] @ half[:, None]
-        if self.surface.round:
-            own = (0.5 * slope[:, 0])[:, None, None, None] * self.surface.bend(flat).reshape(k, 2, 3, 3)
-            bent[:, 0, 0] += own[:, 0]
-            bent[:, 1, 1] += own[:, 1]
-        return gap, to_ends, bent
+        return ContactLoad(places, force, push, K, sliding, anchors, energy, depth)
 
     def bounds(self, load: ContactLoad) -> Array:
         """(e,) [N] that friction bears at a state."""

@@ -32,24 +32,6 @@ class ToolSurface:
             return x
         return np.stack([np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2), x[:, 2]], axis=1)
 
-    def axes(self, x: Array) -> Array:
-        """(n, d, 3) slope of the profile at points x (n, 3)."""
-        if not self.round:
-            return np.broadcast_to(np.eye(3), (len(x), 3, 3))
-        out = np.zeros((len(x), 2, 3))
-        out[:, 0, :2] = x[:, :2] / np.maximum(np.hypot(x[:, 0], x[:, 1]), 1e-12)[:, None]
-        out[:, 1, 2] = 1.0
-        return out
-
-    def bend(self, x: Array) -> Array:
-        """(n, 3, 3) [1/m] slope of the first of the profile's axes at points x (n, 3); the others have none."""
-        out = np.zeros((len(x), 3, 3))
-        if self.round:
-            s = np.maximum(np.hypot(x[:, 0], x[:, 1]), 1e-12)
-            across = np.stack([-x[:, 1], x[:, 0]], axis=1) / s[:, None]
-            out[:, :2, :2] = across[:, :, None] * across[:, None, :] / s[:, None, None]
-        return out
-
     def distance(self, x: Array) -> Array:
         """(n,) [m] of points x (n, 3), negative inside."""
         return self.distance_of(self.profile(x))
@@ -61,7 +43,7 @@ class ToolSurface:
         return np.asarray(outside + np.minimum(q.max(1), 0.0) - self.edge)
 
     def local_of(self, profile: Array) -> tuple[Array, Array, Array]:
-        """Distance (n,), its slope (n, d) and the slope's slope (n, d, d) [1/m] at places of a profile (n, d)."""
+        """Distance (k,), its slope (k, d) and the slope's slope (k, d, d) [1/m] at places of a profile (k, d)."""
         sign = np.where(profile < 0.0, -1.0, 1.0)
         q = np.abs(profile) - self._core
         out = np.maximum(q, 0.0)
@@ -75,9 +57,37 @@ class ToolSurface:
         H *= np.where(outside, 1.0 / safe, 0.0)[:, None, None]
         return np.where(outside, length, q.max(1)) - self.edge, local, H
 
-    def local(self, x: Array) -> tuple[Array, Array, Array]:
-        """Distance (n,), outward normal (n, 3) and the normal's slope (n, 3, 3) [1/m] at points x (n, 3)."""
-        distance, slope, H = self.local_of(self.profile(x))
-        J = self.axes(x)
-        normal = (slope[:, None] @ J)[:, 0]
-        return distance, normal, J.swapaxes(1, 2) @ H @ J + slope[:, :1, None] * self.bend(x)
+    def slope_by_ends(self, slope: Array, ends: Array) -> Array:
+        """(k, 2, 3) slope of a function of the mean profile of two points, ends (k, 2, 3) [m], by those.
+
+        slope: (k, d) by the mean profile.
+        """
+        if not self.round:
+            return np.broadcast_to(0.5 * slope[:, None], ends.shape)
+        out = np.empty_like(ends)
+        out[..., :2] = (0.5 * slope[:, 0])[:, None, None] * self._radial(ends)[0]
+        out[..., 2] = 0.5 * slope[:, 1:]
+        return out
+
+    def bend_by_ends(self, slope: Array, H: Array, ends: Array) -> Array:
+        """(k, 2, 2, 3, 3) the slope of `slope_by_ends` by the ends, of each by each; H: (k, d, d), slope of slope."""
+        k, H = len(ends), 0.25 * H
+        if not self.round:
+            return np.broadcast_to(H[:, None, None], (k, 2, 2, 3, 3))
+        radial, s = self._radial(ends)
+        out = np.empty((k, 2, 2, 3, 3))
+        out[..., :2, :2] = H[:, 0, 0, None, None, None, None] * (radial[:, :, None, :, None] * radial[:, None, :, None])
+        out[..., :2, 2] = H[:, 0, 1, None, None, None] * radial[:, :, None]
+        out[..., 2, :2] = H[:, 1, 0, None, None, None] * radial[:, None]
+        out[..., 2, 2] = H[:, 1, 1, None, None]
+        across = np.stack([-radial[..., 1], radial[..., 0]], axis=-1)
+        turn = (0.5 * slope[:, 0, None] / s)[..., None, None] * across[..., :, None] * across[..., None, :]
+        out[:, 0, 0, :2, :2] += turn[:, 0]
+        out[:, 1, 1, :2, :2] += turn[:, 1]
+        return out
+
+    @staticmethod
+    def _radial(x: Array) -> tuple[Array, Array]:
+        """Away from z_T (..., 2), and how far that is (...) [m]."""
+        s = np.maximum(np.sqrt(x[..., 0] ** 2 + x[..., 1] ** 2), 1e-12)
+        return x[..., :2] / s[..., None], s

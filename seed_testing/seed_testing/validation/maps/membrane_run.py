@@ -21,7 +21,7 @@ from seed_sysid.run.excitation import designs
 from seed_sysid.stiffness_map import wrench_transform
 from seed_testing.validation.maps import finite_elements
 
-SPACING = 0.007  # [m] of nodes, 183 a bubble: coarse, and many membranes in little time
+SPACING = 0.0055  # [m] of nodes, 297 a bubble: the band of 7 mm has two rows of them
 STEP = 0.002  # [m] of the tool between solves
 SQUEEZES = (-0.0015, 0.0, 0.0015)  # [m] of the grips, from that of the membrane
 RADII = (0.009, 0.016)  # [m] of the round handle that is held
