@@ -91,7 +91,7 @@ def test_an_estimator_in_the_loop_tells_the_wrench_by_what_it_has_identified_its
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A coarse membrane, few poses and a small motion: whether the chain holds, not how exact it is."""
-    monkeypatch.setattr(image_run, "SPACING", 0.008)
+    monkeypatch.setattr(image_run, "SPACING", 0.0065)
     plain = image_run.load("default")
     few = replace(plain.procedure.excitation, poses=40)
     plain = replace(plain, procedure=replace(plain.procedure, excitation=few, widths=plain.procedure.widths[1:2]))
