@@ -14,7 +14,7 @@ ATTITUDES = ((0, 0), (60, 0), (120, 0), (120, 40), (90, 70), (30, 80), (0, 60))
 
 def held(mass: float) -> IdentificationScenario:
     drawn = identify_on_membrane(load("default"), 77)
-    return replace(drawn, weight=Weight(mass=mass), membrane=replace(drawn.membrane, spacing=0.008))
+    return replace(drawn, weight=Weight(mass=mass), membrane=replace(drawn.membrane, spacing=0.0055))
 
 
 def test_a_weight_at_the_tools_frame_gives_the_forces_with_intervals() -> None:

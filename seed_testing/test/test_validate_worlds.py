@@ -17,12 +17,15 @@ SHORT = replace(CYLINDER, trajectory=replace(CYLINDER.trajectory, duration=2.0, 
 
 
 def test_a_world_as_believed_is_followed_and_a_scale_of_depth_scales_what_it_sees():
-    known = scores(run_world(SHORT, World(), "rigid_fit", 3))
-    assert known["valid_fraction"] == 1.0
-    scaled = CameraWorld(depth_scale=0.05)
-    other = scores(run_world(SHORT, World(images=ImageWorld(left=scaled, right=scaled)), "rigid_fit", 3))
-    assert abs(other["gain"]["x"] - known["gain"]["x"]) > 0.01  # 5 % further away, 5 % more to the side
-    assert other["gain"]["x"] == pytest.approx(1.05 * known["gain"]["x"], abs=0.02)
+    scaled, gains = CameraWorld(depth_scale=0.05), []
+    for seed in range(1, 5):
+        known = scores(run_world(SHORT, World(), "rigid_fit", seed))
+        assert known["valid_fraction"] == 1.0
+        other = scores(run_world(SHORT, World(images=ImageWorld(left=scaled, right=scaled)), "rigid_fit", seed))
+        gains.append(other["gain"]["x"] / known["gain"]["x"])
+    # 5 % further away, 5 % more to the side; of one run 2 to 8 %, for a short motion tells a gain no better
+    assert min(gains) > 1.01
+    assert sum(gains) / len(gains) == pytest.approx(1.05, abs=0.02)
 
 
 def test_the_score_of_draws_has_every_draw_and_names_those_that_fail():
