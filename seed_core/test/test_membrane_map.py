@@ -283,7 +283,7 @@ def test_between_grips_the_map_is_straight(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("- x+ * y-", "- x+ * yaw", "'x\\+ \\* yaw' is no product of at most 3 features"),
-        ("version: 2", "version: 1", "version = 1 must be within 2 and 2"),
+        ("version: 3", "version: 2", "version = 2 must be 3: the map is of another estimator; identify again"),
         ("  follow: []", "  follow: [0 1 2 3 4 5]", "follow is \\(1, 6\\); 32 rows of 6 are needed"),
         ("- x+ * y-\n", "", "coefficients is 6 by 10; 6 rows of 9"),
         ("scales:\n- 0.07", "scales:\n- 0.08", "scales are not those of this program"),

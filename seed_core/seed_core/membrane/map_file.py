@@ -22,6 +22,7 @@ HEADER = (
     "# Identified map from the membranes' motion to the wrench on the tool about C, in C: torque [N m], force [N].\n"
 )
 PRODUCT, DIGITS = " * ", 6
+VERSION = 3  # since 3 the estimator takes a band's points evenly
 MOST_FACTORS = 3
 
 
@@ -89,9 +90,13 @@ class MembraneMapFile:
     leverage: float = field(low=0.0, high=1e9, doc="largest |spread . terms|^2 among the poses identified")
     grips: tuple[GripMap, ...] = field(doc="at least one")
     motion: float = field(0.0, low=0.0, high=1e6, doc="mean squared motion of a sticking tool identified; 0: not told")
-    version: int = field(2, low=2, high=2, doc="of this format")
+    version: int = field(VERSION, doc="of this format, and of what the estimator tells of a band")
 
     def __post_init__(self) -> None:
+        if self.version != VERSION:
+            raise ConfigError(
+                f"version = {self.version} must be {VERSION}: the map is of another estimator; identify again"
+            )
         if not self.grips:
             raise ConfigError("grips is empty: at least one grip is needed")
         for a, b in pairwise(self.grips):
