@@ -88,14 +88,13 @@ class Contact:
             K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :]
             K += gap[:, None, None, None, None] * surface.bend_by_ends(slope, H, ends)
             K *= kn[:, None, None, None, None]
-        if K is not None and self.friction > 0.0:
-            # but for the normal's turn over the shear, which is micrometres long
-            across = np.eye(3) - n[:, :, None] * n[:, None, :]
-            across -= np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
-            across *= np.where(sliding, 0.25 * limit / safe, np.where(old, 0.25 * kt, 0.0))[:, None, None]
-            K += across[:, None, None]
+            if self.friction > 0.0:
+                scale = np.where(sliding, limit / safe, np.where(old, kt, 0.0))
+                across = np.eye(3) - n[:, :, None] * n[:, None, :]  # the normal's turn over micrometres is left out
+                across -= np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
+                K += 0.25 * (scale[:, None, None] * across)[:, None, None]
             if self.bound is None:  # what slides bears the more the harder it is pressed
-                rise = (0.5 * self.friction * np.where(sliding, kn, 0.0))[:, None] * s
+                rise = 0.5 * self.friction * np.where(sliding, kn, 0.0)[:, None] * s
                 K -= rise[:, None, None, :, None] * to_ends[:, None, :, None, :]
         slid = sliding | ~old
         reach = np.where(sliding, limit / kt, 0.0)
