@@ -33,7 +33,7 @@ Every test, or those of the files and folders given, for instance:
   ./seed test seed_sim -k plant -x              what pytest takes (./seed test -- --help lists all of it)
 
   --pins apt    with NumPy 1.26 and the other versions of Ubuntu 24.04, in an environment of their own
-  -n 0          in one process; without it two share the work
+  -n 0          in one process; without it three share the work
 Recordings that are no part of the project are looked for in $SEED_DATA; their tests are skipped where it is missing."""
 
 
@@ -51,9 +51,9 @@ def test(argv: list[str]) -> int:
     if missing:
         raise SeedError(f"there is no {', '.join(missing)} in {root}")
     paths = [] if there else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
-    # Two processes, each file in one of them; alone when a debugger or the caller's own -n is wanted.
+    # One process runs against the clock and mostly waits, two compute, each file in one of them; alone when a debugger or the caller's own -n is wanted.
     alone = any(a in ("--pdb", "-s", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
-    workers = [] if alone else ["-n", "2", "--dist", "loadfile"]
+    workers = [] if alone else ["-n", "3", "--dist", "loadfile"]
     pytest = [sys.executable, "-P", "-m", "pytest", "--durations=15", *workers, *argv, *paths]
     print(f"seed test: {' '.join(pytest[3:])}", flush=True)
     code = subprocess.run(pytest, cwd=root).returncode
