@@ -51,7 +51,8 @@ def test(argv: list[str]) -> int:
     if missing:
         raise SeedError(f"there is no {', '.join(missing)} in {root}")
     paths = [] if there else sorted(str(p.relative_to(root)) for p in root.glob("seed_*/test"))
-    # One process runs against the clock and mostly waits, two compute, each file in one of them; alone when a debugger or the caller's own -n is wanted.
+    # One process runs against the clock and mostly waits, two compute, each file in one of them.
+    # Alone when a debugger or the caller's own -n is wanted.
     alone = any(a in ("--pdb", "-s", "--collect-only") or a.startswith(("-n", "--numprocesses")) for a in argv)
     workers = [] if alone else ["-n", "3", "--dist", "loadfile"]
     pytest = [sys.executable, "-P", "-m", "pytest", "--durations=15", *workers, *argv, *paths]
