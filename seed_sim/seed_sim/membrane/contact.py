@@ -71,11 +71,13 @@ class Contact:
         push, to_ends = -kn * gap, surface.slope_by_ends(slope, ends)
         force = push[:, None, None] * to_ends
         point, n = 0.5 * ends.sum(axis=1), to_ends.sum(axis=1)
-        n /= np.sqrt((n * n).sum(axis=1))[:, None]
+        size = np.sqrt((n * n).sum(axis=1))[:, None]
+        n /= size
         old = ~np.isnan(self.anchors[places, 0])
         anchors = np.where(old[:, None], self.anchors[places], point)
-        g = point - anchors  # shear; new places bear none in the step in which they touch
-        g -= (n * g).sum(axis=1)[:, None] * n
+        delta = point - anchors  # new places bear no shear in the step in which they touch
+        out = (n * delta).sum(axis=1)[:, None]
+        g = delta - out * n
         length = np.sqrt((g * g).sum(axis=1))
         limit = self.friction * push if self.bound is None else self.bound[places]
         sliding = old & (kt * length > limit) & (self.friction > 0.0)
@@ -85,14 +87,18 @@ class Contact:
         force = force - 0.5 * (pull[:, None] * s)[:, None]
         K = None
         if stiffness:
-            K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :]
-            K += gap[:, None, None, None, None] * surface.bend_by_ends(slope, H, ends)
+            bend = surface.bend_by_ends(slope, H, ends)
+            K = to_ends[:, :, None, :, None] * to_ends[:, None, :, None, :] + gap[:, None, None, None, None] * bend
             K *= kn[:, None, None, None, None]
             if self.friction > 0.0:
+                across = np.eye(3) - n[:, :, None] * n[:, None, :]
+                turn = (across / size[:, None])[:, None] @ bend.sum(axis=1)  # (k, 2, 3, 3) slope of n by the ends
+                shear = 0.5 * across[:, None] - out[:, None, None] * turn  # the same of g
+                shear -= n[:, None, :, None] * (delta[:, None, None] @ turn)
+                along = np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
+                shear -= along[:, None] @ shear
                 scale = np.where(sliding, limit / safe, np.where(old, kt, 0.0))
-                across = np.eye(3) - n[:, :, None] * n[:, None, :]  # the normal's turn over micrometres is left out
-                across -= np.where(sliding, 1.0, 0.0)[:, None, None] * s[:, :, None] * s[:, None, :]
-                K += 0.25 * (scale[:, None, None] * across)[:, None, None]
+                K += 0.5 * (scale[:, None, None, None] * shear)[:, None]
             if self.bound is None:  # what slides bears the more the harder it is pressed
                 rise = 0.5 * self.friction * np.where(sliding, kn, 0.0)[:, None] * s
                 K -= rise[:, None, None, :, None] * to_ends[:, None, :, None, :]
