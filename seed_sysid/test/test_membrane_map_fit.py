@@ -17,10 +17,11 @@ from seed_sysid.data.dataset import Dataset, DatasetError, Sample
 from seed_sysid.data.membrane_sample import mean_membrane, since
 from seed_sysid.data.sample_file import header_line, parse, sample_line
 from seed_sysid.fit.analysis import Analysis, analyse
+from seed_sysid.membrane import result
 from seed_sysid.membrane.data import membrane_data
 from seed_sysid.membrane.fit import Component, fit_membrane, fit_without_outliers, rms
 from seed_sysid.membrane.regression import regress
-from seed_sysid.membrane.result import causes, slopes
+from seed_sysid.membrane.result import causes, refuse_unexcited, slopes
 from seed_sysid.membrane.terms import KINDS, MAIN, WRENCH_PARITY, Group, groups
 from seed_sysid.report.results import write_results
 from seed_sysid.report.summary import summary
@@ -173,6 +174,21 @@ def test_what_the_data_do_not_show_is_refused(data: Dataset) -> None:
     refused = analyse(_changed(data, slice(0, 60), gone), "kinematic")
     assert refused.membrane is None
     assert any(w.startswith("no membrane map: 20 of 60 samples") for w in refused.warnings)
+
+
+def test_an_axis_that_moves_little_counts_if_its_load_is_told(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(result, "_EXCITED", 3.0)  # no axis moves as far
+    rng = np.random.default_rng(2)
+
+    def blurred(s: Sample) -> Sample:
+        off = 1e-3 * rng.normal()  # [m] along y, of both
+        moved = (replace(m, motion=(m.motion[0], m.motion[1] + off, *m.motion[2:])) for m in s.membrane)
+        return replace(s, membrane=tuple(moved))
+
+    for change, idle in ((None, "roll, pitch, yaw"), (blurred, "roll, pitch, yaw, x, y, z")):
+        fit = fit_membrane(membrane_data(_changed(data, slice(0, 60), change)), "smooth")
+        with pytest.raises(DatasetError, match=f"the membranes hardly moved along {idle}: rms"):
+            refuse_unexcited(fit)
 
 
 def test_single_samples_that_are_lost_or_wrong_do_not_spoil_the_map(data: Dataset) -> None:

@@ -11,7 +11,14 @@ from seed_sysid.fit.identification_fit import Solution
 from seed_sysid.fit.load_model import Problem
 from seed_sysid.membrane.data import has_membranes, membrane_data
 from seed_sysid.membrane.fit import MembraneFit, fit_without_outliers
-from seed_sysid.membrane.result import causes, compare_models, curvature, map_file, remaining_hysteresis
+from seed_sysid.membrane.result import (
+    causes,
+    compare_models,
+    curvature,
+    map_file,
+    refuse_unexcited,
+    remaining_hysteresis,
+)
 from seed_sysid.membrane.terms import DEFAULT_MODEL
 from seed_sysid.stiffness_map import stiffness_map
 
@@ -37,6 +44,7 @@ def membrane_result(data: Dataset, problem: Problem, solution: Solution) -> tupl
         return None, ""
     try:
         fit, outliers = fit_without_outliers(membrane_data(data), DEFAULT_MODEL)
+        refuse_unexcited(fit)
         file = map_file(fit, data.header.hand, data.header.tool, data.header.created)
     except (DatasetError, ConfigError) as error:
         return None, str(error)

@@ -17,7 +17,7 @@ from seed_sysid.stiffness_map import AXES, frame_derivatives, wrench_transform
 
 LEAST_POSES = 24  # at a grip; fewer leave most terms to the prior
 _LOST = 0.2  # share of samples that may lack the membranes' motion
-_EXCITED = 0.08  # [scale] rms that each motion of the tool must have: 0.3 deg, 0.16 mm
+_SEEN = 0.02  # [scale] rms of a motion of the tool below which the estimator's noise is all: 0.08 deg, 0.04 mm
 _OFFSET_STD = np.array([np.deg2rad(3.0)] * 3 + [5e-3] * 3)  # of the sensor's frame
 _BIAS_STD, _DRIFT_STD = np.array([2.0] * 3 + [50.0] * 3), np.array([0.02] * 3 + [0.5] * 3)  # [N m, N]
 
@@ -148,10 +148,15 @@ def _check(Z: Array, grip: np.ndarray, grips: np.ndarray) -> None:
             raise DatasetError(
                 f"grip {number} has {len(mine)} samples with membranes; a map needs {LEAST_POSES}: resume the run"
             )
+    refuse_idle(Z, np.full(6, _SEEN))
+
+
+def refuse_idle(Z: Array, least: Array) -> None:
+    """Raises DatasetError where a motion of the tool (6,) has less than `least` (6,) [scale] rms in features (n, 32)."""
     spread = np.sqrt((Z[:, list(MAIN)] ** 2).mean(axis=0))
-    idle = [axis for axis, s in zip(AXES, spread, strict=True) if s < _EXCITED]
+    idle = [axis for axis, s, low in zip(AXES, spread, least, strict=True) if s < low]
     if idle:
         raise DatasetError(
             f"the membranes hardly moved along {', '.join(idle)}: rms {np.round(spread, 2).tolist()} of 4 deg or 2 mm "
-            f"(at least {_EXCITED:g}): visit larger poses, or the estimator does not follow the material"
+            f"(at least {least.max():g}): visit larger poses, or the estimator does not follow the material"
         )

@@ -9,6 +9,7 @@ from seed_core.membrane.features import SCALES
 from seed_core.membrane.map import MembraneMap
 from seed_core.membrane.map_file import PRODUCT, GripMap, MembraneMapFile, term_names, texts
 from seed_core.spatial import Array
+from seed_sysid.membrane.data import refuse_idle
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, grip_coordinate, rms
 from seed_sysid.membrane.terms import DEFAULT_MODEL, MAIN, MODELS, indices, values
 from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS
@@ -17,6 +18,8 @@ _LEAST_STD = np.array([1e-5] * 3 + [1e-4] * 3)  # [N m, N]
 _REMAINS = 0.35  # share of the hysteresis against the tool's pose that makes the material hysteretic itself
 _CURVED = 1.3  # times the smooth model's error that a linear one leaves
 _LINEAR = "with deformation"
+_EXCITED = 0.08  # [scale] rms that each motion of the tool should have: 0.3 deg, 0.16 mm
+_SHOWN = 0.05  # share of a component of the wrench; where less is left, a smaller motion was enough
 
 
 def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFile:
@@ -63,6 +66,15 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
     for grip in file.grips:
         MembraneMap(file, grip)  # refuses a stiffness that is not positive
     return file
+
+
+def refuse_unexcited(fit: MembraneFit) -> None:
+    """Raises DatasetError where the membranes hardly moved and the map does not tell the load of paths it has not seen.
+
+    A stiff grasp moves little along y before it meets the force limit, and may tell that force all the same.
+    """
+    left = rms(fit.unseen) / np.maximum(rms(fit.wrench), 1e-12)
+    refuse_idle(fit.data.Z, np.where(left > _SHOWN, _EXCITED, 0.0))
 
 
 def stiffness_at_rest(file: MembraneMapFile) -> Array:
