@@ -106,13 +106,8 @@ FIXED = (  # while the driver is configured
     "surroundings_file",
     *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")],
 )
-TOOL = (
-    "payload_mass",
-    "payload_cog",
-    "payload_inertia",
-    "tcp",
-    "speed_slider",
-)  # what the controller itself has to be told
+# What the robot's own controller has to be told
+TOOL = ("payload_mass", "payload_cog", "payload_inertia", "tcp", "speed_slider")
 
 
 def from_json(data: dict[str, Any]) -> DriverConfig:

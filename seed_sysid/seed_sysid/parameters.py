@@ -29,7 +29,7 @@ class ExcitationParameters:
         low=0.0,
         high=200.0,
         doc="largest force of the tool on its work, at work_tip: along x and y of T whatever friction drags, along z "
-        "the press; eight poses load the grasp so in place of combinations. 0 0 0: none",
+        "the press; twelve poses load the grasp so in place of combinations. 0 0 0: none",
     )
     work_tip: Vector3 = field((0.0, 0.0, 0.12), unit="m", low=-1.0, high=1.0, doc="where the tool works, in T")
 

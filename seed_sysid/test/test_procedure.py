@@ -224,7 +224,7 @@ def test_poses_of_the_work_load_the_grasp_as_it_will_be_whatever_its_stiffness()
     """A press of 10 N dragged at the tip 0.12 m away, on a grasp of twice and half the guessed stiffness, by axis."""
     excitation = ExcitationParameters(work_force=(6.0, 3.0, 10.0), work_tip=(0.0, 0.0, 0.12))
     targets = [t for t in design(excitation, LimitParameters()) if t.kind == "work"]
-    assert len(targets) == 8
+    assert len(targets) == 12
     assert len(design(excitation, LimitParameters())) == excitation.poses
     np.testing.assert_allclose(targets[1].load, (0.0, 0.72, 0.0, 6.0, 0.0, 10.0), atol=1e-12)
     true, reach = np.array((2.0, 0.5, 1.0, 2.0, 0.5, 2.0)) * K, Reach(excitation, LimitParameters())
@@ -233,12 +233,13 @@ def test_poses_of_the_work_load_the_grasp_as_it_will_be_whatever_its_stiffness()
         xi[j] = excitation.amplitudes[j]
         reach.measured(Target("a", axis, tuple(xi)), true * xi)
     for target in targets:
-        wrench = true * reach.within(target).xi
-        np.testing.assert_allclose(wrench, target.load, rtol=1e-9)
-        reach.measured(target, wrench)
-    stiffer = 1.2 * true * reach.within(targets[1]).xi  # than on the single axes: the next goes less far
-    reach.measured(targets[1], stiffer)
-    np.testing.assert_allclose(1.2 * true * reach.within(targets[1]).xi, targets[1].load, rtol=1e-9)
+        xi = np.array(reach.within(target).xi)
+        np.testing.assert_allclose(true * (xi - target.turn), target.load, rtol=1e-9, atol=1e-12)
+        reach.measured(target, true * xi)
+    assert {round(float(np.rad2deg(t.turn[2])), 6) for t in targets} == {-4.8, 0.0, 4.8}
+    first = targets[0]  # without a turn
+    reach.measured(first, 1.2 * true * reach.within(first).xi)  # stiffer than on the single axes: the next go less far
+    np.testing.assert_allclose(1.2 * true * reach.within(first).xi, first.load, rtol=1e-9)
 
 
 def test_too_few_poses_for_those_of_the_work_are_named() -> None:

@@ -10,10 +10,8 @@ from math import exp, inf, radians
 
 from seed_control.state import ControllerState
 
-_UPRIGHT, _LEANING = (
-    radians(2.0),
-    radians(5.0),
-)  # up to where the path goes at full pace, and from where on at the least
+# Lean up to which the path goes at full pace, and from which on at the least
+_UPRIGHT, _LEANING = radians(2.0), radians(5.0)
 _LEAST = 0.1  # never at rest: a lean that does not pass must not keep a task for ever
 _AHEAD = 0.15  # [s] for which the lean is foretold: about from an image to the arm's answer
 _SMOOTHING = 0.1  # [s]

@@ -12,10 +12,7 @@ from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import Image, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 
-_UNITS = (
-    ("millimetres", 1e3),
-    ("tenths of a millimetre", 1e4),
-)  # of depth; how many a metre has
+_UNITS = (("millimetres", 1e3), ("tenths of a millimetre", 1e4))  # of depth; how many a metre has
 Frame = Mapping[str, TactileImages]  # images of one time by finger
 IMAGES = "TactileImages(depth, brightness, stamp)"
 FRAME = f"give {{'left': {IMAGES}, 'right': ...}}"

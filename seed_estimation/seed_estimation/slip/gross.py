@@ -41,10 +41,7 @@ FALL_SURE = 6.0  # deviations of noise
 SLIPPING, SLIPPING_SHARE = 0.02, 0.5  # [1] incipient slip of a patch that slides, and of what it was before
 LOSS = 0.03  # [1] of the image that the tool's pose must explain less than usual within a fall
 SET_FREE = 0.5  # [1] of its displacement to which a membrane without load has sprung back, and one that slides has not
-ALONG, ALONG_SURE = (
-    0.3,
-    3.0,
-)  # [1] of the markers' way back, deviations: from which on the tool surely goes back with them
+ALONG, ALONG_SURE = 0.3, 3.0  # [1] of the markers' way back, deviations from which on the tool surely goes with them
 SETTLED, LONGEST = 0.015, 0.25  # [s] for which the end of a fall is awaited, at least and at most: a release lasts
 FALLING = 0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a slip slows at once
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most

@@ -18,11 +18,8 @@ from seed_sim.tactile.parameters import ToolShape
 SIDES = {"left": 1.0, "right": -1.0}  # of each finger along y_C
 _ARM = 0.04  # [m] at which a rotation moves the membrane
 _CUTS = 5  # halvings of a step that does not settle
-_TRIES = (
-    1.0,
-    0.7,
-    0.45,
-)  # times the longest step: one way to where an equilibrium ends may settle where another does not
+# Times the longest step: one way to where an equilibrium ends may settle where another does not
+_TRIES = (1.0, 0.7, 0.45)
 _FARTHEST = 1.0  # [m] of the tool from the grasp
 
 

@@ -4,8 +4,9 @@
 A pose is a displacement xi (6,) = [roll, pitch, yaw (rad), x, y, z (m)] of C in T. Every axis runs to both ends and
 back through half of each, so that loading and unloading can be told apart; the centre is visited again and again, so
 that drift shows; the rest are combinations, picked one by one so that they add most to the information
-about stiffness, sensor bias and frame offset together (D-optimal, greedy). The last eight of them may load the grasp as
-the work to come does: pressed at the tip and dragged there by friction, which a map that is not linear must have seen.
+about stiffness, sensor bias and frame offset together (D-optimal, greedy). The last twelve of them may load the grasp as
+the work to come does: pressed at the tip, dragged there by friction, and turned a little about the axes that this load
+does not turn, as a tool that leans on its work. A map that is not linear must have seen these together.
 """
 
 from __future__ import annotations
@@ -22,8 +23,22 @@ from seed_sysid.stiffness_map import AXES, frame_derivatives, stiffness_map
 
 _CANDIDATES = 160
 _RAMP = (0.5, 1.0, 0.5, -0.5, -1.0, -0.5)  # shares of the amplitude: out, back, out, back
-# Shares of the work's load, and where it is dragged [deg] in the plane of x and y: as far as it goes, twice each way
-_WORK = ((0.6, 0.0), (1.0, 0.0), (1.0, 180.0), (0.6, 180.0), (1.0, 90.0), (1.0, 0.0), (1.0, 270.0), (1.0, 180.0))
+# Share of the work's load; where it is dragged [deg] in the plane of x and y; signs of the turns about x and z
+_WORK = (
+    (0.6, 0.0, 0, 0),
+    (1.0, 0.0, 1, 1),
+    (1.0, 180.0, 1, -1),
+    (0.6, 180.0, 0, 0),
+    (1.0, 90.0, -1, 1),
+    (1.0, 0.0, -1, 1),
+    (1.0, 270.0, 1, 1),
+    (1.0, 180.0, -1, 1),
+    (1.0, 0.0, 1, -1),
+    (1.0, 180.0, 1, 1),
+    (1.0, 0.0, -1, -1),
+    (1.0, 180.0, -1, -1),
+)
+_LEANS = 0.4  # share of the amplitudes by which the tool is turned so
 _LEVER = 0.05  # [m]; makes torques and forces, turns and translations comparable
 
 
@@ -32,12 +47,14 @@ class Target:
     """One pose to visit: its name, why it is there ('home', an axis, 'combination' or 'work'), and xi (6,).
 
     load: (6,) [N m, N] about T's origin, in T, that the grasp is to bear at a pose of the work; else empty.
+    turn: (6,) what xi has beside the displacement for that load; else empty.
     """
 
     name: str
     kind: str
     xi: tuple[float, ...]
     load: tuple[float, ...] = ()
+    turn: tuple[float, ...] = ()
 
     @property
     def X_TC(self) -> Array:
@@ -72,20 +89,26 @@ def design(parameters: ExcitationParameters, limits: LimitParameters, model: Mod
     combinations -= len(loads)
     chosen = _combinations(np.array(single), combinations, parameters, limits, model)
     kinds = [axis for axis in AXES for _ in _RAMP] + ["combination"] * combinations + ["work"] * len(loads)
-    targets = _with_homes([*single, *chosen, *(w / parameters.guess.vector() for w in loads)], kinds, parameters.homes)
+    at_work = [load / parameters.guess.vector() + turn for load, turn in loads]
+    targets = _with_homes([*single, *chosen, *at_work], kinds, parameters.homes)
     of_work = iter(loads)
-    return [replace(t, load=tuple(next(of_work).tolist())) if t.kind == "work" else t for t in targets]
+    return [_loaded(t, *next(of_work)) if t.kind == "work" else t for t in targets]
 
 
-def work_loads(parameters: ExcitationParameters) -> list[Array]:
-    """(6,) loads of the grasp on the tool at the poses of the work, about T's origin, in T [N m, N]."""
+def _loaded(target: Target, load: Array, turn: Array) -> Target:
+    return replace(target, load=tuple(load.tolist()), turn=tuple(turn.tolist()))
+
+
+def work_loads(parameters: ExcitationParameters) -> list[tuple[Array, Array]]:
+    """At each pose of the work the grasp's load on the tool (6,), about T's origin, in T [N m, N], and turns (6,)."""
     x, y, z = parameters.work_force
     if not any(parameters.work_force):
         return []
     loads = []
-    for share, deg in _WORK:
+    for share, deg, roll, yaw in _WORK:
         force = share * np.array((x * np.cos(np.deg2rad(deg)), y * np.sin(np.deg2rad(deg)), z))
-        loads.append(np.concatenate((np.cross(parameters.work_tip, force), force)))
+        turn = _LEANS * parameters.amplitudes * (roll, 0.0, yaw, 0.0, 0.0, 0.0)
+        loads.append((np.concatenate((np.cross(parameters.work_tip, force), force)), turn))
     return loads
 
 

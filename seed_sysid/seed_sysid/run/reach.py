@@ -42,7 +42,8 @@ class Reach:
             if self.work is None:
                 guess = self._excitation.guess.vector()
                 self.work = guess / np.where(self._stiffness > 0.0, self._stiffness, guess)
-            return replace(target, xi=tuple((self.work * target.xi).tolist()))
+            of_load = np.array(target.load) / self._excitation.guess.vector()
+            return replace(target, xi=tuple((np.array(target.turn) + self.work * of_load).tolist()))
         return target.scaled(self._factor(target))
 
     def _factor(self, target: Target) -> float:
@@ -75,7 +76,7 @@ class Reach:
             j = AXES.index(target.kind)
             self._stiffness[j] = max(self._stiffness[j], abs(float(wrench[j])) / max(abs(target.xi[j]), 1e-9))
         elif target.kind == "work" and self.work is not None:
-            load = np.array(target.load)
+            load, wrench = np.array(target.load), wrench - self._stiffness * np.array(target.turn)
             size = np.repeat((np.abs(load[:3]).max(), np.abs(load[3:]).max()), 3)
             tells = np.abs(load) > _TOLD * size
             change = load[tells] / np.where(wrench[tells] * load[tells] > 0.0, wrench[tells], load[tells])

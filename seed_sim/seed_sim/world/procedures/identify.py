@@ -35,6 +35,7 @@ HUNG, PRESSED = 0.0024, 0.0105  # [m] of deflection along z: by the tool's weigh
 # As far along x and z as a task of 10 N deflects the grasp: what is beyond the poses identified is guessed.
 EXCITATION = ExcitationParameters(translation=(0.009, 0.005, 0.009))
 WORK = (10.0, 0.0, 10.0)  # [N] a press of 10 N, dragged along x with a friction of 1
+WORK_LIMIT = 20.0  # [N] with what a pose may miss that load by
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ def membrane_identification_of(scenario: Scenario) -> IdentificationScenario:
     """The same of a grasp between membranes: at the procedure's own excitation, and loaded as by a task of 10 N."""
     s = identification_of(scenario)
     excitation = ExcitationParameters(work_force=WORK, work_tip=tuple(scenario.tool.X_Ttip[:3, 3].tolist()))
-    procedure = replace(s.procedure, excitation=excitation)
+    limits = replace(s.procedure.limits, force=WORK_LIMIT)
+    procedure = replace(s.procedure, excitation=excitation, limits=limits)
     return replace(s, grasp=replace(s.grasp, kind="membrane"), membrane=scenario.membrane, procedure=procedure)
 
 

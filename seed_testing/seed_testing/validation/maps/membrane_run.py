@@ -34,11 +34,9 @@ NOISE_DEFORMATION = 1e-5 * np.array([1.4, 1.7, 0.9, 6.4, 2.2, 5.3, 5.2, 3.5, 1.8
 IMAGES = 9.0  # that a sample averages; errors of dots are independent, those of a membrane's motion hardly change
 NOISE_PRESSURE = 0.054  # [hPa]
 LEAST, MOST = 0.1, 2.0  # times 2 mm and 4 degrees rms: sizes of motions; at 2 the tool turns by 16 degrees at times
-TRIES, NEAR, COARSE = (
-    5,
-    0.02,
-    3,
-)  # of a size; share of sliding nodes that is near enough; of so many frames one is tried
+TRIES = 5  # of a size of the motion, until as many nodes slide as asked
+NEAR = 0.02  # share of sliding nodes that is near enough
+COARSE = 3  # of so many frames of a motion one is solved to try a size
 
 
 @dataclass
