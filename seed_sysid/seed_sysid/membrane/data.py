@@ -152,7 +152,7 @@ def _check(Z: Array, grip: np.ndarray, grips: np.ndarray) -> None:
 
 
 def refuse_idle(Z: Array, least: Array) -> None:
-    """Raises DatasetError where a motion of the tool (6,) has less than `least` (6,) [scale] rms in features (n, 32)."""
+    """Raises DatasetError where a motion of the tool has less than `least` (6,) [scale] rms in features Z (n, 32)."""
     spread = np.sqrt((Z[:, list(MAIN)] ** 2).mean(axis=0))
     idle = [axis for axis, s, low in zip(AXES, spread, least, strict=True) if s < low]
     if idle:

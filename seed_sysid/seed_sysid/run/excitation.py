@@ -3,10 +3,10 @@
 
 A pose is a displacement xi (6,) = [roll, pitch, yaw (rad), x, y, z (m)] of C in T. Every axis runs to both ends and
 back through half of each, so that loading and unloading can be told apart; the centre is visited again and again, so
-that drift shows; the rest are combinations, picked one by one so that they add most to the information
-about stiffness, sensor bias and frame offset together (D-optimal, greedy). The last twelve of them may load the grasp as
-the work to come does: pressed at the tip, dragged there by friction, and turned a little about the axes that this load
-does not turn, as a tool that leans on its work. A map that is not linear must have seen these together.
+that drift shows; the rest are combinations, picked one by one so that they add most to the information about
+stiffness, sensor bias and frame offset together (D-optimal, greedy). The last twelve of them may load the grasp as the
+work to come does: pressed at the tip, dragged there by friction, and turned a little about x and z, as a tool that
+leans on its work. A map that is not linear must have seen these together.
 """
 
 from __future__ import annotations
