@@ -6,6 +6,8 @@ membrane lies on the tool only where the tool's surface falls away from the memb
 |grad imprint| < imprint / decay. Beyond, it hangs free as a skirt, which does not move with the tool.
 """
 
+from math import ceil
+
 import cv2
 import numpy as np
 
@@ -14,6 +16,7 @@ from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.tactile_images import NOTHING, Array32, Bools, Image
 
 REST_BLUR = 5.0  # [px] a membrane at rest has no smaller features
+REACH = 4.0  # [deviations] of a fitted parabola's weights
 
 
 def smooth_depth(depth: Image, valid: Bools, sigma: float) -> Image:
@@ -31,22 +34,26 @@ def fitted_parabolas(depth: Image, valid: Bools, sigma: float) -> Image:
     and what a camera gets wrong over a centimetre is told from a membrane's shape as well as what it gets wrong pixel
     by pixel.
     """
-    weight = valid.astype(np.float32)
-    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float32) / np.float32(sigma)
-    v, u = v - v.mean(), u - u.mean()
-    filled = np.where(valid, depth, np.float32(0.0))
+    far = np.arange(-ceil(REACH * sigma), ceil(REACH * sigma) + 1) / sigma
+    kernels = [np.exp(-0.5 * far**2) * far**i for i in range(5)]
+    total = kernels[0].sum() ** 2
+
+    def moment(image: Array, i: int, j: int) -> Array:
+        """Sum over a pixel's neighbours of their values times their weights and offsets u^i v^j."""
+        return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, kernels[i], kernels[j], borderType=cv2.BORDER_CONSTANT))
+
     powers = [(i, j) for i in range(3) for j in range(3 - i)]
-
-    def blurred(image: Image, i: int, j: int) -> Array:
-        return np.asarray(cv2.GaussianBlur((image * u**i * v**j).astype(np.float64), (0, 0), sigma), np.float64)
-
-    moments = {(i, j): blurred(weight, i, j) for i in range(5) for j in range(5 - i)}
-    known = valid & (moments[0, 0] > 0.05)
-    A = np.array([[moments[a + c, b + d][known] for c, d in powers] for a, b in powers]).transpose(2, 0, 1)
-    y = np.array([blurred(filled, i, j)[known] for i, j in powers]).T
-    here = np.array([(u**i * v**j)[known] for i, j in powers]).T
+    values = np.stack([moment(np.where(valid, depth, 0.0), i, j) for i, j in powers], axis=2)
+    weight = valid.astype(np.float64)
+    near = moment(weight, 0, 0)
+    whole = valid & (near > (1.0 - 1e-6) * total)  # all neighbours are known: the same weights for all of these
+    partly = valid & ~whole & (near > 0.05 * total)
     out = np.full(depth.shape, np.nan, np.float32)
-    out[known] = (np.linalg.solve(A + 1e-9 * np.eye(6), y[..., None])[..., 0] * here).sum(axis=1)
+    A = np.array([[kernels[a + c].sum() * kernels[b + d].sum() for c, d in powers] for a, b in powers])
+    out[whole] = values[whole] @ np.linalg.inv(A)[0]
+    moments = {(i, j): moment(weight, i, j)[partly] for i in range(5) for j in range(5 - i)}
+    B = np.array([[moments[a + c, b + d] for c, d in powers] for a, b in powers]).transpose(2, 0, 1)
+    out[partly] = np.linalg.solve(B + 1e-9 * np.eye(6), values[partly][..., None])[:, 0, 0]
     return out
 
 

@@ -22,7 +22,7 @@ from seed_core.membrane.material import around
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.patch import PatchFinder
-from seed_estimation.contact.surface import lies_on_tool, surface
+from seed_estimation.contact.surface import fitted_parabolas, lies_on_tool, surface
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.normalise import coarse, normalised
@@ -32,7 +32,7 @@ from seed_estimation.parameters import EstimatorParameters
 
 Indices = NDArray[np.intp]
 CELL = 16  # [px] side of the pieces of a patch whose errors count as independent: two markers and more
-SURFACE_BLUR = 2.5  # [px] of the depth image before its slope is taken
+SURFACE_BLUR = 2.5  # [px] over which the depth image is smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     membrane, core = finder.membrane, finder.core(depth, mask, p)
     # beyond the patch's edge the surface is another one: it must not leak in
     valid = np.isfinite(depth) & (depth > p.near) & (depth < p.far) & (core > 0)
-    points, normals = surface(membrane.camera, depth, valid, SURFACE_BLUR)
+    points, normals = _surface(membrane.camera, depth, valid)
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
     on_tool = lies_on_tool(membrane.rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
@@ -155,11 +155,20 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     )
 
 
+def _surface(camera: PinholeCamera, depth: Image, valid: Bools) -> tuple[Array32, Array32]:
+    """Points of the smooth surface that is seen, and normals of a blurred one, (H, W, 3); NaN where invalid.
+
+    A blurred surface lies beside the one that is seen where that is curved: what has not moved would seem to go there.
+    """
+    _, normals = surface(camera, depth, valid, SURFACE_BLUR)
+    return camera.rays32 * fitted_parabolas(depth, valid, SURFACE_BLUR)[..., None], normals
+
+
 def _materials(
     membrane: Membrane, depth: Image, picture: Image, good: Bools, mask: Mask, p: EstimatorParameters
 ) -> tuple[Material, Material | None]:
     """All the membrane that touches (`good` where that is not to be told), and the band around it where it is seen."""
-    points, normals = surface(membrane.camera, depth, np.isfinite(depth) & (membrane.area > 0), SURFACE_BLUR)
+    points, normals = _surface(membrane.camera, depth, np.isfinite(depth) & (membrane.area > 0))
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
     touches = touching(membrane, depth, mask) & known
     if np.count_nonzero(touches) < p.least_area // 3:

@@ -19,7 +19,7 @@ _STEP, _TURN = 3e-4, np.deg2rad(0.5)  # [m], [rad]; further than that from the l
 _LONGEST = 0.7  # of the gap between images at which the estimator gives up the track
 _FRAMES = 4  # images averaged per pose
 _BEFORE = 0.01  # [s] between images of the grasp at rest
-_REFERENCE, _GRASP = 10, 5  # frames of the empty bubbles, and of the grasp at rest
+_REFERENCE, _GRASP = 15, 15  # frames of the empty bubbles, and of the grasp at rest
 
 
 class TactilePoses:

@@ -17,7 +17,7 @@ from seed_sim.world.cameras import WorldCameras
 from seed_sim.world.parameters import World
 
 IMAGE_DELAY = 0.03  # [s] from image to estimate, unless the scenario says otherwise
-REFERENCE_FRAMES, GRASP_FRAMES = 10, 5
+REFERENCE_FRAMES, GRASP_FRAMES = 15, 15
 _REFERENCE_AGE = 1.0  # [s] between the reference and the grasp
 HANGS = 0.4  # [s] after which a tool hangs still, for a grasp that is taken then
 
