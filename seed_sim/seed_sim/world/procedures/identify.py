@@ -34,8 +34,8 @@ from seed_sysid.stiffness_map import AXES, wrench_transform
 HUNG, PRESSED = 0.0024, 0.0105  # [m] of deflection along z: by the tool's weight, then by a task of 10 N
 # As far along x and z as a task of 10 N deflects the grasp: what is beyond the poses identified is guessed.
 EXCITATION = ExcitationParameters(translation=(0.009, 0.005, 0.009))
-WORK = (8.0, 0.0, 10.0)  # [N] a press of 10 N, dragged along x with a friction of 0.8
-WORK_LIMIT = 18.0  # [N] with what a pose may miss that load by
+WORK = (10.0, 0.0, 10.0)  # [N] a press of 10 N, dragged along x with a friction of 1
+WORK_LIMIT = 20.0  # [N] with what a pose may miss that load by
 
 
 @dataclass(frozen=True)
