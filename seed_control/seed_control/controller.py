@@ -268,7 +268,8 @@ class Controller:
         (estimate, X_WE), before = matched, self.law.measured
         frame = max(estimate.stamp - before.stamp, 0.0) if before is not None else 0.0
         m = self.wrench_estimator.measure(estimate, X_WE @ self._X_EC)
-        self.law.image(m, loop_time=min(t - estimate.stamp + 0.5 * frame + self._command.lead, 0.5))
+        age = t - estimate.stamp
+        self.law.image(m, loop_time=min(age + 0.5 * frame + self._command.lead, 0.5), age=min(age, 0.5))
         if self.law.setpoint is not None:
             self._command.turn_to(self.law.plan.X_WC[:3, :3])
         self.supervisor.image(m, t)

@@ -142,6 +142,30 @@ def test_the_law_never_asks_for_more_deflection_than_the_grasp_endures() -> None
     assert_allclose(np.linalg.norm(law.plan.X_TC[:3, 3]), bound, rtol=1e-12)
 
 
+def test_a_tip_that_sticks_beside_its_path_is_pressed_by_the_surface_under_it() -> None:
+    rest, slope = at_rest(*CASES[0]), np.array((0.2, -0.1, 0.0))
+
+    def height(aside: Array, velocity: Array, age: float) -> float:
+        """[m] that is wanted, with the path by `aside` from the tip when the image is taken."""
+        path = rest.X_WT @ TOOL.X_Ttip
+        path[:3, 3] += aside + age * velocity
+        law, z = HybridLaw(PARAMETERS, estimator()), np.diag((0.0, 0.0, 1.0))
+        setpoint = HybridSetpoint(path, rest.load, z, (False,) * 3, velocity=velocity, contact_resists=EVERY)
+        law.image(rest.measured, loop_time=0.1)
+        law.adopt(setpoint, (0.0, 0.0, 0.0))
+        for i in range(PARAMETERS.contact_images + 1):
+            law.image(rest.measured._replace(stamp=1.0 + 0.02 * (i + 1)), loop_time=0.1, age=age)
+        law.observers[0].tilt(slope)
+        reference = law._height_reference(setpoint, 0)
+        assert_allclose(reference.gradient, slope, atol=1e-9)
+        return reference.offset + float(np.dot(reference.gradient, path[:3, 3] - age * velocity))
+
+    still, going = np.zeros(3), np.array((0.05, 0.02, 0.0))
+    on_path = height(still, still, 0.0)
+    for velocity, age in ((still, 0.0), (going, 0.06)):
+        assert_allclose(height(np.array((5e-3, -3e-3, 0.0)), velocity, age), on_path, atol=1e-9)
+
+
 @pytest.mark.parametrize(("share", "trips"), [(0.999, False), (1.001, True)])
 @pytest.mark.parametrize("what", ["force", "deflection", "rotation"])
 def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, share: float, trips: bool) -> None:

@@ -66,6 +66,7 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
+        self._astray = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
         self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
 
@@ -73,12 +74,14 @@ class HybridLaw(PublishedLaw):
         super().set_limits(parameters)
         self.deflection.parameters = parameters
 
-    def image(self, m: Measurement, loop_time: float) -> None:
+    def image(self, m: Measurement, loop_time: float, age: float = 0.0) -> None:
         frame = m.stamp - self.measured.stamp if self.measured is not None else 0.0
         self._ahead = max(loop_time - 0.5 * max(frame, 0.0), 0.0)
         while len(self._asked) > 1 and self._asked[1][0] < m.stamp - loop_time - frame:
             self._asked.popleft()
         s = self.setpoint
+        if s is not None:
+            self._astray = as_vector3(m.tip - s.X_W_tip[:3, 3] + age * s.velocity)
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
         self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
@@ -87,7 +90,7 @@ class HybridLaw(PublishedLaw):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
-        super().image(m, loop_time)
+        super().image(m, loop_time, age)
 
     def _may_change(self) -> None:
         """Once the force has been there, the way to another is known, until contact is lost."""
@@ -222,6 +225,7 @@ class HybridLaw(PublishedLaw):
         if self._finds(s):
             self.observers[i].tilt(self.normal.slope(behind=False))
         offset, gradient, rate = self.observers[i].wanted_height(reference.normal, deflection, self._ahead)
+        offset += dot(gradient, self._astray)  # under the tip, wherever the path may be
         speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)

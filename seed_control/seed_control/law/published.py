@@ -118,11 +118,11 @@ class PublishedLaw:
         """Whether any direction carries force."""
         return len(self.plan.normals) > 0
 
-    def image(self, m: Measurement, loop_time: float) -> None:  # noqa: ARG002 (the full law uses it)
+    def image(self, m: Measurement, loop_time: float, age: float = 0.0) -> None:  # noqa: ARG002 (the full law does)
         """Take in a new image's measurement and renew what follows from it.
 
         Args:
-            loop_time: [s] from the image to the arm's answer.
+            loop_time: [s] from the image to the arm's answer. age: [s] of the image.
         """
         self.measured = m
         self.reference.renew()
