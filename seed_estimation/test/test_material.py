@@ -96,9 +96,12 @@ def bent(m: Array) -> Array:
 @pytest.mark.parametrize("field", [shifted, stretched, bent])
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_material_that_slides_on_a_tool_at_rest_is_followed(kind: str, field: Field) -> None:
-    """Shift, turn, stretch and bending of the patch are found while the tool is where it was."""
+    """Shift, turn, stretch and bending of the patch are found while the tool is where it was.
+
+    Without a pattern in depth: what dots do to it goes with the dots, which go in the infrared images alone here.
+    """
     tool = ToolShape(kind, length=0.2 if kind == "cylinder" else 0.045)
-    estimator, bubbles = held(TactileParameters(tool=tool), 31)
+    estimator, bubbles = held(TactileParameters(tool=tool, pattern=0.0), 31)
     found = []
     for i in range(1, FRAMES + 7):
         share = min(i / FRAMES, 1.0)
@@ -119,9 +122,8 @@ def test_material_that_slides_on_a_tool_at_rest_is_followed(kind: str, field: Fi
         assert abs(off[1]) < 0.06e-3
         turn = np.mean([rotation_error(m.X_CM[:3, :3], X_true[:3, :3]) for m in motions], axis=0)
         assert abs(turn[1]) < np.deg2rad(0.15)
-        # The field is one of the tool's surface, beside which the membrane hangs at the edges of a round tool, and what
-        # depth gets wrong stays where it is: over eight seeds yaw is 0.65 degrees off, rms, on a box.
-        assert np.abs(turn).max() < np.deg2rad(1.0 if kind == "box" else 2.0)
+        # the field is one of the tool's surface, beside which the membrane hangs at the edges of a round tool
+        assert np.abs(turn).max() < np.deg2rad(0.6 if kind == "box" else 2.0)
         error = np.mean([m.deformation for m in motions], axis=0) - d_true
         narrow = np.isin(np.arange(9), (3, 6)) if kind == "cylinder" else np.zeros(9, bool)  # u^2 of a narrow patch
         assert np.abs(error[~narrow]).max() < (0.06e-3 if kind == "box" else 0.09e-3)

@@ -66,7 +66,7 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = 1.0
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
-        self._astray = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
+        self._off_path = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
         self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
 
@@ -81,7 +81,7 @@ class HybridLaw(PublishedLaw):
             self._asked.popleft()
         s = self.setpoint
         if s is not None:
-            self._astray = as_vector3(m.tip - s.X_W_tip[:3, 3] + age * s.velocity)
+            self._off_path = as_vector3(m.tip - s.X_W_tip[:3, 3] + age * s.velocity)
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
         self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
@@ -225,7 +225,7 @@ class HybridLaw(PublishedLaw):
         if self._finds(s):
             self.observers[i].tilt(self.normal.slope(behind=False))
         offset, gradient, rate = self.observers[i].wanted_height(reference.normal, deflection, self._ahead)
-        offset += dot(gradient, self._astray)  # under the tip, wherever the path may be
+        offset += dot(gradient, self._off_path)  # under the tip, wherever the path may be
         speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))
         # a force may be taken back faster than it is built up: what rises under the tool must not press it
         pushes = (wanted > 0.0) - (wanted < 0.0)

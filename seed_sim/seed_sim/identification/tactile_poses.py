@@ -19,7 +19,7 @@ _STEP, _TURN = 3e-4, np.deg2rad(0.5)  # [m], [rad]; further than that from the l
 _LONGEST = 0.7  # of the gap between images at which the estimator gives up the track
 _FRAMES = 4  # images averaged per pose
 _BEFORE = 0.01  # [s] between images of the grasp at rest
-_REFERENCE, _GRASP = 15, 15  # frames of the empty bubbles, and of the grasp at rest
+REFERENCE_FRAMES, GRASP_FRAMES = 15, 15  # frames of the empty bubbles, and of the grasp at rest
 
 
 class TactilePoses:
@@ -44,14 +44,14 @@ class TactilePoses:
             self._renderer = TactileRenderer(scenario.tactile, scenario.hand, seed)
         parameters = EstimatorParameters(method=scenario.estimator)
         self._estimator = Estimator(parameters, scenario.hand, self._renderer.cameras)
-        self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(_REFERENCE)])
+        self._estimator.capture_reference([self._renderer.no_contact(0.0) for _ in range(REFERENCE_FRAMES)])
         self._last, self._frames, self._at = np.eye(4), 0, 0.0
         self.invalid = 0
         self.take_grasp(0.0)
 
     def take_grasp(self, t: float) -> None:
         """The gripper has closed on the tool, which rests where its frame counts from, at time t [s]."""
-        before = [t - _BEFORE * (_GRASP - i) for i in range(_GRASP)]
+        before = [t - _BEFORE * (GRASP_FRAMES - i) for i in range(GRASP_FRAMES)]
         self._estimator.initialize_grasp([self._renderer.render(np.eye(4), stamp) for stamp in before])
         self._last, self._frames, self._at = np.eye(4), 0, t
 
