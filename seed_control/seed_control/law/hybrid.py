@@ -17,7 +17,7 @@ from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
-from seed_control.wrench.estimate import Measurement, WrenchEstimator
+from seed_control.wrench.estimate import Measurement, WrenchEstimator, share_of
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
 from seed_core.spatial import Array, cross, rotation_from_rpy, so3_log
@@ -30,6 +30,9 @@ _LEAST_SPEED = 1e-6  # [m/s] across the tool's lever, below which a path goes no
 _TURNING = 0.3  # cost of turning the grasp, over that of shifting it by as much at the tip
 _OVER, _NOISE = 0.5, 3.0  # share of `max_excess_force`, and deviations of a force, beyond which nothing is pressed on
 _KNOWN = 3.0  # times `press_speed`, at which a force that has been there may be changed
+_ROUGH = (0.45, 0.7)  # friction from which on, and up to which, a tool is kept from springing ahead
+_TRAILING = 0.25  # share of the grasp's turn that stays as lean on a rough surface
+_FORGET = 2.0  # [s] over which friction is taken back
 _PRESS_TIME = 0.1  # [s] in which the force may be built up at the soonest, once the surface is known
 
 
@@ -67,6 +70,7 @@ class HybridLaw(PublishedLaw):
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
         self._off_path = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
+        self._friction = 0.0  # of the tool on the surface, the most of lately
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
         self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
 
@@ -91,6 +95,24 @@ class HybridLaw(PublishedLaw):
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time, age)
+        self._feel_friction(max(frame, 0.0))
+
+    def _feel_friction(self, dt: float) -> None:
+        """Friction of the tool on the one surface that it is pressed on; a tip that sticks shows less of it."""
+        if len(self.plan.normals) != 1 or not self.touches(0):
+            return
+        n, force = self.plan.normals[0], self.tool.on_environment.force
+        pressing = float(n @ force)
+        if abs(pressing) < 0.5 * abs(float(self.plan.wanted[0])) or not pressing:
+            return
+        across = force - pressing * n
+        ratio = float(np.sqrt(across @ across)) / abs(pressing)
+        self._friction = max(ratio, self._friction + share_of(dt, _FORGET) * (ratio - self._friction))
+
+    @property
+    def _rough(self) -> float:
+        """0 to 1: how much a tool has to be kept from springing ahead."""
+        return min(max((self._friction - _ROUGH[0]) / (_ROUGH[1] - _ROUGH[0]), 0.0), 1.0)
 
     def _may_change(self) -> None:
         """Once the force has been there, the way to another is known, until contact is lost."""
@@ -118,7 +140,7 @@ class HybridLaw(PublishedLaw):
 
     def release(self) -> None:
         super().release()
-        self._tipping_gain, self._changes = 1.0, []
+        self._tipping_gain, self._changes, self._friction = 1.0, [], 0.0
         self._asked.clear()
         self.normal.release()
 
@@ -159,7 +181,8 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
         # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
         moment = float(force_T @ self.p_Ttip)
-        self._upright = 1.0 - self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
+        kept = self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
+        self._upright = 1.0 - max(kept, _TRAILING * self._rough)
         super()._solve(s, R_W_task, P, normals)
         wanted: list[float] = self.plan.wanted.tolist()
         if self._asked and len(self._asked[-1][1]) != len(wanted):
