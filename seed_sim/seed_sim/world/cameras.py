@@ -121,7 +121,7 @@ class WorldCameras:
     def _filter(self, name: str, depth: Image, t: float) -> Image:
         """First-order in time; a pixel without depth keeps what was there."""
         before = self._filtered.get(name)
-        if before is not None and t - before[0] < _FORGOTTEN * self.world.depth_lag:
+        if before is not None and 0.0 <= t - before[0] < _FORGOTTEN * self.world.depth_lag:  # a grasp taken anew
             share = np.float32(1.0 - exp(-(t - before[0]) / self.world.depth_lag))
             old = before[1]
             state = old + share * (depth - old)
