@@ -142,6 +142,16 @@ def test_depth_follows_a_step_within_its_time_constant_and_infrared_at_once():
         np.testing.assert_allclose(np.median(seen.ir), np.median(final.ir), rtol=1e-3)
 
 
+def test_an_image_dated_before_the_last_one_is_no_noisier_than_another():
+    world, there = quiet(depth_lag=0.01), make_pose(None, (0.0, -0.002, 0.0))
+    fresh = world.render(there, 0.0)["left"].depth
+    world.render(np.eye(4), 1.0)
+    again = world.render(there, 0.9)["left"].depth  # as for a grasp taken anew at 1 s
+    seen = np.isfinite(fresh) & np.isfinite(again)
+    assert seen.mean() > 0.5
+    assert np.abs(again - fresh)[seen].max() < 0.005
+
+
 def test_membranes_rise_after_the_reference():
     world = quiet(left=CameraWorld(shape_mm=0.2))
     reference = world.no_contact(0.0)["left"].depth
