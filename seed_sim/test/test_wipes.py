@@ -31,7 +31,9 @@ def test_every_condition_makes_a_task_and_a_cell() -> None:
         task = condition.task()
         assert next(p.name for p in task.phases if p.name.startswith("wipe")) == "wipe"
         assert task.phases[-1].name == "lift"
-        assert condition.scenario().grasp.stiffness.rotation[1] == (condition.pitch or 3.0)
+        scenario, stiffness = condition.scenario(), condition.stiffness or (4.0, condition.pitch or 3.0, 4.0)
+        assert scenario.grasp.stiffness.rotation == tuple(stiffness[:3])
+        assert scenario.table.friction == (condition.friction or 0.4)
 
 
 @pytest.mark.parametrize("time", [0.0, 0.3, 3.0])

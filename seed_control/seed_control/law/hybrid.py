@@ -181,8 +181,8 @@ class HybridLaw(PublishedLaw):
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
         # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
         moment = float(force_T @ self.p_Ttip)
-        kept = self.parameters.max_lean_share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
-        self._upright = 1.0 - max(kept, _TRAILING * self._rough)
+        share = max(self.parameters.max_lean_share, _TRAILING * self._rough)
+        self._upright = 1.0 - share * min(max(moment / min(stiffness.rotation), 0.0), 1.0)
         super()._solve(s, R_W_task, P, normals)
         wanted: list[float] = self.plan.wanted.tolist()
         if self._asked and len(self._asked[-1][1]) != len(wanted):

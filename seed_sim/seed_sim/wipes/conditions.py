@@ -3,10 +3,14 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from seed_control.tasks import Task, load_task
+from seed_core.bushing import Stiffness
 from seed_sim.scenario import Scenario, load_scenario
 
 Leg = tuple[float, float, float]  # to x [m], at [m/s], with [m/s^2]
+_OF_MEMBRANES = (0.93, 3.2, 0.52, 3400.0, 6300.0, 2040.0)  # [N m/rad, N/m] of a light grip, as a hidden draw had it
 _WIPE: tuple[Leg, ...] = ((0.25, 0.05, 0.2),)
 
 
@@ -22,6 +26,8 @@ class Condition:
         correlated: [s] over which the poses' noise is correlated; 0: white.
         stated: the standard deviation that the poses state, over the true one.
         amplitude, frequency: [m], [Hz] of a table that moves up and down.
+        friction: of the table; None: the cell's. stiffness: (6,) of the grasp [N m/rad, N/m], which the controller
+            knows; empty: the cell's.
     """
 
     name: str
@@ -32,6 +38,8 @@ class Condition:
     stated: float = 1.0
     amplitude: float = 0.0
     frequency: float = 0.5
+    friction: float | None = None
+    stiffness: tuple[float, ...] = ()
 
     def task(self) -> Task:
         """The squeegee's task, with this wipe."""
@@ -50,13 +58,13 @@ class Condition:
     def scenario(self) -> Scenario:
         """The cell."""
         scenario = load_scenario("nominal")
-        if self.pitch is None:
-            return scenario
-        stiffness = scenario.grasp.stiffness
-        kr, _, ky = stiffness.rotation
+        k = np.array(self.stiffness or scenario.grasp.stiffness.vector())
+        k[1] = self.pitch or k[1]
+        friction = scenario.table.friction if self.friction is None else self.friction
         return replace(
             scenario,
-            grasp=replace(scenario.grasp, stiffness=replace(stiffness, rotation=(kr, self.pitch, ky))),
+            grasp=replace(scenario.grasp, stiffness=Stiffness.from_vector(k)),
+            table=replace(scenario.table, friction=friction),
         )
 
 
@@ -77,5 +85,6 @@ CONDITIONS = {
         Condition("stated x3", stated=3.0),
         Condition("table 1 mm", amplitude=1e-3),
         Condition("table 5 mm", amplitude=5e-3),
+        Condition("rough table", friction=0.77, stiffness=_OF_MEMBRANES),
     )
 }
