@@ -98,8 +98,11 @@ class HybridLaw(PublishedLaw):
         self._feel_friction(max(frame, 0.0))
 
     def _feel_friction(self, dt: float) -> None:
-        """Friction of the tool on the one surface that it is pressed on; a tip that sticks shows less of it."""
-        if len(self.plan.normals) != 1 or not self.touches(0):
+        """Friction of the tool on the one surface that it is pressed on; a tip that sticks shows less of it.
+
+        Where the surface's normal is being found, what is across it may be a slope's.
+        """
+        if self._finds(self.setpoint) or len(self.plan.normals) != 1 or not self.touches(0):
             return
         n, force = self.plan.normals[0], self.tool.on_environment.force
         pressing = float(n @ force)
