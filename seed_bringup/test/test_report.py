@@ -18,7 +18,7 @@ from seed_bringup.commands.demo import _parser
 from seed_bringup.demo.baselines import finished, running_baselines
 from seed_bringup.demo.conclusion import _Conclusion
 from seed_bringup.demo.figures import force_and_torque, path_on_table, relative_pose, true_and_believed
-from seed_bringup.demo.hidden import HIDDEN
+from seed_bringup.demo.hidden import HIDDEN, at_camera_rate
 from seed_bringup.demo.live import LiveRun, patience_with
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
@@ -244,6 +244,12 @@ def test_a_hidden_world_is_drawn_from_the_seed_and_told_to_the_simulation_alone(
     assert "--world hidden" in plans[0].command
     with pytest.raises(SeedError, match="rigid_fit"):
         plan(_parser().parse_args(["--world", "hidden", "--estimator", "truth", "--out", str(tmp_path / "d")]))
+
+
+def test_membranes_of_a_live_cell_are_solved_as_often_as_its_cameras_expose() -> None:
+    scenario = load_scenario("membrane")
+    assert at_camera_rate(scenario, 22.5).measurement.rate == 22.5
+    assert at_camera_rate(scenario, 0.0) is scenario
 
 
 @pytest.mark.parametrize(

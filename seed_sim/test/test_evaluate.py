@@ -11,16 +11,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from seed_control.state import ControllerState
 from seed_control.tasks import load_task
 from seed_core.bushing import Stiffness
 from seed_sim import evaluate
 from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.relative_poses import pose_source
+from seed_sim.closed_loop.run import SeedSteering, play, start_pose
 from seed_sim.closed_loop.surface_score import surface_score
 from seed_sim.closed_loop.sweep import column_summary, plot, summary
 from seed_sim.comparison.score import scores_of
 from seed_sim.membrane import MembraneParameters
+from seed_sim.plant.plant import Plant
 from seed_sim.replay.plots import run_figure
 from seed_sim.scenario import load_scenario
 from seed_sim.world.trial import beliefs
@@ -340,6 +343,24 @@ def test_exact_poses_of_a_grasp_that_lifts_its_tip_as_it_is_pressed_keep_the_for
     )
     result = printed(["squeegee", "--scenario", str(file)])
     assert result["force_z"]["rmse"] < 0.05
+
+
+class _Late(SeedSteering):
+    """The controller's picture with the true wrench of 20 steps ago in place of its own."""
+
+    def sense(self, t: float) -> ControllerState:
+        state, kept = super().sense(t), self.__dict__.setdefault("kept", [])
+        kept.append((t, self._plant.contact_wrench))
+        then, load = kept[max(len(kept) - 21, 0)]
+        return state._replace(stamp=t, image_age=t - then, estimated=load.rotated(state.R_W_task.T))
+
+
+def test_the_error_of_a_wrench_is_the_one_at_its_stamp(short: str) -> None:
+    task, scenario = load_task(short, 8.0), load_scenario("nominal")
+    plant = Plant(scenario, 3, task.frame.pose, start_pose(scenario, task))
+    recording = play(task, plant, _Late(plant, scenario, "seed", "truth", 3))
+    assert np.abs(recording["believed_force"][:, 2] - recording["force"][:, 2]).max() > 1.0  # [N]; it is late
+    assert_allclose(recording["wrench_error"], 0.0, atol=1e-9)
 
 
 def test_a_known_world_has_the_estimator_of_its_scenario() -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from seed_sysid.data.dataset import Dataset
     from seed_sysid.fit.analysis import Analysis
 
-SPACING = 0.0052  # [m] of the membranes' nodes: coarse enough for a live cell
+SPACING = 0.0065  # [m] of the membranes' nodes: coarse enough for a live cell
 HIDDEN = "scenario.yaml"  # what is simulated, in the folder of the results
 FOUND = "identification"  # folder of stiffness.yaml, membrane_map.yaml and the procedure's own report
 
@@ -56,6 +56,13 @@ def hide(scenario: Scenario, seed: int) -> Scenario:
     true = true_scenario(drawn, draw_world(seed, "membrane"))
     membrane = replace(drawn.membrane, spacing=SPACING)
     return replace(drawn, membrane=membrane, true_mass=true.true_mass, table=true.table)
+
+
+def at_camera_rate(scenario: Scenario, rate: float) -> Scenario:
+    """The scenario with its membranes solved as often as the live cameras expose; rate [Hz], 0: as often as it says."""
+    if not rate:
+        return scenario
+    return replace(scenario, measurement=replace(scenario.measurement, rate=rate))
 
 
 def write_scenario(scenario: Scenario, file: Path) -> None:

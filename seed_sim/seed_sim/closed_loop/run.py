@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One task against the plant, step by step, and SEED's controller in that loop. Deterministic: it reads no clock."""
 
+import math
+from bisect import bisect_right
+from collections import deque
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +28,7 @@ from seed_sim.scenario import Scenario
 START_HEIGHT = 0.03  # [m] of the tip above the nominal table
 MAX_DURATION = 120.0  # [s] of any run
 SETTLE = 0.6  # [s] of hanging still before the controller is enabled
+_REMEMBERED = 1.0  # [s] of loads, for images that arrive late
 LET_DOWN = 0.4  # [s] in which a holder gives the tool's weight to membranes, whose friction would remember a fall
 
 
@@ -44,6 +48,7 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
     """Play the task once, to its end or for MAX_DURATION; `progress` is told phase and simulated time."""
     player = TaskPlayer(task)
     recording = Recording(player.phases, torque_axes_of(task))
+    loads: deque[tuple[float, Array]] = deque(maxlen=math.ceil(_REMEMBERED * steering.rate))
     for step in range(round(MAX_DURATION * steering.rate)):
         t = step * (1.0 / steering.rate)
         try:
@@ -51,13 +56,14 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
         except MembraneError as error:  # what happens to the tool belongs to the run
             recording.message = str(error)
             break
+        loads.append((t, plant.contact_wrench.vector()))
         status = player.step(t, state)
         if refusal := steering.steer(t, status.setpoint):
             player.cancel(refusal)
         if status.setpoint is not None:
             phase = player.phases.index(status.phase) if status.phase in player.phases else -1
             _record(recording, plant, task, status.setpoint, t, phase)
-            _record_belief(recording, plant, task, state)
+            _record_belief(recording, loads, task, state)
         if progress is not None and step % 25 == 0:
             progress(status.progress, f"{status.phase}, {t:.1f} s simulated")
         if status.done:
@@ -174,14 +180,27 @@ def _record(recording: Recording, plant: Plant, task: Task, s: HybridSetpoint, t
     )
 
 
-def _record_belief(recording: Recording, plant: Plant, task: Task, state: ControllerState) -> None:
-    """What the controller makes of it: force in the work frame with its stated deviation, and what it says."""
+def _at(loads: deque[tuple[float, Array]], t: float) -> Array:
+    """(6,) of times [s] and loads, straight between them; NaN before the first."""
+    times = [time for time, _ in loads]
+    i = bisect_right(times, t)
+    if i == 0:
+        return np.full(6, np.nan)
+    (before, a), (after, b) = loads[i - 1], loads[min(i, len(loads) - 1)]
+    return a + (b - a) * ((t - before) / (after - before) if after > before else 0.0)
+
+
+def _record_belief(recording: Recording, loads: deque[tuple[float, Array]], task: Task, state: ControllerState) -> None:
+    """What the controller makes of it: force in the work frame with its stated deviation, and what it says.
+
+    The wrench's error is that of the image: against what was true at its stamp, not when it has arrived.
+    """
     R_work = task.frame.pose[:3, :3]
     force, stated = np.full(3, np.nan), np.full(3, np.nan)
     error, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
     if state.estimated is not None:
         estimated = state.estimated.rotated(state.R_W_task)
-        force, error = R_work.T @ estimated.force, estimated.minus(plant.contact_wrench).vector()
+        force, error = R_work.T @ estimated.force, estimated.vector() - _at(loads, state.stamp - state.image_age)
         if state.covariance is not None:
             covariance = state.covariance
             stated = np.sqrt(np.diag(R_work.T @ covariance[3:, 3:] @ R_work))

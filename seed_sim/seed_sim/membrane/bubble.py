@@ -176,8 +176,10 @@ class Bubble:
         flat = np.bincount(at.ravel(), values.ravel(), len(self.x) * size)
         return np.asarray(flat.reshape(len(self.x), *values.shape[2:]), float)
 
-    def _factors(self, x: Array, pose: Pose | None, gauge: float | None, damping: float) -> Factors:
-        """Of the equations' slope at nodes x; damping [N/m] goes onto its diagonal."""
+    def _factors(
+        self, x: Array, pose: Pose | None, gauge: float | None, damping: float, touch: ContactLoad | None = None
+    ) -> Factors:
+        """Of the equations' slope at nodes x; damping [N/m] goes onto its diagonal; touch: the contact, if known."""
         c = self.sheet.corners(x)
         K = self.sheet.load(x, corners=c).stiffness
         assert K is not None
@@ -186,7 +188,7 @@ class Bubble:
         places, blocks = np.empty(0, int), np.empty((0, 2, 2, 3, 3))
         if pose is not None:
             R, origin = pose
-            touch = self.contact.load(x @ R.T + origin)
+            touch = touch or self.contact.load(x @ R.T + origin)
             assert touch.stiffness is not None
             places, blocks = touch.places, R.T @ touch.stiffness @ R
         band = self._band.matrix(K, places, blocks)
@@ -344,7 +346,7 @@ class Bubble:
         # sliding goes on sliding; nodes that have just touched stick from now on
         touch = self.contact.load(self.x @ R.T + origin)
         assert touch.stiffness is not None
-        factors = self._factors(self.x, self._pose, None, 0.0)
+        factors = self._factors(self.x, self._pose, None, 0.0, touch)
         ends = self.contact.ends[touch.places]
         point = self.x[ends] @ R.T + origin  # (k, 2, 3)
         arms, pull = _skews(point), _skews(touch.force)

@@ -63,7 +63,7 @@ class Contact:
         """Forces, and stiffness if asked for, with nodes at x (n, 3) [m] in T."""
         surface, profile = self.surface, self.surface.profile(x)
         middle = 0.5 * (profile[self.ends[:, 0]] + profile[self.ends[:, 1]])
-        near = np.flatnonzero((np.abs(middle) < surface.extent).all(axis=1))
+        near = np.flatnonzero(surface.may_hold(middle))
         places = near[surface.distance_of(middle[near]) < 0.0]
         ends = x[self.ends[places]]  # (k, 2, 3)
         gap, slope, H = surface.local_of(middle[places])
@@ -71,14 +71,14 @@ class Contact:
         push, to_ends = -kn * gap, surface.slope_by_ends(slope, ends)
         force = push[:, None, None] * to_ends
         point, n = 0.5 * ends.sum(axis=1), to_ends.sum(axis=1)
-        size = np.sqrt((n * n).sum(axis=1))[:, None]
+        size = np.sqrt(_dot(n, n))[:, None]
         n /= size
         old = ~np.isnan(self.anchors[places, 0])
         anchors = np.where(old[:, None], self.anchors[places], point)
         delta = point - anchors  # new places bear no shear in the step in which they touch
-        out = (n * delta).sum(axis=1)[:, None]
+        out = _dot(n, delta)[:, None]
         g = delta - out * n
-        length = np.sqrt((g * g).sum(axis=1))
+        length = np.sqrt(_dot(g, g))
         limit = self.friction * push if self.bound is None else self.bound[places]
         sliding = old & (kt * length > limit) & (self.friction > 0.0)
         safe = np.maximum(length, 1e-15)
@@ -118,3 +118,8 @@ class Contact:
         """Remember the anchors of an equilibrium; places that do not touch forget theirs."""
         self.anchors = np.full_like(self.anchors, np.nan)
         self.anchors[load.places] = load.anchors
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(k,) of a, b (k, 3)."""
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])

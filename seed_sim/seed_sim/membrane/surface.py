@@ -5,6 +5,7 @@ A place counts by its profile: distance from z_T and height of a round tool, x, 
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seed_core.spatial import Array
 from seed_sim.tactile.parameters import ToolShape
@@ -36,26 +37,31 @@ class ToolSurface:
         """(n,) [m] of points x (n, 3), negative inside."""
         return self.distance_of(self.profile(x))
 
+    def may_hold(self, profile: Array) -> NDArray[np.bool_]:
+        """(n,) whether places of a profile (n, d) lie within the tool's extent; none outside is inside the tool."""
+        within = np.abs(profile) < self.extent
+        return np.asarray(np.logical_and.reduce([within[:, i] for i in range(len(self.extent))]))
+
     def distance_of(self, profile: Array) -> Array:
         """(n,) [m] of places of a profile (n, d), negative inside."""
         q = np.abs(profile) - self._core
-        outside = np.sqrt((np.maximum(q, 0.0) ** 2).sum(1))
-        return np.asarray(outside + np.minimum(q.max(1), 0.0) - self.edge)
+        outside = np.sqrt(_total(np.maximum(q, 0.0) ** 2))
+        return np.asarray(outside + np.minimum(_largest(q), 0.0) - self.edge)
 
     def local_of(self, profile: Array) -> tuple[Array, Array, Array]:
         """Distance (k,), its slope (k, d) and the slope's slope (k, d, d) [1/m] at places of a profile (k, d)."""
         sign = np.where(profile < 0.0, -1.0, 1.0)
         q = np.abs(profile) - self._core
         out = np.maximum(q, 0.0)
-        length = np.sqrt((out * out).sum(1))
+        length, most = np.sqrt(_total(out * out)), _largest(q)
         outside = length > 0.0
         safe = np.where(outside, length, 1.0)
-        local = np.where(outside[:, None], out / safe[:, None], q == q.max(1)[:, None]) * sign
+        local = np.where(outside[:, None], out / safe[:, None], q == most[:, None]) * sign
         H = -local[:, :, None] * local[:, None, :]
         d = np.arange(q.shape[1])
         H[:, d, d] += out > 0.0
         H *= np.where(outside, 1.0 / safe, 0.0)[:, None, None]
-        return np.where(outside, length, q.max(1)) - self.edge, local, H
+        return np.where(outside, length, most) - self.edge, local, H
 
     def slope_by_ends(self, slope: Array, ends: Array) -> Array:
         """(k, 2, 3) slope of a function of the mean profile of two points, ends (k, 2, 3) [m], by those.
@@ -91,3 +97,13 @@ class ToolSurface:
         """Away from z_T (..., 2), and how far that is (...) [m]."""
         s = np.maximum(np.sqrt(x[..., 0] ** 2 + x[..., 1] ** 2), 1e-12)
         return x[..., :2] / s[..., None], s
+
+
+def _total(v: Array) -> Array:
+    """(n,) sums over the few columns of v (n, d): faster than along a short last axis."""
+    return np.asarray(np.add.reduce([v[:, i] for i in range(v.shape[1])]))
+
+
+def _largest(v: Array) -> Array:
+    """(n,) the same of the largest."""
+    return np.asarray(np.maximum.reduce([v[:, i] for i in range(v.shape[1])]))

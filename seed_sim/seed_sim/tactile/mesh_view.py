@@ -134,9 +134,8 @@ class MeshView:
         for _ in range(_STEPS):
             nearest = np.clip(np.rint(cell), 1, most)
             off = cell - nearest
-            p, px, pz, pxx, pzz, pxz = fields[(nearest[1] * self._grid[1] + nearest[0]).astype(np.intp)].transpose(
-                1, 2, 0
-            )
+            of_cells = fields[(nearest[1] * self._grid[1] + nearest[0]).astype(np.intp)]
+            p, px, pz, pxx, pzz, pxz = np.ascontiguousarray(of_cells.reshape(-1, 18).T).reshape(6, 3, -1)
             dx, dz = px + pxx * off[0] + pxz * off[1], pz + pxz * off[0] + pzz * off[1]
             at = p + np.float32(0.5) * ((px + dx) * off[0] + (pz + dz) * off[1])
             u, v, det = x - at[0], y - at[1], dx[0] * dz[1] - dx[1] * dz[0]
