@@ -13,13 +13,16 @@ from test_tasks import play
 from seed_control.law.contact import ContactDetector
 from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.parameters import ControllerParameters
+from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskError, TaskPlayer, check_fits, load_task
+from seed_control.tasks.insertion.search import SearchRun
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
 from seed_control.tasks.insertion.surface import PlateUnderTip
 from seed_control.tasks.path import Spiral
+from seed_control.tasks.steps import Step
 from seed_core.config import ConfigError, load_text
 from seed_core.hand import Frame, Tool
-from seed_core.spatial import pose_from_rpy
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy
 
 PEG = Tool(name="round_peg", T_tip=Frame((0.0, 0.0, 0.09)), mass=0.15)
 
@@ -113,6 +116,32 @@ def test_a_phase_that_makes_no_sense_is_refused(phase: str, said: str) -> None:
 def test_a_force_that_the_controller_may_not_be_asked_for_is_refused_before_it_begins() -> None:
     with pytest.raises(TaskError, match="max_force"):
         check_fits(load_task("insert_peg", force=18.0), PEG, ControllerParameters())
+
+
+@pytest.mark.parametrize(
+    ("drop", "sideways", "found"),
+    [
+        (0.0, 0.5, False),
+        (5e-4, 0.0, False),
+        (0.0, 1.7, False),
+        (5e-4, 1.7, True),
+        (1.2e-3, 0.0, True),
+        (0.0, 2.8, True),
+    ],
+)
+def test_a_hole_is_a_drop_or_a_rim_or_some_of_both(drop: float, sideways: float, found: int) -> None:
+    """[m] and [N]; a peg that has caught in the mouth was dragged out of it again, before each alone was enough."""
+    phase = next(p for p in load_task("insert_peg").phases if p.name == "search")
+    run = SearchRun(Step(phase), np.zeros(3), np.eye(3), np.eye(3), np.eye(4))
+    nothing = ControllerState(0.0, "contact", True, in_contact=True, filtered=Wrench.zero(), X_W_tip=np.eye(4))
+    for x, y, _ in spiral(0.004, 0.001)[:60:2]:
+        assert run.advance(0.02, nothing._replace(X_W_tip=make_pose(np.eye(3), (x, y, 0.0)))) == ""
+    pressed = Wrench(np.zeros(3), np.array((sideways, 0.0, 1.0)))
+    told = [
+        run.advance(0.02, nothing._replace(filtered=pressed, X_W_tip=make_pose(np.eye(3), (x, y, -drop))))
+        for _ in range(15)
+    ]
+    assert ("done" in told) == bool(found)
 
 
 def test_a_hole_that_is_not_there_ends_with_a_reason_and_a_lift() -> None:

@@ -15,6 +15,7 @@ from seed_control.tasks.path import Path, Spiral
 from seed_control.tasks.steps import Step, StepRun
 from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
 
+_TOGETHER = 1.15  # shares of `drop` and `rim` that add up to a hole: what has caught in its mouth shows some of both
 _AGAIN = 0.5  # [s] at the end of the pattern, for what the last images tell
 _ROUNDS = 2  # of tilting all around
 _ROCKING = 0.2  # [rad/s] of the tip's axis
@@ -60,7 +61,7 @@ class SearchRun(StepRun):
         if state.X_W_tip is not None and state.X_W_tip is not self._newest:
             self._newest = state.X_W_tip
             self._look((self._to_work @ state.X_W_tip)[:3, 3])
-        if self.found or self._surface.dropped > self._search.drop or self._sideways(state) > self._search.rim:
+        if self.found or self._feels_hole(state):
             self.found = True
             return "done"
         if self._search.pattern == "here":
@@ -81,6 +82,11 @@ class SearchRun(StepRun):
             self.plate = self._surface.height(tip)
         if tip[2] < -self._search.within - self._search.drop:  # below any plate: it went straight into the hole
             self.plate, self.found = max(self.plate, -self._search.within), True
+
+    def _feels_hole(self, state: ControllerState) -> bool:
+        """The tip has dropped, or met a rim, or a good half of each."""
+        dropped, met = self._surface.dropped / self._search.drop, self._sideways(state) / self._search.rim
+        return max(dropped, met) > 1.0 or dropped + met > _TOGETHER
 
     def _sideways(self, state: ControllerState) -> float:
         """[N] across the press, less what there was as it began."""
