@@ -53,7 +53,7 @@ class InsertRun(StepRun):
         self._tries = 0
         self._deepest = 0.0
         self._told = ""
-        self.force_projector = np.eye(3)  # nothing of the reference is where the tip went
+        self.force_projector = np.zeros((3, 3))  # `position` is where the tip is, over some images
 
     @property
     def depth(self) -> float:
