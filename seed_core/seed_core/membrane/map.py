@@ -41,7 +41,9 @@ from seed_core.wrench_model import SpringWrench, observed_part
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
 # By which a new grasp is off, since its band is found a pixel or two elsewhere: share of each load, and lever [m]
-GRASPED, LEVER = 0.02, 0.0007
+GRASPED, LEVER = 0.01, 0.0012
+# Share of the motions' variance that counts: what mounts, lens and range err by, the identification has learned
+UNLEARNED = 0.5
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
@@ -119,7 +121,7 @@ class MembraneMap:
         terms, slopes = self._terms(z)
         w_C, leverage = self._coefficients @ terms, self._spread @ terms
         squared = float(leverage @ leverage)
-        covariance = slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
+        covariance = UNLEARNED * slopes[:6] @ feature_covariance(motions, self._middles) @ slopes[:6].T
         covariance[_DIAGONAL] += self._variance * (self._growth(z) + squared) + (GRASPED * w_C) ** 2
         covariance[_TORQUE] += LEVER**2 * float(w_C[3:] @ w_C[3:])
         X_TC = inverse_pose(observed_part(estimate))
