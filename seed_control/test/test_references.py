@@ -10,11 +10,14 @@ from quasi_static import DOWN, DT, Bench
 
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
+from seed_control.monitor.weight_check import WeightCheck
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_core.bushing import Stiffness
+from seed_control.wrench.estimate import WrenchEstimator
+from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
-from seed_core.hand import DEFAULT_STIFFNESS, Tool
-from seed_core.spatial import Wrench, make_pose
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, Tool
+from seed_core.spatial import Wrench, inverse_pose, make_pose
 from seed_core.wrench_settings import ReferenceSettings
 
 SENSOR = ReferenceSettings(
@@ -235,3 +238,21 @@ def test_a_tool_without_mass_is_no_reference() -> None:
     bench = Bench(tool=Tool(mass=0.0), start=start())
     pressing(bench, force=5.0)
     assert bench.state.contradictions == ()
+
+
+@pytest.mark.parametrize("uncertain", [0.01, 0.5])
+def test_a_tool_that_is_let_down_is_not_weighed(uncertain: float) -> None:
+    """However little is known of the force along y [N], which a firm grasp hardly tells; along z it changes."""
+    tool, X_WT = Tool(), DOWN @ inverse_pose(Tool().X_Ttip)
+    check, weight = WeightCheck(ReferenceSettings(), tool), tool.mass * GRAVITY * (DOWN[:3, :3].T @ (0.0, 0.0, -1.0))
+    random = np.diag(np.array((0.01, 0.01, 0.01, 0.05, uncertain, 0.05)) ** 2)
+    measure = WrenchEstimator(tool, Bushing(DEFAULT_STIFFNESS), True, 3e-4).measure
+    seen = []
+    for t in 0.1 * np.arange(30):
+        m = measure(RelativePoseEstimate(t, np.eye(4), 1e-8 * np.eye(6)), X_WT)
+        borne = Wrench(np.zeros(3), -min(t / 0.4, 1.0) * weight)
+        check.update(m, borne, Wrench(np.zeros(3), weight), random, in_contact=False)
+        seen += [float(np.linalg.norm((s.spring - s.load)[3:])) for s in check.passed]
+    assert len(seen) > 10
+    assert max(seen) < 0.01
+    assert check.reason == ""

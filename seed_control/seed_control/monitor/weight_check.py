@@ -108,8 +108,8 @@ class WeightCheck:
             self._low, self._high = np.full(3, inf), np.full(3, -inf)
             return  # the reason stays: what was found while it hung free is not mended by pressing
         self._low, self._high = np.minimum(self._low, m.tip), np.maximum(self._high, m.tip)
-        noise = 4.0 * float(np.sqrt(random.diagonal()[3:].max()))
-        if before is None or float(np.abs(told - before[1])[3:].max()) > _SETTLED * (m.stamp - before[0]) + noise:
+        noise = 4.0 * np.sqrt(random.diagonal()[3:])
+        if before is None or (np.abs(told - before[1])[3:] > _SETTLED * (m.stamp - before[0]) + noise).any():
             return
         load = -weight.vector()
         self._waiting.append(Sample(m, told, load, random, self._systematic(weight), self._high - self._low))
