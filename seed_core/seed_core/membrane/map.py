@@ -43,7 +43,7 @@ LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would 
 # By which a new grasp is off, since its band is found a pixel or two elsewhere: share of each load, and lever [m]
 GRASPED, LEVER = 0.01, 0.0012
 # Share of the motions' variance that counts: what mounts, lens and range err by, the identification has learned
-UNLEARNED = 0.5
+UNLEARNED = 0.25
 STILL = 0.1  # share of the residual's variance that small motions have
 LEAST_RANGE = 0.2  # [scale] of a feature that the identification hardly moved
 AT_REST, LIGHT = 0.15, 0.6  # [scales] of motion that counts as none, and of a tool that merely hangs in the grasp
