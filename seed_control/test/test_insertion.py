@@ -129,7 +129,7 @@ def test_a_force_that_the_controller_may_not_be_asked_for_is_refused_before_it_b
         (0.0, 2.8, True),
     ],
 )
-def test_a_hole_is_a_drop_or_a_rim_or_some_of_both(drop: float, sideways: float, found: int) -> None:
+def test_a_hole_is_a_drop_or_a_rim_or_some_of_both(drop: float, sideways: float, found: bool) -> None:
     """[m] and [N]; a peg that has caught in the mouth was dragged out of it again, before each alone was enough."""
     phase = next(p for p in load_task("insert_peg").phases if p.name == "search")
     run = SearchRun(Step(phase), np.zeros(3), np.eye(3), np.eye(3), np.eye(4))
@@ -141,7 +141,7 @@ def test_a_hole_is_a_drop_or_a_rim_or_some_of_both(drop: float, sideways: float,
         run.advance(0.02, nothing._replace(filtered=pressed, X_W_tip=make_pose(np.eye(3), (x, y, -drop))))
         for _ in range(15)
     ]
-    assert ("done" in told) == bool(found)
+    assert ("done" in told) is found
 
 
 def test_a_hole_that_is_not_there_ends_with_a_reason_and_a_lift() -> None:
