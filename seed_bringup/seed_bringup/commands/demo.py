@@ -21,7 +21,7 @@ from pathlib import Path
 from seed_bringup.demo.baselines import finished, running_baselines
 from seed_bringup.demo.conclusion import conclude
 from seed_bringup.demo.hidden import FOUND, HIDDEN, at_camera_rate, find_out, write_scenario
-from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, live_rates, play_live
+from seed_bringup.demo.live import CORES, SMALL_CAMERA_RATE, camera_rate_of, play_live
 from seed_bringup.demo.plan import Plan, plan
 from seed_bringup.demo.score import TOPICS
 from seed_bringup.demo.series import read_series
@@ -103,7 +103,7 @@ def _played(asked: Plan, started: float) -> int:
     o, findings = asked.options, None
     if asked.hidden:
         findings = find_out(asked.scenario, o.seed, asked.folder / FOUND)
-        asked = replace(asked, scenario=at_camera_rate(findings.scenario, o.camera_rate or live_rates()[0]))
+        asked = replace(asked, scenario=at_camera_rate(findings.scenario, camera_rate_of(o)))
         write_scenario(asked.scenario, asked.folder / HIDDEN)  # gripped as the procedure found to be needed
     with interrupts() as check:
         live = play_live(asked, findings.believed if findings else asked.scenario, check)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live part of the demo: the cell runs, the task is played, and all of it is recorded."""
 
+import argparse
 import contextlib
 import os
 from collections.abc import Callable
@@ -56,6 +57,11 @@ def live_rates() -> tuple[float, float]:
     """Rates of cameras (0: the scenario's) and of control that the live graph keeps on this machine [Hz]."""
     small = len(os.sched_getaffinity(0)) < CORES
     return (SMALL_CAMERA_RATE, SMALL_LOOP_RATE) if small else (0.0, LOOP_RATE)
+
+
+def camera_rate_of(options: argparse.Namespace) -> float:
+    """Rate of the live cameras [Hz]: as asked for, or what this machine keeps; 0: the scenario's."""
+    return float(options.camera_rate or live_rates()[0])
 
 
 def patience_with(task: Task) -> float:
@@ -136,7 +142,7 @@ def _tell_of_closing(kind: type[BaseException] | None, *_: object) -> None:
 
 def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
     """Of demo_launch.xml; writes the parameter files that they name."""
-    camera_rate, loop_rate = live_rates()
+    loop_rate = live_rates()[1]
     o, hand, controller = asked.options, asked.folder / "beliefs.yaml", asked.folder / "controller.yaml"
     settings = {
         "rate": loop_rate,
@@ -159,7 +165,7 @@ def _launch_arguments(asked: Plan, believed: Scenario) -> dict[str, str]:
         "view": str(not o.no_view).lower(),
         "replay": str(asked.folder / "replay.html"),
         "sim_rate": str(loop_rate),
-        "camera_rate": str(float(o.camera_rate or camera_rate)),
+        "camera_rate": str(camera_rate_of(o)),
     }
 
 
