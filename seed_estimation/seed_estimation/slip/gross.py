@@ -31,7 +31,7 @@ from seed_estimation.images.sampling import Crop
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
-from seed_estimation.slip.following import Following
+from seed_estimation.slip.following import PRIOR, Following
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
@@ -78,12 +78,13 @@ class GrossSlip:
 
         crops: images by finger; fit: the best to them, locked or not; slip: micro-slip [1].
         """
-        depth = UNSEEN
+        depth, turn = UNSEEN, None
         if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
             covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
             seen = motion_vector(fit.X_CT) - fit.ahead
             displacement = self._lever * (seen[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
             depth = Depth(displacement, self._lever * np.sqrt(covariance.diagonal()))
+            turn = (seen - np.linalg.solve(fit.H_depth + PRIOR, fit.g_depth))[:3]
         for markers in self._markers.values():
             markers.forget(stamp)
         held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
@@ -101,7 +102,7 @@ class GrossSlip:
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
         left = False
         if self._following is not None and len(held) == len(self._markers):
-            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
+            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp, turn)
         return fallen or gone_on or left or (not locked and self._torn(stamp))
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
