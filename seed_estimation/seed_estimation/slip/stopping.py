@@ -22,7 +22,7 @@ STOPPED, BACK = 0.25, -0.1  # [1] of its largest speed, below which a finger's m
 PARTED, PARTED_SPEED = 0.1, 0.007  # [1] of the largest, [m/s] by which the fingers' speeds differ: depth's turn is noisy
 MOVING = 0.6  # [1] of its largest speed, from which on the spread of a patch is looked at
 SLOWER, NOISE, FASTEST = 0.93, 0.001, 95  # [1] of the fastest points' speed, [m/s], and [%] the percentile that is
-HALTED = 0.1  # [1] of its largest speed, on average, below which the fingers' speeds are noise
+HALTED, FALLEN = 0.1, 0.7  # [1] of its largest speed, on average and of the slower finger, between which that counts
 SLIPPING, PARTLY = 0.57, 0.3  # [1] of the points are slower in a patch that is about to let go, and in one that slips
 CREEPING = 0.03  # [1] of its largest speed, with which material creeps on
 
@@ -49,13 +49,13 @@ def stops_as_it_slips(steps: Sequence[Drag]) -> bool:
     if largest.min() < FAST or max(way * step.displacement for step in looked) < LOADED:
         return False
     share = speed / largest
-    if share[-1].max() > STOPPED or share[-1].min() < BACK:
+    if share[-1].max() > STOPPED or share[-1].min() < BACK or share[-2].max() <= STOPPED:
         return False
     fall = share[int(speed.mean(axis=1).argmax()) :]
     last = [int(np.flatnonzero(s > MOVING)[-1]) for s in share.T]
     slower = float(np.mean([_slower(way * looked[i].speeds[f]) for f, i in enumerate(last)]))
     apart = (np.ptp(fall, axis=1) > PARTED) & (np.ptp(fall * largest, axis=1) > PARTED_SPEED)
-    apart &= fall.mean(axis=1) > HALTED
+    apart &= (fall.mean(axis=1) > HALTED) & (fall.min(axis=1) < FALLEN)
     return bool((slower > PARTLY and apart.any()) or (slower > SLIPPING and share[-1].mean() > CREEPING))
 
 
