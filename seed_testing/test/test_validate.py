@@ -232,6 +232,16 @@ def test_a_slip_on_membranes_with_mechanics_makes_the_estimate_invalid(monkeypat
     assert told.invalid <= slip.IN_TIME
 
 
+def test_a_tool_slides_from_when_its_load_hardly_rises_on():
+    pull = slip.Pull(1.0, np.array((0.0, 0.0, 0.0, 0.0, 0.0, -0.05)), 0.0, 0.0)
+    load = slip.Plateau(pull)
+    for t in np.arange(0.9, 1.5, 0.01):  # 20 N/s up to 4 N, then 1 N/s
+        pulled = max(t - 1.0, 0.0)
+        load.add(t, np.array((0.0, 0.0, 0.0, 0.0, 0.0, min(20.0 * pulled, 3.8 + pulled))))
+    assert load.since == pytest.approx(1.21, abs=0.011)
+    assert slip.Plateau(None).since == np.inf
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -34,9 +34,10 @@ _SUBSTEPS = 10  # of friction per pair of images
 # ordinary manipulation moves the tool about half as far as the combined trajectory
 _ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
 _HOLD = 0.009  # [m] grip in ordinary manipulation
-# Membranes: share of the touching nodes that slide when the tool does, solves per pair of images, [m] between nodes,
+# Membranes: share of the touching nodes that slide when all of them do, solves per pair of images, [m] between nodes,
 # and share of the ordinary motion that a light grip bears
 _ALL, _SUBSOLVES, _SPACING, _BORNE = 0.95, 2, 0.006, 0.4
+_LEVEL = 0.1  # of its largest rise with the way pulled, at which the load has come to its plateau: the tool slides
 
 
 class Pull(NamedTuple):
@@ -89,11 +90,13 @@ def moments(
 
 
 class Frame(NamedTuple):
-    """Images of one time [s], since when the tool slides (inf: not), and whether it slides at all."""
+    """Images of one time [s], since when the tool slides (inf: not), since when nearly all that touches it does, and
+    whether it does now."""
 
     stamp: float
     images: dict[str, TactileImages]
     onset: float
+    all_slide: float
     sliding: bool
 
 
@@ -102,19 +105,50 @@ def rendered(
 ) -> Iterator[Frame]:
     """Frames of a tool that friction of p holds as one body."""
     for m in moments(p, renderer.reach, section, pull, seed):
-        yield Frame(m.stamp, renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load), m.onset, m.held.sliding)
+        yield Frame(m.stamp, renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load), *2 * (m.onset,), m.held.sliding)
+
+
+class Plateau:
+    """The load of a pull: from when it hardly rises on, the tool slides.
+
+    Unlike a share of the nodes that slide, that holds for turns, too: the node at the pivot never slides.
+
+    Attributes:
+        since: [s] (inf: the load rises still).
+    """
+
+    def __init__(self, pull: Pull | None) -> None:
+        self.since = math.inf
+        self._start = pull.start if pull is not None else math.inf
+        self._along = pull.speed / np.linalg.norm(pull.speed) if pull is not None else np.zeros(6)
+        self._last: tuple[float, float] | None = None
+        self._steepest = 0.0
+
+    def add(self, t: float, wrench: Array) -> None:
+        """wrench (6,): of the membranes on the tool at time t [s], in T (torque, force)."""
+        if t < self._start:
+            return
+        load = -float(self._along @ wrench)
+        if self._last is not None:
+            rise = (load - self._last[1]) / (t - self._last[0])
+            self._steepest = max(self._steepest, rise)
+            if rise < _LEVEL * self._steepest:
+                self.since = min(self.since, t)
+        self._last = t, load
 
 
 def on_membranes(renderer: HeldRenderer, section: TrajectorySection, pull: Pull | None, seed: int) -> Iterator[Frame]:
-    """Frames of a tool between membranes with mechanics: it slides as soon as nearly all that touches it does."""
-    onset = math.inf
+    """Frames of a tool between membranes with mechanics."""
+    all_slide, load = math.inf, Plateau(pull)
     fine = replace(section, rate=section.rate * _SUBSOLVES)
     for i, (t, X) in enumerate(poses(fine, seed), start=1):
         X_CT = X if pull is None else X @ pull.pulled(t)
-        share = renderer.hold.at(X_CT, t).sliding_share
-        onset = min(onset, t) if share > _ALL else onset
+        state = renderer.hold.at(X_CT, t)
+        sliding = state.sliding_share > _ALL
+        load.add(t, state.wrench.vector())
+        all_slide = min(all_slide, t) if sliding else all_slide
         if i % _SUBSOLVES == 0:
-            yield Frame(t, renderer.render(X_CT, t), onset, share > _ALL)
+            yield Frame(t, renderer.render(X_CT, t), load.since, all_slide, sliding)
 
 
 def watched(
@@ -138,11 +172,13 @@ def watched(
 
 class Told(NamedTuple):
     """What a slip came to: seconds from its onset to the alarm, and to the first estimate that is not valid, be it by
-    the alarm or by a track that is lost (None: never); seconds by which an alarm came too early (None: it did not)."""
+    the alarm or by a track that is lost (None: never); seconds by which an alarm came too early (None: it did not);
+    seconds from when nearly all that touches slides to the alarm (negative: it came before)."""
 
     alarm: float | None = None
     invalid: float | None = None
     early: float | None = None
+    after_all: float | None = None
 
 
 def alarm_delay(scenario: Scenario, seed: int) -> Told:
@@ -150,24 +186,25 @@ def alarm_delay(scenario: Scenario, seed: int) -> Told:
     pull = random_pull(np.random.default_rng((seed, 5)))
     renderer, frames = watched(scenario, seed, pull, _LONGEST)
     estimator = estimator_for(scenario, "rigid_fit", renderer)
-    invalid: float | None = None
-    early: float | None = None
+    invalid = alarm = None
+    onset = all_slide = math.inf
     try:
         for frame in frames:
-            estimate, since = estimator.update(frame.images, frame.stamp), frame.stamp - frame.onset
-            if since >= 0.0 and not estimate.valid and invalid is None:
-                invalid = since
-            if estimate.gross_slip:
-                if since >= 0.0:
-                    return Told(since, invalid)
-                early = math.inf
-                early = next((f.onset for f in frames if f.onset < math.inf), math.inf) - frame.stamp
+            onset, all_slide = frame.onset, frame.all_slide
+            if alarm is None:
+                estimate = estimator.update(frame.images, frame.stamp)
+                alarm = frame.stamp if estimate.gross_slip else None
+                if frame.stamp >= onset and not estimate.valid and invalid is None:
+                    invalid = frame.stamp - onset
+            if frame.stamp - onset > _AFTER or (alarm is not None and max(onset, all_slide) < math.inf):
                 break
-            if since > _AFTER:
-                break
-    except MembraneError:  # torn out of the grasp, and no alarm was raised
+    except MembraneError:  # torn out of the grasp
         pass
-    return Told(None, invalid, early)
+    if alarm is None:
+        return Told(None, invalid)
+    if alarm < onset:
+        return Told(None, invalid, onset - alarm, alarm - all_slide)
+    return Told(alarm - onset, invalid, None, alarm - all_slide)
 
 
 def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, int, int]:
@@ -205,6 +242,7 @@ def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int)
     found, calm = results[:slips], np.array(results[slips:])
     delays = [told.alarm for told in found if told.alarm is not None]
     early = [told.early for told in found if told.early is not None]
+    after_all = [told.after_all for told in found if told.after_all is not None]
     held = [told.invalid for told in found if told.invalid is not None]
     wrong, valid, frames = calm.sum(axis=0).tolist()
     return {
@@ -217,6 +255,7 @@ def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int)
             "median": 1e3 * float(np.median(delays)) if delays else None,
             "max": 1e3 * max(delays) if delays else None,
         },
+        "alarm_fraction_after_all_slide": sum(0.0 <= d <= IN_TIME for d in after_all) / max(slips, 1),
         "early_alarms": len(early),
         "early_within_100_ms": sum(d <= IN_TIME for d in early),
         "invalid_fraction": sum(d <= IN_TIME for d in held) / max(slips, 1),
