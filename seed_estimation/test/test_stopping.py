@@ -19,9 +19,7 @@ def patch(speed: float, sliding: float) -> np.ndarray:
 def dragged(left: list[float], right: list[float], sliding: float, start: float = 0.0) -> list[Drag]:
     """Steps in which each finger's material moves at such speeds [m/s], from `start` [m] on."""
     places = start + np.cumsum(np.maximum(left, right)) * PERIOD
-    return [
-        Drag([patch(a, sliding), patch(b, sliding)], float(z)) for a, b, z in zip(left, right, places, strict=True)
-    ]
+    return [Drag([patch(a, sliding), patch(b, sliding)], float(z)) for a, b, z in zip(left, right, places, strict=True)]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -2,13 +2,14 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with, or not more. Hence four signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence five signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`)
+    stopped       material that was dragged along an axis that depth does not see stops as it slips (`stopping.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the

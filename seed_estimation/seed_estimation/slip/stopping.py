@@ -19,7 +19,7 @@ from seed_core.spatial import Array
 FAST, LOADED = 0.02, 0.0015  # [m/s] of dragged material; [m] since the grasp, from which friction bears a load
 LOOKED = 6  # steps that are looked back
 STOPPED, BACK = 0.25, -0.1  # [1] of its largest speed, below which a finger's material has stopped, and still stays
-PARTED, PARTED_SPEED = 0.1, 0.007  # [1] of the largest, [m/s] by which the fingers' speeds differ: depth's turn is noisy
+PARTED, PARTED_SPEED = 0.1, 0.007  # [1] of the largest, [m/s] by which the fingers' speeds differ; the turn is noisy
 MOVING = 0.6  # [1] of its largest speed, from which on the spread of a patch is looked at
 SLOWER, NOISE, FASTEST = 0.93, 0.001, 95  # [1] of the fastest points' speed, [m/s], and [%] the percentile that is
 HALTED, FALLEN = 0.1, 0.7  # [1] of its largest speed, on average and of the slower finger, between which that counts

@@ -105,7 +105,8 @@ def rendered(
 ) -> Iterator[Frame]:
     """Frames of a tool that friction of p holds as one body."""
     for m in moments(p, renderer.reach, section, pull, seed):
-        yield Frame(m.stamp, renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load), *2 * (m.onset,), m.held.sliding)
+        images = renderer.render(m.X_CT, m.stamp, m.held.X_slid, m.held.load)
+        yield Frame(m.stamp, images, m.onset, m.onset, m.held.sliding)
 
 
 class Plateau:
