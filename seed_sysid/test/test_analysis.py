@@ -9,7 +9,7 @@ import pytest
 from simulated_data import at_rest
 
 from seed_core.bushing import Stiffness
-from seed_core.spatial import interpolate_pose
+from seed_core.spatial import interpolate_pose, pose_from_rpy
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, load
 from seed_sysid.fit.analysis import analyse, cross_validate, make_problem
 from seed_sysid.fit.hysteresis import stop_states
@@ -86,6 +86,17 @@ def test_a_grasp_that_does_not_bear_its_work_is_told_with_the_remedy() -> None:
         a = analyse(lost, "kinematic")
         assert a.not_borne == ((first.key,) if told else ())
         assert any("does not bear it; close the gripper further" in w for w in a.warnings) == told
+
+
+@pytest.mark.parametrize(("deg", "told"), [(18.0, False), (22.0, True)])
+def test_a_grasp_in_which_the_work_turns_the_tool_far_does_not_bear_it(deg: float, told: bool) -> None:
+    data, _ = at_rest(load("default"), 6)
+    a = analyse(data, "kinematic")
+    poses = a.problem.X_TC.copy()
+    poses[3] = pose_from_rpy((np.deg2rad(-10.0), np.deg2rad(deg), 0.0), (0.0, 0.0, 0.0))
+    samples = [replace(s, kind="work" if i == 3 else s.kind) for i, s in enumerate(data.samples)]
+    turned = replace(a, data=replace(data, samples=samples), problem=replace(a.problem, X_TC=poses))
+    assert turned.not_borne == ((data.samples[3].key,) if told else ())
 
 
 def test_a_clean_grasp_has_no_outliers_no_friction_and_a_diagonal_stiffness() -> None:

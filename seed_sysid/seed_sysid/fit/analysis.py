@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_core.spatial import Array, interpolate_pose, pose_from_rpy
+from seed_core.spatial import Array, interpolate_pose, pose_from_rpy, so3_log
 from seed_sysid.data.dataset import Dataset
 from seed_sysid.fit.assumption_2 import Assumption2, check_assumption_2
 from seed_sysid.fit.checks import check_data, check_inliers, check_solution
@@ -18,6 +18,7 @@ from seed_sysid.parameters import FitParameters
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
 
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis counts as undetermined
+_MOST_TURN = np.deg2rad(20.0)  # [rad] of the tool in a grasp that bears its work: the task will turn it further
 _FOLDS = 5
 _WAY = (0.25, 0.5, 0.75)  # a straight way in space is curved in the axes of the stiffness map
 
@@ -79,8 +80,11 @@ class Analysis:
 
     @property
     def not_borne(self) -> tuple[str, ...]:
-        """Keys of the poses of the work at which the estimator lost the tool: the grasp does not bear that work."""
-        return tuple(s.key for s in self.data.samples if s.kind == "work" and s.lost)
+        """Keys of the poses of the work that the grasp does not bear: there the estimator lost the tool, or it had
+        turned by more than 20 degrees about one axis."""
+        turned = np.max(np.abs([so3_log(X[:3, :3]) for X in self.problem.X_TC]), axis=1)
+        work = ((s, turn) for s, turn in zip(self.data.samples, turned, strict=True) if s.kind == "work")
+        return tuple(s.key for s, turn in work if s.lost or turn > _MOST_TURN)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -101,8 +105,9 @@ class Analysis:
             out.append(f"{len(unsettled)} poses had not come to rest (first: {unsettled[0]}): raise settle.timeout")
         if poses := self.not_borne:
             out.append(
-                f"the tool was lost at {len(poses)} poses of the work (first: {poses[0]}): the grasp does not bear it; "
-                "close the gripper further and identify again, or ask for less force"
+                f"the tool was lost, or had turned by more than {np.rad2deg(_MOST_TURN):.0f} degrees, at {len(poses)} "
+                f"poses of the work (first: {poses[0]}): the grasp does not bear it; close the gripper further and "
+                "identify again, or ask for less force"
             )
         if self.outliers:
             out.append(f"outliers left out: {', '.join(self.outliers)}")

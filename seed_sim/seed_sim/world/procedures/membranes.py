@@ -19,7 +19,7 @@ from seed_sim.world.poses import make_estimator
 from seed_sim.world.procedures.identify import membrane_identification_of
 from seed_sysid.fit.analysis import Analysis, analyse
 
-_CLOSER, _TIMES = 0.002, 2  # [m] of imprint, by which a gripper is closed further, and how often at most
+_CLOSER, _TIMES = 0.002, 3  # [m] of imprint, by which a gripper is closed further, and how often at most
 
 T = TypeVar("T")
 
@@ -62,7 +62,7 @@ def identify_membranes(
 def closed_until_borne(
     scenario: Scenario, identify: Callable[[Scenario], tuple[Analysis, T]]
 ) -> tuple[Scenario, Analysis, T]:
-    """Identify; while the grasp does not bear its work, close the gripper by 2 mm and identify again, twice at most.
+    """Identify; while the grasp does not bear its work, close the gripper by 2 mm and identify again, at most thrice.
 
     Args:
         scenario: the cell, with the grip to begin with.
