@@ -2,11 +2,10 @@
 """Material that was dragged along an axis that depth does not see, and stops: does the tool slide, or has it stopped?
 
 A long cylinder that slides along its own axis looks like one that stands still. But a tool is rigid: what sticks to it
-moves as fast as it does. So as long as one finger's material is still dragged, the other's that is not slides on the
-tool. And where a patch lets go, it slides from its edge inwards: ever more of its points are slower than the fastest
-ones, and all of them creep on for an image or two. A tool that stops takes both fingers' material to rest at once.
-
-What cannot be told is a tool that stops just when its patches slide nearly everywhere: it is at the limit of its grasp.
+moves as fast as it does. So as long as one finger's material is still dragged, the other's that is much slower slides
+on the tool. And where a patch lets go, it slides from its edge inwards: some of its points are slower than the fastest
+ones before. A tool that stops takes both fingers' material to rest at once, and tells nothing, however much of its
+patches slides: so does every press that comes to its end.
 """
 
 from collections.abc import Sequence
@@ -23,8 +22,7 @@ PARTED, PARTED_SPEED = 0.1, 0.007  # [1] of the largest, [m/s] by which the fing
 MOVING = 0.6  # [1] of its largest speed, from which on the spread of a patch is looked at
 SLOWER, NOISE, FASTEST = 0.93, 0.001, 95  # [1] of the fastest points' speed, [m/s], and [%] the percentile that is
 HALTED, FALLEN = 0.1, 0.7  # [1] of its largest speed, on average and of the slower finger, between which that counts
-SLIPPING, PARTLY = 0.57, 0.3  # [1] of the points are slower in a patch that is about to let go, and in one that slips
-CREEPING = 0.03  # [1] of its largest speed, with which material creeps on
+PARTLY = 0.3  # [1] of the points are slower in a patch that slips
 
 
 class Drag(NamedTuple):
@@ -56,7 +54,7 @@ def stops_as_it_slips(steps: Sequence[Drag]) -> bool:
     slower = float(np.mean([_slower(way * looked[i].speeds[f]) for f, i in enumerate(last)]))
     apart = (np.ptp(fall, axis=1) > PARTED) & (np.ptp(fall * largest, axis=1) > PARTED_SPEED)
     apart &= (fall.mean(axis=1) > HALTED) & (fall.min(axis=1) < FALLEN)
-    return bool((slower > PARTLY and apart.any()) or (slower > SLIPPING and share[-1].mean() > CREEPING))
+    return bool(slower > PARTLY and apart.any())
 
 
 def _slower(speeds: Array) -> float:
