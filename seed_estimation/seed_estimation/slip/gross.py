@@ -9,7 +9,8 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`)
-    stopped       material that was dragged along an axis that depth does not see stops as it slips (`stopping.py`)
+    parted        materials dragged along an axis that depth does not see part between the fingers, and stop
+                  (`stopping.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
