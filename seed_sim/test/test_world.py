@@ -405,6 +405,23 @@ class Found:
         self.not_borne = ("0/053-work",) if lost else ()
 
 
+@pytest.mark.parametrize(("found_from", "closed"), [(0.002, 0.002), (0.006, 0.006), (np.inf, None)])
+def test_a_gripper_is_closed_further_while_the_tool_is_lost(found_from: float, closed: float | None) -> None:
+    scenario = on_membrane(load_scenario("nominal"), 7400, firm=True)
+
+    def identified(at: Scenario) -> tuple[Found, str]:
+        if at.membrane.squeeze - scenario.membrane.squeeze < found_from - 1e-9:
+            raise session.ToolLostError("the estimator has not followed the tool")
+        return Found(lost=False), "map"
+
+    if closed is None:
+        with pytest.raises(session.ToolLostError):
+            membranes.closed_until_borne(scenario, identified)
+        return
+    at, _, _ = membranes.closed_until_borne(scenario, identified)
+    assert at.membrane.squeeze - scenario.membrane.squeeze == pytest.approx(closed)
+
+
 @pytest.mark.parametrize(
     ("bears_from", "tears_at", "closed"),
     [

@@ -29,6 +29,10 @@ class SessionError(FailedError):
     """An identification that ended early."""
 
 
+class ToolLostError(SessionError):
+    """One that ended since the estimator lost the tool again and again, however often it was gripped anew."""
+
+
 def header(scenario: IdentificationScenario, seed: int, created: str) -> Header:
     """The header of a simulated run."""
     return Header(
@@ -82,7 +86,8 @@ def simulate(
                 run.regrasped()
                 last = _loop(run, cell, recorder, tell)
         if last.failure:
-            raise SessionError(f"{last.failure}; {run.done} of {run.total} poses are kept")
+            kind = ToolLostError if last.regrasp else SessionError
+            raise kind(f"{last.failure}; {run.done} of {run.total} poses are kept")
     finally:
         recorder.close()
     return recorder.dataset, cell

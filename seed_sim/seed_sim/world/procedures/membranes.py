@@ -9,7 +9,7 @@ from seed_core.errors import SeedError
 from seed_core.membrane.map_file import MembraneMapFile
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.membrane_cell import MembraneCell
-from seed_sim.identification.session import simulate
+from seed_sim.identification.session import ToolLostError, simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.scenario import Scenario
@@ -64,6 +64,8 @@ def closed_until_borne(
 ) -> tuple[Scenario, Analysis, T]:
     """Identify; while the grasp does not bear its work, close the gripper by 2 mm and identify again, at most thrice.
 
+    So it is done where the estimator loses the tool again and again.
+
     Args:
         scenario: the cell, with the grip to begin with.
         identify: gives the analysis at a scenario's grip, and whatever goes with it.
@@ -72,19 +74,26 @@ def closed_until_borne(
         The cell with the grip that was settled on, and what `identify` gave there.
 
     Raises:
-        SeedError: the first identification failed. Where a later one does, what was found before counts.
+        SeedError: no identification came to its end. Where a later one does not, what was found before counts.
     """
-    analysis, rest = identify(scenario)
-    for _ in range(_TIMES):
-        if not analysis.not_borne:
-            break
-        closer = replace(scenario, membrane=replace(scenario.membrane, squeeze=scenario.membrane.squeeze + _CLOSER))
+    found: tuple[Scenario, Analysis, T] | None = None
+    failure: SeedError | None = None
+    for times in range(_TIMES + 1):
+        squeeze = scenario.membrane.squeeze + times * _CLOSER
+        at = replace(scenario, membrane=replace(scenario.membrane, squeeze=squeeze))
         try:
-            analysis, rest = identify(closer)
-        except SeedError:
+            found = at, *identify(at)
+        except SeedError as error:
+            failure = error
+            if found is None and isinstance(error, ToolLostError):
+                continue
             break
-        scenario = closer
-    return scenario, analysis, rest
+        if not found[1].not_borne:
+            break
+    if found is None:
+        assert failure is not None
+        raise failure
+    return found
 
 
 def _identified(
