@@ -20,7 +20,7 @@ from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.tracker import Tracker
 
-SLIPPED = "the tool has slipped in the grasp, or was about to: initialize the grasp again"
+SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
 NO_POSE = 0.0524, 0.002  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
 UNSURE = 0.1  # [1] deviation of the share of the tool's shift by which the band around its patch goes along
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known

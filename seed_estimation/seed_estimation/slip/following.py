@@ -10,7 +10,6 @@ dragged or torn since the grasp; depth tells the latter, with or without a track
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -24,7 +23,6 @@ from seed_estimation.rigid_fit.fit import fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth
-from seed_estimation.slip.stopping import LOOKED, Drag, stops_as_it_slips
 
 POINTS = 40  # of a patch that are followed
 WINDOW, LEVELS, DONE = 13, 2, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)  # of Lucas-Kanade's flow
@@ -35,10 +33,8 @@ DRAGGED = 6e-4  # [m] between the tool's pose and where depth would put it
 STEPS = 6  # of depth's fit
 MOVING, LATELY = 3e-4, 4  # [m] of the tool's way in so many images, from which on its material is looked at: that costs
 MEMORY, PAUSE = 0.35, 0.1  # [s] that is looked back, and longest between two images
-CARRIED = 3e-4  # [m] the same from one image to the next, as the images have the tool go
 FRAMES = 3  # least of a way: depth may lag behind by one
 WAY, SURE = 0.0008, 8.0  # [m], deviations of the tool's way that is long enough
-ALONG = 1, 2  # axes of a displacement along which a tool may slide unseen: x and z
 SEEN = 1.2e-4  # [m] deviation of one image up to which depth sees a direction
 LEFT, ONE_LEFT = 0.15, 0.3  # [1] of the tool's way, by which the fingers' mean and each of them may follow at most
 
@@ -68,18 +64,13 @@ class Following:
         self._crops: Mapping[str, Crop] = {}  # of the last images, and their grey pictures where they were needed
         self._greys: dict[str, Grey] = {}
         self._tool: deque[Depth] = deque(maxlen=LATELY)
-        self._places: deque[tuple[float, Array]] = deque(maxlen=LOOKED + 1)  # [s], X_CT (4, 4) of the tool
-        self._R = np.eye(3)  # of the tool in the last images, as depth sees it
+        self._places: deque[tuple[float, Array]] = deque(maxlen=2)  # [s], X_CT (4, 4) of the tool
         self._steps: deque[Step] = deque()
-        self._drags: dict[int, deque[Drag]] = {axis: deque(maxlen=LOOKED) for axis in ALONG}
 
-    def slides(
-        self, crops: Mapping[str, Crop], X_CT: Array | None, depth: Depth, stamp: float, turn: Array | None = None
-    ) -> bool:
+    def slides(self, crops: Mapping[str, Crop], X_CT: Array | None, depth: Depth, stamp: float) -> bool:
         """Whether images at `stamp` [s] show that the tool goes without the material.
 
-        X_CT: (4, 4) where the tool is, and depth: where depth alone would put it; None: the track is lost. turn: (3,)
-        rotation vector of the tool as depth alone sees it [rad]; default: as of X_CT.
+        X_CT: (4, 4) where the tool is, and depth: where depth alone would put it; None: the track is lost.
         """
         before, greys, self._crops, self._greys = self._crops, self._greys, crops, {}
         if X_CT is None or self._dragged(X_CT, depth):
@@ -87,14 +78,12 @@ class Following:
             if found is None:
                 self._forget()
                 return False
-            (X_CT, depth), turn = found, None
-        R = X_CT[:3, :3] if turn is None else so3_exp(turn)
+            X_CT, depth = found
         last = self._places[-1] if self._places else None
-        before_R, self._R = self._R, R
         self._places.append((stamp, X_CT))
         self._tool.append(depth)
         if last is None or not before or not 0.0 < stamp - last[0] <= PAUSE or not self._moves():
-            self._still()
+            self._steps.clear()
             return False
         greys = greys or {f: _grey(c) for f, c in before.items()}
         self._greys = {f: _grey(c) for f, c in crops.items()}
@@ -104,40 +93,21 @@ class Following:
         ]
         known = [m for m in moved if m is not None]
         if len(known) < len(moved):
-            self._still()
+            self._steps.clear()
             return False
-        self._steps.append(Step(stamp, depth, np.array([_rigid_step(*m, self._lever) for m in known])))
+        self._steps.append(Step(stamp, depth, np.array(known)))
         while stamp - self._steps[0].stamp > MEMORY:
             self._steps.popleft()
-        return left_behind(self._steps) or self._stops(known, R @ before_R.T, X_CT, stamp - last[0])
-
-    def _stops(self, moved: Sequence[tuple[Array, Array]], turn: Array, X_CT: Array, dt: float) -> bool:
-        """Whether material stops under its load, along an axis that depth does not see.
-
-        moved: place and way of each finger's; turn (3, 3): of the tool meanwhile; X_CT (4, 4): after dt [s].
-        """
-        ways = [way - (turn @ place - place)[[0, 2]] for place, way in moved]
-        displacement = motion_vector(X_CT)[SIDEWAYS]
-        for axis, drags in self._drags.items():
-            drags.append(Drag([way[axis - 1] / dt for way in ways], displacement[axis]))
-        unseen = [drags for axis, drags in self._drags.items() if self._tool[-1].deviation[axis] >= SEEN]
-        return any(stops_as_it_slips(drags) for drags in unseen)
-
-    def _still(self) -> None:
-        self._steps.clear()
-        for drags in self._drags.values():
-            drags.clear()
+        return left_behind(self._steps)
 
     def _forget(self) -> None:
-        self._still()
+        self._steps.clear()
         self._places.clear()
         self._tool.clear()
 
     def _moves(self) -> bool:
-        """Whether depth has seen the tool move lately, or the images have."""
-        seen = any(_way(before, self._tool[-1])[1] > MOVING for before in self._tool)
-        places = [X_CT[:3, 3] for _, X_CT in self._places]
-        return seen or any(math.dist(a, b) > CARRIED for a, b in pairwise(places))
+        """Whether depth has seen the tool move lately."""
+        return any(_way(before, self._tool[-1])[1] > MOVING for before in self._tool)
 
     def _dragged(self, X_CT: Array, depth: Depth) -> bool:
         """Whether the images hold the pose elsewhere than depth sees the tool: its residuals say too little then."""
@@ -150,7 +120,7 @@ class Following:
             return None
         at, X = self._places[-1]
         if len(self._places) > 1:
-            earlier, Y = self._places[-2]
+            earlier, Y = self._places[0]
             step = motion_vector(X @ inverse_pose(Y)) * (stamp - at) / (at - earlier)
             X = make_pose(so3_exp(step[:3]), step[3:]) @ X
         return X
@@ -167,9 +137,8 @@ class Following:
 
     def _moved(
         self, model: FingerModel, points: Array, X_CT: Array, before: tuple[Crop, Grey], now: tuple[Crop, Grey]
-    ) -> tuple[Array, Array] | None:
-        """Places (3, N) of a finger's material in the image before, when the tool was at X_CT, and its way since then
-        along x and z (2, N) [m]; None: not found."""
+    ) -> Array | None:
+        """Step (3,) of a finger's material [m] since the image before, when the tool was at X_CT; None: not found."""
         (a, first), (b, second) = before, now
         u0, v0 = (max(p, q) for p, q in zip(a.origin, b.origin, strict=True))
         h, w = (
@@ -196,7 +165,8 @@ class Following:
             return None
         flow = (after[:, 0] - pixels)[good].T * P[2, good] / model.camera.K.diagonal()[:2, None]
         way = (model.X_XC[:2, :3].T @ flow)[[0, 2]]
-        return (X_CT[:3, :3] @ points + X_CT[:3, 3:])[:, good], way
+        place = (X_CT[:3, :3] @ points + X_CT[:3, 3:])[:, good]
+        return _rigid_step(place, way, self._lever)
 
 
 def _some(points: Array32) -> Array:

@@ -2,15 +2,13 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with, or not more. Hence five signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence four signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`)
-    parted        materials dragged along an axis that depth does not see part between the fingers, and stop
-                  (`stopping.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
@@ -33,7 +31,7 @@ from seed_estimation.images.sampling import Crop
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
-from seed_estimation.slip.following import PRIOR, Following
+from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
@@ -80,13 +78,12 @@ class GrossSlip:
 
         crops: images by finger; fit: the best to them, locked or not; slip: micro-slip [1].
         """
-        depth, turn = UNSEEN, None
+        depth = UNSEEN
         if locked and len(self._markers) > 1:  # where depth would like to go, the other axes held: H^-1 g
             covariance = np.linalg.inv(fit.H_depth[THREE] + FREE)
             seen = motion_vector(fit.X_CT) - fit.ahead
             displacement = self._lever * (seen[SIDEWAYS] - covariance @ fit.g_depth[SIDEWAYS])
             depth = Depth(displacement, self._lever * np.sqrt(covariance.diagonal()))
-            turn = (seen - np.linalg.solve(fit.H_depth + PRIOR, fit.g_depth))[:3]
         for markers in self._markers.values():
             markers.forget(stamp)
         held = [f for f in fit.fingers if np.isfinite(fit.depth_rms[f.model.finger])]
@@ -104,7 +101,7 @@ class GrossSlip:
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
         left = False
         if self._following is not None and len(held) == len(self._markers):
-            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp, turn)
+            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
         return fallen or gone_on or left or (not locked and self._torn(stamp))
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
