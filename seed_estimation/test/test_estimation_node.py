@@ -187,8 +187,8 @@ def test_a_grasp_taken_anew_is_told_by_invalid_poses_that_no_controller_can_miss
     assert bench.until(lambda: rig.poses and rig.poses[-1].valid)
     told = [p for p in rig.poses if "a new grasp is taken" in p.reason]
     assert len(told) >= 10
-    since = rig.poses[rig.poses.index(told[0]) : -1]
-    assert not any(p.valid for p in since)  # up to the first pose of the new grasp
+    assert rig.poses[rig.poses.index(told[0]) : -1] == told  # in a row, up to the first pose of the new grasp
+    assert not any(p.valid for p in told)
     assert seconds(told[-1].header.stamp) - seconds(told[0].header.stamp) > 0.2
     assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose)[:3, 3] - (0.0, 0.0, z)).max() < 5e-4  # [m]
 

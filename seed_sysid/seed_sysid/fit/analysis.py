@@ -82,8 +82,8 @@ class Analysis:
     def not_borne(self) -> tuple[str, ...]:
         """Keys of the poses of the work that the grasp does not bear: there the estimator lost the tool, or it had
         turned by more than 20 degrees about one axis."""
-        turned = np.max(np.abs([so3_log(X[:3, :3]) for X in self.problem.X_TC]), axis=1)
-        work = ((s, turn) for s, turn in zip(self.data.samples, turned, strict=True) if s.kind == "work")
+        samples = zip(self.data.samples, self.problem.X_TC, strict=True)
+        work = ((s, np.abs(so3_log(X_TC[:3, :3])).max()) for s, X_TC in samples if s.kind == "work")
         return tuple(s.key for s, turn in work if s.lost or turn > _MOST_TURN)
 
     @property

@@ -77,22 +77,20 @@ def closed_until_borne(
         SeedError: no identification came to its end. Where a later one does not, what was found before counts.
     """
     found: tuple[Scenario, Analysis, T] | None = None
-    failure: SeedError | None = None
     for times in range(_TIMES + 1):
         squeeze = scenario.membrane.squeeze + times * _CLOSER
         at = replace(scenario, membrane=replace(scenario.membrane, squeeze=squeeze))
         try:
             found = at, *identify(at)
         except SeedError as error:
-            failure = error
-            if found is None and isinstance(error, ToolLostError):
-                continue
-            break
+            if found is not None:
+                break
+            if times == _TIMES or not isinstance(error, ToolLostError):
+                raise
+            continue
         if not found[1].not_borne:
             break
-    if found is None:
-        assert failure is not None
-        raise failure
+    assert found is not None
     return found
 
 
