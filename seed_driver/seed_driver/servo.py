@@ -114,6 +114,8 @@ class ServoProcess:
         if self.session.freedrive:
             robot.control.kickWatchdog()
             return
+        if robot.taking:  # nothing is sent meanwhile: the command stays where the arm is
+            self.motion.restart(self.session.sample)
         limiter, target = self.motion.limiter, self.motion.target
         if share := self.session.path.share(limiter.dt, self.motion.rise):
             self.motion.step(share)
@@ -166,7 +168,7 @@ class ServoProcess:
 
     def _start(self) -> str:
         self.session.need_robot()
-        if not self.session.running:
+        if not self.session.running or self.session.tool_differs:  # both may take longer than we may be silent
             self.publish(Stage.BUSY)
         return self.session.start()
 

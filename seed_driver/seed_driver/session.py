@@ -19,6 +19,7 @@ WAITING = "waiting for the robot program"
 NO_SAMPLE = Sample()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 SET_BACK = 0.1  # [s] a clock that goes back by more was set
+BAD_CYCLES = 5  # with states that cannot be, after which a motion is not gone on with: the arm stands by then
 
 
 class Session:
@@ -52,6 +53,8 @@ class Session:
             except StateError as error:  # neither used nor told; the next good one is judged as after a stop
                 self.want_start, self._unable = False, True
                 self.motion.hold(str(error))
+                if now - self.sample_time > BAD_CYCLES * self.motion.limiter.dt:
+                    self.motion.halt()
                 return ""
             if self.sample is not NO_SAMPLE and clock < self.clock - SET_BACK:
                 self._set_back(clock)
@@ -148,12 +151,17 @@ class Session:
             self._begin(robot)
         elif self.freedrive:
             raise LinkError("the arm is in freedrive; end it first")
-        elif robot.tool is None or robot.tool_changed():
+        elif self.tool_differs:
             robot.tool = None
             robot.apply_tool(self.config)
         self.want_start = False
         self.motion.accept_targets()
         return "robot program running, waiting for target_frame"
+
+    @property
+    def tool_differs(self) -> bool:
+        """Whether the robot has to be told of TCP and payload again, and waited for, before anything moves."""
+        return self.robot is not None and (self.robot.tool is None or bool(self.robot.tool_changed()))
 
     @property
     def wants_start(self) -> bool:

@@ -140,6 +140,30 @@ def test_a_state_that_cannot_be_is_never_told_on(bench: FaultBench, name: str, v
     assert bench.supervisor.deaths == deaths
 
 
+@pytest.mark.parametrize("stop", [False, True], ids=["as it is", "and a stop"])
+def test_good_states_after_bad_ones_do_not_move_an_arm_that_holds(bench: FaultBench, stop: bool) -> None:
+    """The command stood at speed: it must not go on from there once the robot can be heard again."""
+    bench.recover()
+    (x, y, z), q = bench.state.command
+    bench.follow(lambda t: ((x, y, z + 0.15 * t - 0.15 * 0.25 * (1.0 - math.exp(-t / 0.25))), q))
+    bench.run(0.6)
+    bench.robot.ask("corrupt", name="payload", value=-1.0)
+    try:
+        bench.wait(lambda s: not s.armed, 1.0, "hold")
+        if stop:
+            assert bench.ask("stop").ok
+        bench.still()
+        bench.run(0.4)
+        rest = bench.position()
+    finally:
+        bench.robot.ask("corrupt", name="payload")
+    bench.run(0.5)
+    assert math.dist(bench.position(), rest) < 1e-4
+    (x, y, z), q = bench.state.command
+    bench.follow(lambda t: ((x, y, z), q))
+    bench.recover_in_place()
+
+
 def test_polyscope_x_takes_the_program_again() -> None:
     """It has no dashboard, on which ur_rtde relies elsewhere."""
     with FaultBench("--version", "10.10.0") as bench:

@@ -102,6 +102,46 @@ def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured
 
 
 @realtime
+@pytest.mark.parametrize("program", ["checked", "ur_rtde"])
+def test_a_payload_that_is_shown_late_is_no_jump(loaded, program: str) -> None:
+    """Nothing is sent until then: the way that the path goes meanwhile must not come in one step."""
+    with FaultBench(robot=loaded, robot_program=program, payload_mass=0.5, max_speed=0.25) as bench:
+        bench.ready()
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y, z + 0.1 * t - 0.1 * 0.25 * (1.0 - np.exp(-t / 0.25))), q))
+        bench.run(0.6)
+        loaded.ask("corrupt", name="payload", value=0.5)
+        try:
+            since = time.monotonic()
+            bench.supervisor.set_config(replace(bench.supervisor.config, payload_mass=1.25))
+            bench.run(0.2)
+        finally:
+            loaded.ask("corrupt", name="payload")
+        bench.run(0.3)
+        assert bench.motion(since)[:, 4].max() < 0.25
+        assert bench.state.reason == ""
+
+
+@realtime
+def test_a_payload_that_the_robot_does_not_take_is_named_and_the_process_lives(loaded) -> None:
+    with FaultBench(robot=loaded, payload_mass=0.5) as bench:
+        bench.ready()
+        loaded.ask("corrupt", name="payload", value=0.5)
+        try:
+            bench.supervisor.set_config(replace(bench.supervisor.config, payload_mass=1.25))
+            bench.wait(lambda s: not s.armed, 3.0, "hold")
+            assert "the robot's payload is 0.5 kg, not 1.25 kg as before" in bench.state.reason
+            deaths = bench.supervisor.deaths
+            reply = bench.ask("start")
+            assert not reply.ok
+            assert "the robot's payload is 0.5 kg, not 1.25 kg as configured" in reply.text
+            assert bench.supervisor.deaths == deaths
+        finally:
+            loaded.ask("corrupt", name="payload")
+        bench.recover()
+
+
+@realtime
 @pytest.mark.parametrize("delay", [0.0, 0.05], ids=["shown-at-once", "shown-later"])
 def test_the_first_servo_command_after_a_change_of_the_tcp_is_a_pose_of_the_new_one(loaded, delay: float) -> None:
     """In the same cycle already: a pose for the old one would be a jump by the difference."""

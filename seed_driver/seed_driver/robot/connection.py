@@ -223,6 +223,7 @@ class Robot:
         while tool.difference(want, tool.told(self.states.values)) and time.monotonic() < self._taken_until:
             if self.tool is not None and time.monotonic() > self._taken_until - TAKING + SHORTLY:
                 break  # while our program runs, servo commands must not wait: `tool_changed` sees to the rest
+            self.control.kickWatchdog()
             time.sleep(0.002)
             self.states.poll()
         self.sample()  # servo commands are for the TCP of these states from now on
@@ -252,12 +253,17 @@ class Robot:
             self._slider = rtde_client.hold_inputs(self.config.robot_ip, SLIDER.names, "the speed slider")
         self._slider.send(SLIDER.encode(1, {"speed_slider_mask": 1, "speed_slider_fraction": fraction}))
 
+    @property
+    def taking(self) -> bool:
+        """Whether the states do not show a changed tool yet, and `servo` sends nothing."""
+        return time.monotonic() < self._taken_until
+
     def servo(self, p: Vector3, q: Quaternion, period: float) -> None:
         """Stream one flange pose: position [m], quaternion; period [s] is that of the cycle.
 
         Nothing while the states do not show a changed tool yet: a pose might be taken for the wrong TCP.
         """
-        if time.monotonic() < self._taken_until:
+        if self.taking:
             self.control.kickWatchdog()
             return
         c = self.config

@@ -58,7 +58,7 @@ class RigRobot:
         self.tells = True  # how it is scaled
         self.commands: deque[tuple[float, Any]] = deque()  # time of arrival, and what arrives
         self.states: deque[tuple[float, Any]] = deque()
-        self.connected, self.control, self.tool = True, None, Tool()
+        self.connected, self.control, self.tool, self.taking = True, None, Tool(), False
         self.newest = (0.0, self._sample())
         self.cycles, self.sent = 0, [0.0] * 0
         self.top_joint = self.top_speed = self.top_turning = 0.0
