@@ -57,7 +57,7 @@ class TargetGuard:
 
     def _arm(self, now: float) -> Pose | None:
         """Where the arm is now; None when it is not heard."""
-        return self._measured if now - self._measured_at <= self.config.command_timeout else None
+        return self._measured if 0.0 <= now - self._measured_at <= self.config.command_timeout else None
 
     def resume(self, now: float) -> str:
         """Follow again, from where the arm stands when the next target comes.

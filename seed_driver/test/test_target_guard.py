@@ -77,6 +77,14 @@ def test_whatever_ends_the_motion_holds_until_it_is_resumed(end: str) -> None:
     assert run.sent[-1][1] == pytest.approx(rest[1] + 0.02, abs=1e-5)
 
 
+def test_a_clock_that_is_set_back_is_a_hold() -> None:
+    """Of a simulation: what was heard then is of no known age."""
+    run = Run()
+    run.steps(25, HERE[1] + 0.04)
+    run.guard.step(run.now - 10.0)
+    assert run.guard.reason == "no current_pose from the arm"
+
+
 def test_an_arm_that_is_not_heard_is_not_moved() -> None:
     run = Run()
     run.steps(10, HERE[1] + 0.01)

@@ -23,6 +23,8 @@ class GuardNode(SeedNode):
         super().__init__("guard", **arguments)
         self.guard = TargetGuard(self.declare(GuardConfig()))
         self.refuse_unknown()
+        # a simulator that pauses, or is slower than the wall, is not silent
+        self._time = self.now if self.get_parameter("use_sim_time").value else time.monotonic
         self._reason_told: str | None = None
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)
         self._reason = self.create_publisher(String, "~/hold_reason", LATCHED)
@@ -37,15 +39,15 @@ class GuardNode(SeedNode):
     def _on_target(self, message: PoseStamped) -> None:
         age = self.now() - seconds(message.header.stamp)
         self._age = age
-        why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), time.monotonic())
+        why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), self._time())
         if why:
             self.counters.add("targets_refused", f"target_frame is not followed: {why}")
 
     def _on_pose(self, message: PoseStamped) -> None:
-        self.guard.measured(_pose(message), time.monotonic())
+        self.guard.measured(_pose(message), self._time())
 
     def _resume(self) -> str:
-        refusal = self.guard.resume(time.monotonic())
+        refusal = self.guard.resume(self._time())
         if refusal:
             raise SeedError(refusal)
         return ""
@@ -55,7 +57,7 @@ class GuardNode(SeedNode):
         return ""
 
     def _step(self) -> None:
-        pose = self.guard.step(time.monotonic())
+        pose = self.guard.step(self._time())
         if self.guard.reason != self._reason_told:
             self._reason_told = self.guard.reason
             self._reason.publish(String(data=self._reason_told))
