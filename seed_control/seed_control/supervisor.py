@@ -127,6 +127,8 @@ class Supervisor:
         if self.known.update(m, law.plan.R_W_task):
             self.references.update(m, self.known.by_pose, law.contact.anywhere, t)
             guard.hold(self.references.why_hold)
+            if guard.following:
+                guard.hold(self.known.too_little(law.plan.normals, law.parameters.max_excess_force))
         self.watch.update(m, law, self._inputs.history)
         guard.hold(self.watch.reason)
         self.grasp_check.doubt(self.watch.stepped)

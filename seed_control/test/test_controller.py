@@ -667,3 +667,36 @@ def test_the_state_says_enabled_before_the_next_step() -> None:
     assert bench.controller.state.mode == "disabled"
     bench.controller.enable(bench.t)
     assert (bench.controller.state.mode, bench.controller.state.reason) == ("idle", "")
+
+
+@pytest.mark.parametrize("deviation", [0.0, 3e-4, 0.01])
+def test_a_force_that_is_hardly_known_is_not_controlled(deviation: float) -> None:
+    """However large the deviation that an estimate states: no check of its pose could tell anything."""
+    bench = Bench()
+    covariance = np.diag([1e-6] * 3 + [deviation**2] * 3)
+    bench.told = lambda e: replace(e, covariance=covariance)
+    bench.enabled().press(10.0)
+    reason = bench.run(2.0).reason
+    if deviation < 0.003:
+        assert reason == ""
+        assert bench.force == pytest.approx(10.0, abs=0.5)
+    else:
+        assert "known to 8.0 N only" in reason
+        assert max(bench.forces) == 0.0
+
+
+def test_a_variance_below_zero_is_no_estimate() -> None:
+    bench = Bench().enabled()
+    bench.told = lambda e: replace(e, covariance=-1e-8 * np.eye(6))
+    bench.run(0.5)
+    assert "a variance of its covariance is -1e-08, not at least 0" in bench.state.reason
+
+
+@pytest.mark.parametrize("ahead", [0.06, 0.25])
+def test_estimates_of_a_clock_that_is_ahead_are_named(ahead: float) -> None:
+    """None ever meets kinematics of its moment: the next one is there first."""
+    bench = Bench(stamp_error=ahead + 0.05, image_rate=30.0)
+    bench.run(1.0)
+    with pytest.raises(ControlRefusedError, match="after the newest current_pose: compare the clocks"):
+        bench.controller.enable(bench.t)
+    assert bench.state.counters.estimates_unmatched > 10

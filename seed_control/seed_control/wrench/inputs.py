@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.state import Counting
-from seed_control.wrench.history import PoseHistory
+from seed_control.wrench.history import EXTRAPOLATION, PoseHistory
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, check_pose
@@ -84,9 +84,17 @@ class Inputs:
             if not -inf < estimate.stamp <= self._counted_from:
                 self.bad_in_a_row += 1
             return False
-        self.estimate = self.pending = estimate
+        missed, self.estimate, self.pending = self.pending, estimate, estimate
         self.bad_in_a_row, self.why_bad = 0, ""
+        if missed is not None and missed.stamp - self.history.newest_stamp > EXTRAPOLATION:
+            self._dated_ahead(missed.stamp - self.history.newest_stamp)
         return True
+
+    def _dated_ahead(self, by: float) -> None:
+        """An estimate has waited in vain for kinematics of its moment, by [s] after the newest that have come."""
+        if isfinite(by):
+            self.why_bad = f"it is dated {by:.3f} s after the newest current_pose: compare the clocks"
+            self._counting.count("estimates_unmatched", f"estimate meets no kinematics of its moment: {self.why_bad}")
 
     @property
     def heard(self) -> bool:
@@ -158,4 +166,7 @@ def _why_unusable(estimate: RelativePoseEstimate) -> str:
         _check_near(check_pose(estimate.X_CT, "X_CT"), SHIFT, "relative_pose")
     except SeedError as error:
         return str(error)
+    stated = estimate.covariance.diagonal()
+    if not (stated >= 0.0).all():  # of nan, too
+        return f"estimate is invalid: a variance of its covariance is {stated.min():.3g}, not at least 0"
     return ""

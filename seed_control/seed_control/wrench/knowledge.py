@@ -38,3 +38,18 @@ class WrenchKnowledge:
         variances = ((R.T @ C[:3, :3]) * R.T).sum(axis=1), ((R.T @ C[3:, 3:]) * R.T).sum(axis=1)
         self.deviation = Wrench(np.sqrt(np.maximum(variances[0], 0.0)), np.sqrt(np.maximum(variances[1], 0.0)))
         return True
+
+    def too_little(self, normals: Array, most: float) -> str:
+        """Why forces along these directions (m, 3) in W are not known well enough to be controlled; '' if they are.
+
+        most: [N] that a force may be above what is wanted.
+        """
+        if self.covariance is None or not len(normals):
+            return ""
+        deviation = float(np.sqrt(((normals @ self.covariance[3:, 3:]) * normals).sum(axis=1).max()))
+        if deviation <= most:
+            return ""
+        return (
+            f"the force is known to {deviation:.1f} N only (one standard deviation, at most max_excess_force = {most:g} "
+            "N): see the covariance of relative_pose, and what the estimator's diagnostics say"
+        )
