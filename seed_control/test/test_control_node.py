@@ -25,6 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from seed_control.ros import follow_setpoints
 from seed_control.ros.node import ControllerNode
 from seed_control.tasks import Task, read_task
+from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
@@ -405,10 +406,21 @@ def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) 
     assert "vertical stiffness is 1.0" in answer.message or "vertical stiffness is 0.99" in answer.message
 
 
+def test_a_stiffness_of_another_hand_is_refused(tmp_path: Path) -> None:
+    grip = Grip(1020.0, 0.06, DEFAULT_STIFFNESS.rotation, DEFAULT_STIFFNESS.translation)
+    save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile("another", "tool", "2026-01-31", (grip,)))
+    bench = Bench()
+    try:
+        with pytest.raises(ConfigError, match="identified with the hand 'another'"):
+            Cell(bench, grip__file=str(tmp_path / "stiffness.yaml"))
+    finally:
+        bench.close()
+
+
 def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
     soft, firm = DEFAULT_STIFFNESS, DEFAULT_STIFFNESS.scaled(1.5)
     grips = tuple(Grip(p, w, k.rotation, k.translation) for p, w, k in ((1020.0, 0.06, soft), (1060.0, 0.05, firm)))
-    save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile("hand", "tool", "2026-01-31", grips))
+    save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile(Hand().name, "tool", "2026-01-31", grips))
     bench = Bench()
     try:
         cell = Cell(bench, grip__file=str(tmp_path / "stiffness.yaml"))
@@ -435,5 +447,9 @@ def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
         assert "no pressure of the right bubble for 0.5 s: the stiffness stays" in cell.node.counters.last
         heard = pressures
         assert bench.until(lambda: abs(estimator.mean_stiffness - 2800.0 / 3.0) < 1e-6)
+        pressure = 106000.0
+        bench.spin(1.0)
+        assert estimator.mean_stiffness == pytest.approx(2800.0 / 3.0, abs=1e-6)
+        assert "it looks like Pa; hPa are needed: the stiffness stays" in cell.node.counters.last
     finally:
         bench.close()

@@ -17,6 +17,7 @@ HEADER = (
     "# SPDX-License-Identifier: Apache-2.0\n"
     "# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
 )
+WIDEST = 1.0  # [m] of a gripper
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Grip:
     pressure_hpa: float = field(
         unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles; 0: unknown"
     )
-    width_m: float = field(unit="m", low=0.0, high=1.0, doc="gripper width")
+    width_m: float = field(unit="m", low=0.0, high=WIDEST, doc="gripper width")
     rotation: Vector3 = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
     translation: Vector3 = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
     rotation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N m/rad", low=0.0, high=1e6, doc="standard deviations")
@@ -82,7 +83,9 @@ class GripStiffness:
         return self._at("pressure_hpa", pressure_hpa, "pressure", "hPa")
 
     def at_width(self, width_m: float) -> Stiffness:
-        """Stiffness at a gripper width [m]. Raises ConfigError when it is not finite."""
+        """Stiffness at a gripper width [m]. Raises ConfigError when it is not finite, or no width of a gripper."""
+        if isfinite(width_m) and not 0.0 <= width_m <= WIDEST:
+            raise ConfigError(f"width = {width_m:g} m must be within 0 and {WIDEST:g} m: is it in metres?")
         return self._at("width_m", width_m, "width", "m")
 
     def _at(self, key: str, value: float, name: str, unit: str) -> Stiffness:

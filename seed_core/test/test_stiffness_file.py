@@ -33,6 +33,8 @@ def test_stiffness_is_straight_between_grips_and_constant_beyond() -> None:
 
 
 def test_one_grip_is_a_constant() -> None:
+    with pytest.raises(ConfigError, match="width = 52 m must be within 0 and 1 m: is it in metres"):
+        GripStiffness(FILE).at_width(52.0)
     grip = GripStiffness(StiffnessFile("h", "t", "2026-01-31", (FIRM,)))
     assert grip.at_pressure(0.0) == grip.at_pressure(99.0) == grip.at_width(0.1) == FIRM.stiffness
 

@@ -22,27 +22,28 @@ class PressureCheck:
 
     def __init__(self, identified: Sequence[float] = (), needed: bool = False) -> None:
         """identified: pressures [hPa] of the grips; empty: unknown. needed: the wrench is computed from them."""
-        known = [p for p in identified if p > 0.0]
-        self._range = (min(known), max(known)) if known else None
+        self._identified = [p for p in identified if p > 0.0]
         self._needed = needed
         self._fingers: dict[str, _Finger] = {}
         self.reason = ""
 
     def update(self, estimate: RelativePoseEstimate) -> None:
         """Take in an estimate with what its membranes tell; one that tells of none has no pressure to be wrong."""
-        if not (self._needed or self._range):
+        if not (self._needed or self._identified):
             return
         reasons = []
         for motion in estimate.membrane:
             finger = self._fingers.setdefault(motion.finger, _Finger(estimate.stamp))
-            reasons += [finger.silent(motion, estimate.stamp, self._needed), finger.stuck(motion), self._off(motion)]
+            reasons += [finger.silent(motion, estimate.stamp, self._needed), finger.stuck(motion)]
+            reasons.append(why_off(motion.finger, motion.pressure, self._identified))
         self.reason = next(filter(None, reasons), "")
 
-    def _off(self, motion: MembraneMotion) -> str:
-        if self._range is None or not isfinite(motion.pressure):
-            return ""
-        low, high = self._range
-        return pressure_reason(motion.finger, motion.pressure, min(max(motion.pressure, low), high))
+
+def why_off(finger: str, pressure: float, identified: Sequence[float]) -> str:
+    """Why a pressure [hPa] does not go with those of the identified grips; '' if it does, or one of both is unknown."""
+    if not (identified and isfinite(pressure)):
+        return ""
+    return pressure_reason(finger, pressure, min(max(pressure, min(identified)), max(identified)))
 
 
 class _Finger:

@@ -36,4 +36,4 @@ class BubblePressures:
 
     def _of(self, finger: str) -> float:
         when, value = self._newest.get(finger, (-1e9, nan))
-        return value if self._node.now() - when < OLDEST else nan
+        return value if 0.0 <= self._node.now() - when < OLDEST else nan

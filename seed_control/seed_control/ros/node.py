@@ -119,6 +119,10 @@ class ControllerNode(SeedNode):
         self.core.checks.clock_problem = self.clocks.problem
         if self.clocks.problem:
             self.get_logger().warning(f"force and torque are refused (SP18): {self.clocks.problem}")
+        if schedule.file and wrench.model != "bushing":
+            self.get_logger().warning(
+                f"grip.file is not used: wrench.model is '{wrench.model}', which has a stiffness of its own"
+            )
         self.steps = 0
         self._estimator_says = ""  # reason of the newest estimate
         self._was_enabled = False
@@ -148,7 +152,7 @@ class ControllerNode(SeedNode):
         self.listen(WrenchStamped, "arm_wrench", self._on_arm_wrench, QUEUE, refused="arm_wrench_refused")
         self._arm_holds = ""  # why
         self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
-        StiffnessScheduleInput(self, schedule, self._on_stiffness)
+        StiffnessScheduleInput(self, schedule, hand, self._on_stiffness)
         self.grip = GripAnswer(self, self.core, grip)
         self._estimator_clock = EstimatorClock(self, skew)
 

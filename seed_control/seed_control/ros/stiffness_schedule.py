@@ -6,10 +6,12 @@ from functools import partial
 
 from std_msgs.msg import Float32, Float64
 
+from seed_control.monitor.pressure_check import why_off
 from seed_control.ros.bubble_pressures import OLDEST
+from seed_control.wrench.model_settings import same_hand
 from seed_control.wrench.stiffness_schedule import ScheduleSettings, StiffnessSchedule
 from seed_core.bushing import Stiffness
-from seed_core.hand import FINGERS
+from seed_core.hand import FINGERS, Hand
 from seed_core.stiffness_file import GripStiffness, load_stiffness
 from seed_ros import QUEUE, SENSOR, SeedNode
 
@@ -17,12 +19,17 @@ from seed_ros import QUEUE, SENSOR, SeedNode
 class StiffnessScheduleInput:
     """Subscribes to what tells the grip and calls `apply` with each new stiffness."""
 
-    def __init__(self, node: SeedNode, settings: ScheduleSettings, apply: Callable[[Stiffness], None]) -> None:
+    def __init__(
+        self, node: SeedNode, settings: ScheduleSettings, hand: Hand, apply: Callable[[Stiffness], None]
+    ) -> None:
+        """Raises ConfigError: the file cannot be read, is of another hand, or does not tell what is to be followed."""
         self._node, self._apply = node, apply
         self._pressures: dict[str, tuple[float, float]] = {}  # when it came [s] and value [hPa], by finger
         if not settings.file:
             return
-        self._schedule = StiffnessSchedule(GripStiffness(load_stiffness(settings.file)), settings.follow)
+        file = load_stiffness(settings.file)
+        same_hand(settings.file, file.hand, hand)
+        self._schedule = StiffnessSchedule(GripStiffness(file), settings.follow)
         if settings.follow == "width":
             node.loop.poll(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
             return
@@ -34,10 +41,12 @@ class StiffnessScheduleInput:
         """The identification is over the mean of both bubbles: while one is silent the stiffness stays as it is."""
         now = self._node.now()
         self._pressures[finger] = now, message.data
-        for other, (heard, _) in self._pressures.items():
-            if now - heard >= OLDEST:
-                silent = f"no pressure of the {other} bubble for {OLDEST:g} s: the stiffness stays as it is"
-                self._node.counters.add("grip_unreadable", silent)
+        for other, (heard, pressure) in self._pressures.items():
+            why = why_off(other, pressure, self._schedule.pressures)
+            if not 0.0 <= now - heard < OLDEST:
+                why = f"no pressure of the {other} bubble for {OLDEST:g} s"
+            if why:
+                self._node.counters.add("grip_unreadable", f"{why}: the stiffness stays as it is")
                 return
         if len(self._pressures) == len(FINGERS):
             self._update(sum(value for _, value in self._pressures.values()) / len(FINGERS))

@@ -41,20 +41,20 @@ def choose_model(
         if not settings.file:
             raise ConfigError("wrench.model = 'membrane' needs wrench.file, the membrane_map.yaml of this hand")
         model = MembraneMap.load(settings.file)
-        _same_hand(settings.file, model.file.hand, hand)
+        same_hand(settings.file, model.file.hand, hand)
         pressures = [grip.pressure_hpa for grip in model.file.grips]
         return ChosenModel(model, PressureCheck(pressures, needed=model.file.needs_pressure))
     if settings.model == "hysteretic":
         if not settings.file:
             raise ConfigError("wrench.model = 'hysteretic' needs wrench.file, the hysteretic_spring.yaml of this hand")
         spring = load_hysteretic(settings.file)
-        _same_hand(settings.file, spring.hand, hand)
+        same_hand(settings.file, spring.hand, hand)
         return ChosenModel(HystereticSpring(spring.identified), PressureCheck([spring.pressure_hpa]))
     bushing = BushingModel(Bushing(stiffness), settings)
     if not settings.file:
         return ChosenModel(bushing, PressureCheck())
     file = load_stiffness(settings.file)
-    _same_hand(settings.file, file.hand, hand)
+    same_hand(settings.file, file.hand, hand)
     bushing.identified(relative_deviations(file), age(file.date, today) if today is not None else 0.0)
     return ChosenModel(bushing, PressureCheck([grip.pressure_hpa for grip in file.grips]))
 
@@ -76,7 +76,8 @@ def age(date: str, today: datetime) -> float:
     return max((today - then).total_seconds() / 86400.0, 0.0)
 
 
-def _same_hand(file: str, identified: str, hand: Hand) -> None:
+def same_hand(file: str, identified: str, hand: Hand) -> None:
+    """Raises ConfigError when an identification is of another hand."""
     if identified != hand.name:
         raise ConfigError(
             f"{file} was identified with the hand '{identified}'; hand.name is '{hand.name}': identify this one, or "

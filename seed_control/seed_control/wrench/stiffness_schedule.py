@@ -22,7 +22,11 @@ class ScheduleSettings:
 
 
 class StiffnessSchedule:
-    """Turns measured pressures or widths into changes of stiffness that are worth passing on."""
+    """Turns measured pressures or widths into changes of stiffness that are worth passing on.
+
+    Attributes:
+        pressures: of the identified grips [hPa]; empty where they are unknown.
+    """
 
     def __init__(self, stiffness: GripStiffness, follow: str) -> None:
         """Raises ConfigError: pressure is to tell the grip, and the grips of the file have none."""
@@ -31,13 +35,14 @@ class StiffnessSchedule:
                 "the grips of stiffness.yaml have no pressures: set grip.follow to width, or identify with pressures"
             )
         self._at = stiffness.at_pressure if follow == "pressure" else stiffness.at_width
+        self.pressures = [g.pressure_hpa for g in stiffness.file.grips if g.pressure_hpa > 0.0]
         self._passed: np.ndarray | None = None
 
     def update(self, value: float) -> Stiffness | None:
         """A measured pressure [hPa] or width [m]; the stiffness if it differs from the one passed on last.
 
         Raises:
-            ConfigError: the value is not finite.
+            ConfigError: the value is not finite, or no width of a gripper.
         """
         stiffness = self._at(value)
         now = np.array(stiffness.rotation + stiffness.translation)
