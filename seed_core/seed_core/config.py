@@ -158,6 +158,17 @@ def from_mapping(data: Mapping[str, Any], cls: type[T], source: str = "<values>"
     return _build(_wrap(data), cls, "", source)
 
 
+def check_values(data: Mapping[str, Any], cls: type, source: str = "<values>") -> None:
+    """Check values of fields of the dataclass cls, each by itself: not how they go together, nor that all are there.
+
+    Raises:
+        ConfigError: a value is of the wrong type or out of bounds.
+    """
+    hints = typing.get_type_hints(cls)
+    for name, value in data.items():
+        _convert(_wrap(value), hints[name], name, source, cls.__dataclass_fields__[name].metadata)
+
+
 def to_mapping(value: Any) -> Any:
     """Plain data (dicts, lists, scalars) of a dataclass, ready for yaml.safe_dump."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

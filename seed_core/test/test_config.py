@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seed_core.config import ConfigError, field, from_mapping, load_file, load_text, to_mapping
+from seed_core.config import ConfigError, check_values, field, from_mapping, load_file, load_text, to_mapping
 
 
 @dataclass(frozen=True)
@@ -92,3 +92,9 @@ def test_missing_and_huge_files_are_refused(tmp_path: Path) -> None:
         load_file(tmp_path / "nothing.yaml", Outer)
     with pytest.raises(ConfigError, match="too many for a configuration file"):
         load_text("#" * 10_000_001, Outer)
+
+
+def test_values_are_checked_each_by_itself() -> None:
+    check_values({"mode": "fast"}, Outer)  # though speed is missing
+    with pytest.raises(ConfigError, match=r"speed = 2 m/s must be within 0 and 1 m/s"):
+        check_values({"mode": "fast", "speed": 2.0}, Outer)

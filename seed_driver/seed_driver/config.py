@@ -94,6 +94,8 @@ class DriverConfig(ClearanceSettings):
             raise ConfigError("robot_ip is empty: give the controller's address, e.g. robot_ip:=192.168.56.101")
         if 0.0 < self.frequency < SLOWEST:
             raise ConfigError(f"frequency = {self.frequency:g} Hz must be 0 or within {SLOWEST:g} and 500 Hz")
+        if self.tool_voltage not in (12, 24):
+            raise ConfigError(f"tool_voltage = {self.tool_voltage} V must be 12 or 24 V")
         if self.cpu >= (count := os.cpu_count() or 1):
             raise ConfigError(f"cpu = {self.cpu} must be -1 or within 0 and {count - 1}: there are {count} processors")
         return checked(self, "driver")

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -41,5 +42,36 @@ def test_a_priority_that_the_loop_has_taken_cannot_be_set() -> None:
         for name, value, may in (("loop_priority", 1, False), ("publish_rate", 99.0, True)):
             (result,) = node.set_parameters([Parameter(name, value=value)])
             assert result.successful is may
+    finally:
+        bench.close()
+
+
+def test_values_out_of_bounds_and_deletions_are_refused_before_it_is_configured() -> None:
+    bench = Bench()
+    try:
+        node = bench.add(DriverNode, robot_ip="127.0.0.9", autostart=False)
+        (result,) = node.set_parameters([Parameter("max_speed", value=99.0)])
+        assert "max_speed = 99 m/s must be within" in result.reason
+        (result,) = node.set_parameters([Parameter("max_speed")])  # as `ros2 param delete` does
+        assert "max_speed = None must be a number" in result.reason
+        (result,) = node.set_parameters([Parameter("workspace_low", value=[0.0, 0.0, 1.9])])
+        assert result.successful  # workspace_high may come next
+    finally:
+        bench.close()
+
+
+def test_a_driver_that_does_nothing_says_why_on_diagnostics() -> None:
+    bench, told = Bench(), []
+    try:
+        node = bench.add(DriverNode, robot_ip="", autostart=False)
+        bench.client.create_subscription(DiagnosticArray, "/diagnostics", lambda m: told.append(m.status[0]), 10)
+        assert bench.until(lambda: any(s.message.startswith("not configured: configure") for s in told))
+        node.trigger_configure()
+        assert bench.until(lambda: any("robot_ip is empty" in s.message for s in told))
+        assert told[-1].level == DiagnosticStatus.ERROR
+        node.set_parameters([Parameter("robot_ip", value="127.0.0.9")])
+        node.trigger_configure()
+        assert bench.until(lambda: told[-1].message == "inactive: activate the node")
+        assert {s.name for s in told} == {"driver: robot link"}
     finally:
         bench.close()

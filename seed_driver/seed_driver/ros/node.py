@@ -12,21 +12,22 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from seed_core.arm.target_checks import Target, refusal
-from seed_core.config import ConfigError
+from seed_core.config import ConfigError, check_values
 from seed_core.errors import SeedError
 from seed_driver.config import FIXED, DriverConfig, from_json
 from seed_driver.motion.clearances import Clearances
 from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
-from seed_driver.ros.outputs import Outputs
+from seed_driver.ros.outputs import DIAGNOSTICS_EVERY, Outputs, link_status
 from seed_driver.ros.requests import Requests
-from seed_ros import COMMAND, Counters, FixedRateLoop, SeedNode, run
+from seed_ros import COMMAND, Counters, Diagnostics, FixedRateLoop, SeedNode, diagnostics, run
 from seed_ros.conversions import seconds
 from seed_ros.parameters import Declared, checking
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
 SERVICE_PERIOD = 0.02  # [s]
 SLOWED = 0.99  # below this scale a refusal tells it: a slow robot is left behind by its targets
+UNCONFIGURED, INACTIVE = "not configured: configure and activate the node", "inactive: activate the node"
 REPEAT = 1.0  # [s] the same warning is not repeated earlier
 
 
@@ -47,6 +48,10 @@ class DriverNode(SeedNode, LifecycleNode):
         self.outputs: Outputs | None = None
         self.counters = Counters(self, REPEAT)
         self.accepted = 0
+        self._idle, self._told_idle = UNCONFIGURED, 0.0  # why nothing runs, while nothing does, and when it was told
+        self._idle_diagnostics = Diagnostics(
+            self, "", self._report_idle, self.beats, self.counters, link_status(self), timed=False
+        )
         self._start_program = True  # by the first activation; later ones wait for a request
 
         self.loop = FixedRateLoop(
@@ -68,10 +73,10 @@ class DriverNode(SeedNode, LifecycleNode):
             self.arm = arm_kinematics(self.config)
             Clearances(self.arm, self.config)  # the servo process reads its files
         except SeedError as error:
-            self.config = None
+            self.config, self._idle = None, f"not configured: {error}"
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
-        self.outputs = Outputs(self, self.config)
+        self.outputs, self._idle = Outputs(self, self.config), INACTIVE
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -94,7 +99,7 @@ class DriverNode(SeedNode, LifecycleNode):
         if self.outputs is not None:
             self.outputs.destroy()
             self.outputs = None
-        self.config = None
+        self.config, self._idle = None, UNCONFIGURED
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
@@ -118,8 +123,9 @@ class DriverNode(SeedNode, LifecycleNode):
 
     # parameters
     def _check_parameters(self, parameters: list[Parameter]) -> None:
-        if self.config is None:
-            return  # everything is checked when the driver is configured
+        if self.config is None:  # each by itself: how they go together is checked when the driver is configured
+            check_values(self._declared.among(parameters), DriverConfig, "driver")
+            return
         for name in sorted(self._declared.among(parameters)):
             if name in FIXED:
                 raise ConfigError(
@@ -135,12 +141,19 @@ class DriverNode(SeedNode, LifecycleNode):
 
     # topics
     def _step(self) -> None:
-        if self.supervisor is None or self.outputs is None:
-            return
         now = time.monotonic()
+        if self.supervisor is None or self.outputs is None:
+            if now - self._told_idle > DIAGNOSTICS_EVERY:
+                self._told_idle = now
+                self._idle_diagnostics.publish()
+            return
         state = self.supervisor.step(now)
         self.outputs.publish(state, now, self.counters.total(), self.accepted, self.supervisor.deaths)
         self.requests.answer(now)
+
+    def _report_idle(self) -> diagnostics.Report:
+        level = diagnostics.WARN if self._idle in (UNCONFIGURED, INACTIVE) else diagnostics.ERROR
+        return level, self._idle, self.counters.values()
 
     def _on_target(self, message: PoseStamped) -> None:
         received = time.monotonic()

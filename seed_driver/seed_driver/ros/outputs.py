@@ -24,6 +24,11 @@ STATE_QOS = QoSProfile(depth=10)
 DIAGNOSTICS_EVERY = 1.0  # [s], and at once when something changes
 
 
+def link_status(node: SeedNode) -> str:
+    """Name of the driver's status on /diagnostics."""
+    return f"{node.get_name()}: robot link"
+
+
 class Outputs:
     """The publishers; state words are published when they change and kept for late joiners."""
 
@@ -41,9 +46,8 @@ class Outputs:
         self.safety_mode = self._publisher(UInt8, "~/safety_mode", LATCHED)
         self.program = self._publisher(Bool, "~/robot_program_running", LATCHED)
         self.speed_scaling = self._publisher(Float64, "~/speed_scaling", LATCHED)
-        name = f"{node.get_name()}: robot link"
         self.diagnostics = Diagnostics(
-            node, config.robot_ip, self._report, node.beats, node.counters, name, timed=False
+            node, config.robot_ip, self._report, node.beats, node.counters, link_status(node), timed=False
         )
         self._publishers.append(self.diagnostics.publisher)
         self._count = 0
