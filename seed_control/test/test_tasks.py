@@ -8,11 +8,13 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
+from seed_control.parameters import ControllerParameters
 from seed_control.tasks import (
     Task,
     TaskError,
     TaskPlayer,
     TaskStatus,
+    check_fits,
     load_task,
     read_task,
     shipped_tasks,
@@ -22,8 +24,10 @@ from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
 from seed_core.config import ConfigError, load_text
-from seed_core.spatial import pose_from_rpy
+from seed_core.hand import Tool
+from seed_core.spatial import pose_from_rpy, so3_log
 
+UPRIGHT = pose_from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3]
 NAMES = ["find_edge", "follow", "insert_peg", "insert_plug", "peg", "pen", "squeegee", "torque_driver", "write"]
 
 
@@ -242,3 +246,103 @@ def test_a_stroke_of_one_point_is_refused() -> None:
     with pytest.raises(ConfigError, match="stroke 2 has 1 point"):
         load_text(text, Task, "dots.yaml")
     load_text(text.replace(", [[0.05, 0.0]]", ""), Task, "dots.yaml")
+
+
+def small_task(*phases: str) -> Task:
+    """Starts 15 mm above a table that may be there."""
+    return load_text(
+        "name: small\nframe: {position: 0.5 0 0 m}\nphases:\n"
+        + "".join(f"  - {{{phase}}}\n" for phase in ("name: approach, to: 0 0 0.015 m", *phases)),
+        Task,
+    )
+
+
+def above(table: float = 0.0) -> Bench:
+    return Bench(table=table, start=pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.03))).enabled()
+
+
+def turn(status: TaskStatus) -> float:
+    """[deg] about y of the wanted tip, from upright."""
+    assert status.setpoint is not None
+    return float(np.rad2deg(so3_log(UPRIGHT.T @ status.setpoint.X_W_tip[:3, :3])[1]))
+
+
+@pytest.mark.parametrize(
+    ("phase", "words"),
+    [
+        ("along: surface, search: {}, control: {force: 0 0 -2 N}", "go along the work frame: leave out along"),
+        ("along: surface, contact_stop: {}", "go along the work frame: leave out along"),
+        ("until: settled, contact_stop: {}", "leave out until and dwell"),
+        ("dwell: 1 s, contact_stop: {}", "leave out until and dwell"),
+        ("search: {pattern: here}, control: {force: 0 0 -2 N}", "say until: settled"),
+    ],
+)
+def test_what_a_phase_would_not_do_is_refused(phase: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        small_task(f"name: odd, {phase}")
+
+
+@pytest.mark.parametrize("control", ["", "control: {force: 0 0 -5 N}, "])
+def test_a_tilt_stays_until_it_is_changed_along_a_surface_too(control: str) -> None:
+    task = small_task(
+        "name: tilted, to: 0 0 0.012 m, tilt: 0 10 0 deg",
+        f"name: going, along: surface, {control}to: 0.02 0 0 m",
+        f"name: upright, along: surface, {control}to: 0.02 0 0 m, tilt: 0 0 0 deg",
+    )
+    bench, player = above(), TaskPlayer(task)
+    play(bench, player, 20.0, until="going")
+    assert turn(play(bench, player, 0.3, until="upright")) == pytest.approx(10.0, abs=0.5)
+    assert turn(play(bench, player, 20.0, until="upright")) == pytest.approx(10.0, abs=0.5)
+    last = 10.0
+    for _ in range(2000):
+        status = play(bench, player, DT)
+        if status.done:
+            break
+        last = turn(status)
+    assert abs(last) < 0.5 or control  # a found surface is followed slowly
+    assert last < 9.0
+
+
+def test_a_touch_with_a_tilt_turns_the_tool_gradually() -> None:
+    bench, player = above(), TaskPlayer(small_task("name: stop, tilt: 0 30 0 deg, contact_stop: {}, speed: 0.005 m/s"))
+    last, steps = 0.0, []
+    for _ in range(1000):
+        status = play(bench, player, DT)
+        if status.done:
+            break
+        steps.append(abs(turn(status) - last))
+        last = turn(status)
+    assert max(steps) < 0.2
+    assert last > 20.0
+
+
+@pytest.mark.parametrize(("edge", "most"), [("", 0.02), ("edge: x, ", 0.05)])
+def test_what_is_not_touched_within_reach_ends_with_a_lift(edge: str, most: float) -> None:
+    reach = 0.02 if not edge else 0.3
+    task = small_task(f"name: stop, contact_stop: {{{edge}reach: {reach} m}}, speed: 0.02 m/s")
+    bench, player = above(table=-5.0), TaskPlayer(task)
+    status = play(bench, player, 30.0)
+    assert f"found nothing within {most:g} m along -z" in status.message
+    assert bench.state.mode != "holding"
+    assert bench.tip_height() > 0.015 - most + 0.5 * task.lift  # it was lifted
+
+
+def test_a_reach_beyond_the_controllers_free_travel_is_refused_before_it_begins() -> None:
+    with pytest.raises(
+        TaskError, match=r"reaches for 0\.15 m, and the controller holds after max_free_travel = 0\.06 m"
+    ):
+        check_fits(small_task("name: stop, contact_stop: {reach: 0.15 m}"), Tool(), ControllerParameters())
+    check_fits(small_task("name: stop, contact_stop: {edge: x, reach: 0.15 m}"), Tool(), ControllerParameters())
+
+
+def test_a_task_that_may_not_wait_fails_where_the_arm_holds_at_its_first_step() -> None:
+    """Accepted, then held: a later enable must not start it."""
+    bench = above()
+    waiting, accepted = TaskPlayer(small_task()), TaskPlayer(small_task(), waits=False)
+    bench.controller.hold(bench.t, "stopped on request")
+    state = bench.step()
+    assert waiting.step(bench.t, state).phase == "waiting"
+    status = accepted.step(bench.t, state)
+    assert status.done
+    assert status.failed
+    assert "arm holds: stopped on request" in status.message

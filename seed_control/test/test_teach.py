@@ -2,6 +2,7 @@
 """A demonstration becomes a task that goes the same way with the same forces; what is none is refused by name."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -121,8 +122,12 @@ def test_a_tip_that_stands_is_at_one_place_and_one_that_moves_slowly_stays_on_it
     assert np.linalg.norm(out - path, axis=1).max() < 0.0025
 
 
-def test_the_file_says_what_the_task_is() -> None:
-    task = taught(shown(), "mine", "pen", TeachSettings(resists=("x",))).task
+@pytest.mark.parametrize("away", [0.0, 0.9])
+def test_the_file_says_what_the_task_is(away: float) -> None:
+    there = shown()
+    X = there.X_W_tip.copy()
+    X[:, 0, 3] += away  # beyond a metre from the base, too
+    task = taught(replace(there, X_W_tip=X), "mine", "pen", TeachSettings(resists=("x",))).task
     text = task_text(task, "a comment")
     assert text.startswith("# a comment\nname: mine\n")
     assert load_text(text, Task, "mine.yaml") == task

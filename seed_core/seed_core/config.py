@@ -165,8 +165,9 @@ def check_values(data: Mapping[str, Any], cls: type, source: str = "<values>") -
         ConfigError: a value is of the wrong type or out of bounds.
     """
     hints = typing.get_type_hints(cls)
-    for name, value in data.items():
-        _convert(_wrap(value), hints[name], name, source, cls.__dataclass_fields__[name].metadata)
+    for f in dataclasses.fields(cls):
+        if f.name in data:
+            _convert(_wrap(data[f.name]), hints[f.name], f.name, source, f.metadata)
 
 
 def to_mapping(value: Any) -> Any:

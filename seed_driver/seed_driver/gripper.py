@@ -8,6 +8,8 @@ from typing import NamedTuple
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 
+AGAIN = 1.0  # [s] after which a goal that has failed is sent again
+
 
 class GripperError(SeedError):
     """A command that no gripper can carry out."""
@@ -60,7 +62,7 @@ class GripperGoals:
         self.config = config
         self._wanted: Goal | None = None
         self._sent: Goal | None = None
-        self._when = -inf  # [s]
+        self._when, self._pause = -inf, 0.0  # [s] of the newest goal, or of its failure, and until the next
         self.settled = nan
 
     def width(self, width: float) -> None:
@@ -86,13 +88,13 @@ class GripperGoals:
     def due(self, t: float) -> Goal | None:
         """The goal to send at t [s]; None where there is nothing new."""
         c, new, old = self.config, self._wanted, self._sent
-        if new is None or 0.0 <= t - self._when < 1.0 / c.rate:
+        if new is None or 0.0 <= t - self._when < self._pause:
             return None
         if old is not None:
             moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
             if moved < c.least_width and abs(new.force - old.force) < c.least_force:
                 return None
-        self._sent, self._when = new, t
+        self._sent, self._when, self._pause = new, t, 1.0 / c.rate
         return new
 
     def refused(self) -> None:
@@ -105,10 +107,20 @@ class GripperGoals:
         self._wanted, self._sent, self.settled = None, None, nan
         return known
 
-    def ended(self, goal: Goal, stalled: bool, reached: bool) -> None:
-        """How a goal has ended: fingers that stall push as was asked for, those that arrive may push on nothing."""
+    def ended(self, goal: Goal, stalled: bool, reached: bool, t: float) -> bool:
+        """How a goal has ended, at t [s]. Fingers that stall push as asked for; those that arrive may push on nothing.
+
+        Returns:
+            Whether the newest has failed: neither stalled nor arrived, though nothing of ours took its place. It is
+            sent again after a pause.
+        """
         if stalled or reached:
             self.settled = goal.force if stalled else 0.0
+            return False
+        if goal is not self._sent:
+            return False
+        self._sent, self._when, self._pause = None, t, AGAIN
+        return True
 
     def width_of(self, position: float) -> float:
         """Distance of the fingers [m] where the joint is at a position [m or rad]."""

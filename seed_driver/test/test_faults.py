@@ -159,8 +159,7 @@ def test_good_states_after_bad_ones_do_not_move_an_arm_that_holds(bench: FaultBe
         bench.robot.ask("corrupt", name="payload")
     bench.run(0.5)
     assert math.dist(bench.position(), rest) < 1e-4
-    (x, y, z), q = bench.state.command
-    bench.follow(lambda t: ((x, y, z), q))
+    bench.still()
     bench.recover_in_place()
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from seed_core.config import ConfigError
 from seed_core.errors import FailedError
-from seed_driver.gripper import GripperActionConfig, GripperError, GripperGoals
+from seed_driver.gripper import AGAIN, GripperActionConfig, GripperError, GripperGoals
 
 ANGLE = GripperActionConfig(open_width=0.08, open_position=0.0, closed_position=0.8, max_force=30.0, rate=20.0)
 
@@ -66,14 +66,29 @@ def test_only_fingers_that_stall_push() -> None:
     goals.push(12.0)
     goal = goals.due(0.0)
     assert goal is not None
-    goals.ended(goal, stalled=True, reached=False)
+    goals.ended(goal, stalled=True, reached=False, t=0.1)
     assert goals.settled == 12.0
-    goals.ended(goal, stalled=False, reached=False)  # another goal took its place
+    goals.ended(goal, stalled=False, reached=False, t=0.2)  # another goal took its place
     assert goals.settled == 12.0
-    goals.ended(goal, stalled=False, reached=True)  # closed on nothing
+    goals.ended(goal, stalled=False, reached=True, t=0.3)  # closed on nothing
     assert goals.settled == 0.0
     goals.forget()
     assert isnan(goals.settled)
+
+
+def test_a_goal_that_fails_is_sent_again_after_a_pause() -> None:
+    """Aborted, or another client's took its place: a command that goes on asks for it still."""
+    goals = GripperGoals(ANGLE)
+    goals.width(0.03)
+    first = goals.due(0.0)
+    assert first is not None
+    assert goals.ended(first, stalled=False, reached=False, t=0.1)
+    goals.width(0.03)
+    assert goals.due(0.1 + 0.9 * AGAIN) is None
+    assert goals.due(0.1 + 1.1 * AGAIN) == first
+    goals.width(0.05)
+    assert goals.due(10.0) is not None
+    assert not goals.ended(first, stalled=False, reached=False, t=10.1)  # ours took its place
 
 
 @pytest.mark.parametrize("width", [float("nan"), -0.01, 0.2])

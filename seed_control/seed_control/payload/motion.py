@@ -62,7 +62,7 @@ class PayloadRun:
                 "lift it off, or state tool.mass"
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
-        self._player = TaskPlayer(payload_task(state.X_W_tip))
+        self._player = TaskPlayer(payload_task(state.X_W_tip), waits=False)
         self._fit = PayloadFit(wrench_estimator.bushing)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None

@@ -43,7 +43,7 @@ class _Run:
 
 def _player(task: str, overrides: str) -> TaskPlayer:
     """Of a task as a client sends it. Raises SeedError: it cannot be read or played."""
-    return TaskPlayer(read_task(task, overrides))
+    return TaskPlayer(read_task(task, overrides), waits=False)
 
 
 class _Reading:

@@ -16,6 +16,7 @@ _ENOUGH = 12  # images that a place is the mean of
 _LEAST = 5e-5  # [m] deviation of a place, however well its images agree
 _FIRST = 20  # images on a surface before its end is looked for
 _LATELY = 3  # images that a fall is the mean of
+_DEEPEST = 0.05  # [m] to a surface whose edge is looked for: `reach` is along it
 _ON = 0.25  # share of the drop within which an image is still on the surface
 
 
@@ -52,8 +53,8 @@ class StopRun(StepRun):
     With `edge` it goes on over the surface, still pressing, until the tip falls below the line of its heights so far.
     """
 
-    def __init__(self, step: Step, start: Array, R: Array, X_W: Array) -> None:
-        """From the tip's place start (3,) [m] on, held at R (3, 3), in the work frame at X_W (4, 4)."""
+    def __init__(self, step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array) -> None:
+        """From the tip's place start (3,) [m], turning from R_start (3, 3) to R_end, in the work frame at X_W (4, 4)."""
         stop = step.phase.contact_stop
         assert stop is not None
         way, edge = axis(stop.towards), axis(stop.edge) if stop.edge else np.zeros(3)
@@ -63,7 +64,7 @@ class StopRun(StepRun):
         points = [start, start + stop.reach * edge]
         path = Path(np.array(points), step.phase.speed, step.phase.acceleration)
         pressing = replace(step.phase, control=control, contact_stop=None)
-        super().__init__(replace(step, phase=pressing), path, R, R, X_W)
+        super().__init__(replace(step, phase=pressing), path, R_start, R_end, X_W)
         self._stop, self._way, self._edge, self._start = stop, way, edge, start
         self._going = 0.0  # [s] along the surface
         self._images: list[_Image] = []
@@ -122,18 +123,18 @@ class StopRun(StepRun):
     def _gone_too_far(self, state: ControllerState) -> bool:
         """Whether nothing was found within reach; `why` says so."""
         phase, stop = self.step.phase, self._stop
-        if stop.edge:
-            if self._going > self.path.duration:
-                self.why = (
-                    f"phase '{phase.name}' found no edge within reach = {stop.reach:g} m along {stop.edge}: let it "
-                    "begin nearer or reach further"
-                )
-        elif state.X_W_tip is not None and not self._images:
+        if stop.edge and self._going > self.path.duration:
+            self.why = (
+                f"phase '{phase.name}' found no edge within reach = {stop.reach:g} m along {stop.edge}: let it begin "
+                "nearer or reach further"
+            )
+        if state.X_W_tip is not None and not self._images:
             gone = float(self._way @ ((self._to_work @ state.X_W_tip)[:3, 3] - self._start))
-            if gone > stop.reach:
+            if gone > (most := min(stop.reach, _DEEPEST) if stop.edge else stop.reach):
+                further = "" if stop.edge else " or reach further"
                 self.why = (
-                    f"phase '{phase.name}' found nothing within reach = {stop.reach:g} m along {stop.towards}: let it "
-                    "begin nearer or reach further"
+                    f"phase '{phase.name}' found nothing within {most:g} m along {stop.towards}: let it begin nearer"
+                    f"{further}"
                 )
         if not self.why and self._t > phase.timeout + self.path.duration + stop.reach / phase.speed:
             self.why = f"phase '{phase.name}' touched nothing steadily within {phase.timeout:g} s"

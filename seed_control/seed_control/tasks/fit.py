@@ -13,9 +13,10 @@ from seed_core.hand import Tool
 
 
 def check_fits(task: Task, tool: Tool, parameters: ControllerParameters) -> None:
-    """Raises TaskError: made for another tool, or a force or torque that is beyond what may be asked for."""
+    """Raises TaskError: made for another tool, or a force, torque or reach is beyond what may be asked for."""
     check_tool(task, tool)
     p = parameters
+    _check_reach(task, p.max_free_travel)
     for name, control in _controls(task):
         for what, vector, bound, unit in (
             ("force", control.force, p.max_force, "N"),
@@ -27,6 +28,17 @@ def check_fits(task: Task, tool: Tool, parameters: ControllerParameters) -> None
                     f"task '{task.name}': {name} asks for a {what} of {size:.3g} {unit}, beyond the controller's "
                     f"max_{what} = {bound:g} {unit}: ask for less"
                 )
+
+
+def _check_reach(task: Task, most: float) -> None:
+    """Raises TaskError: a contact_stop would reach further than the controller lets an approach go [m]."""
+    for phase in task.phases:
+        stop = phase.contact_stop
+        if stop is not None and not stop.edge and stop.reach > most * (1 + 1e-9):
+            raise TaskError(
+                f"task '{task.name}': phase '{phase.name}' reaches for {stop.reach:g} m, and the controller holds "
+                f"after max_free_travel = {most:g} m without contact: let it begin nearer, or raise that limit"
+            )
 
 
 def check_tool(task: Task, tool: Tool) -> None:

@@ -46,11 +46,13 @@ class TaskPlayer:
         found: where steps `contact_stop` have touched something, in order.
     """
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
+    def __init__(self, task: Task, waits: bool = True) -> None:
+        """waits: for a controller that is not enabled at the first step; otherwise the task fails then."""
+        self.task, self._waits = task, waits
         self._steps = steps_of(task)
         self._X_W = task.frame.pose
         self._R_tip = rotation_from_rpy(np.deg2rad(task.tip_rpy))
+        self._tilted = self._R_tip  # by the newest tilt, in the work frame or in the surface's axes
         self._index = -1  # of the running step; their number while the tool is lifted early
         self._run: StepRun | None = None
         self._status = TaskStatus(None, "waiting", 0.0)
@@ -86,8 +88,8 @@ class TaskPlayer:
 
     def _advance(self, dt: float, state: ControllerState) -> TaskStatus:
         if state.X_W_tip is None or not state.enabled or state.mode == "holding":
-            if self._run is None and not self._ending:
-                return self._status  # before the start it waits for the controller; afterwards the task has failed
+            if self._run is None and not self._ending and self._waits:
+                return self._status
             holds = f"arm holds: {state.reason or 'the controller stopped'}"
             return self._ended(f"{self._ending}; {holds}" if self._ending else holds)
         if self._run is None:
@@ -155,15 +157,15 @@ class TaskPlayer:
         phase = step.phase
         R_end = R_start if self._run else self._R_tip
         if phase.tilt is not None:
-            R_end = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
+            self._tilted = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
+            R_end = axes @ self._tilted if phase.along == "surface" else self._tilted
         if phase.contact_stop is not None:
-            return StopRun(step, start, R_end, self._X_W)
+            return StopRun(step, start, R_start, R_end, self._X_W)
         if phase.along == "surface":
             if phase.control is not None:
-                tilt = rotation_from_rpy(np.deg2rad(phase.tilt or (0.0, 0.0, 0.0)))
-                return SurfaceRun(step, start, R_start, axes, self._R_tip @ tilt, self._X_W)
+                return SurfaceRun(step, start, R_start, axes, self._tilted, self._X_W)
             to = [tuple((start + axes @ p).tolist()) for p in np.array(step.points).reshape(-1, 3)]
-            step, R_end = replace(step, points=tuple(to)), R_start
+            step = replace(step, points=tuple(to))
         run = run_of(step, start, R_start, R_end, self._X_W, self._run)
         run.axes = axes
         return run

@@ -144,6 +144,12 @@ class Phase:
     def __post_init__(self) -> None:
         if self.contact_stop is not None and (self.to or self.control or self.search or self.insert):
             raise ConfigError("contact_stop brings its own way and force: leave out to, control, search and insert")
+        if self.contact_stop is not None and (self.until != "arrived" or self.dwell):
+            raise ConfigError("contact_stop ends where something is found: leave out until and dwell")
+        if self.along != "work" and (self.contact_stop or self.search or self.insert):
+            raise ConfigError("contact_stop, search and insert go along the work frame: leave out along")
+        if self.search is not None and self.search.pattern == "here" and self.until == "arrived":
+            raise ConfigError("a search with pattern: here stays where it is: say until: settled, or contact")
         if self.through and self.to is None:
             raise ConfigError("through needs to: where the path ends")
         if self.through and self.along != "work":

@@ -9,7 +9,7 @@ import yaml
 from seed_control.tasks import Task
 
 WIDTH = 120  # characters of a line
-DIGITS = 6  # of numbers: micrometres, and millinewtons of a kilonewton
+DIGITS = 6  # behind the point: micrometres
 
 
 class _Dumper(yaml.SafeDumper):
@@ -49,7 +49,7 @@ def _plain(value: Any) -> Any:
 
 def _quantity(value: Any, unit: str) -> str:
     numbers = value if isinstance(value, list | tuple) else (value,)
-    return " ".join([*(f"{_number(v):g}" if abs(v) < 1e-3 else f"{_number(v):.{DIGITS}g}" for v in numbers), unit])
+    return " ".join([*(f"{_number(v):.12g}" for v in numbers), unit])
 
 
 def _number(value: float) -> float:

@@ -50,6 +50,6 @@ class WrenchKnowledge:
         if deviation <= most:
             return ""
         return (
-            f"the force is known to {deviation:.1f} N only (one standard deviation, at most max_excess_force = {most:g} "
-            "N): see the covariance of relative_pose, and what the estimator's diagnostics say"
+            f"the force is known to {deviation:.1f} N only (one standard deviation, at most max_excess_force = "
+            f"{most:g} N): see the covariance of relative_pose, and what the estimator's diagnostics say"
         )

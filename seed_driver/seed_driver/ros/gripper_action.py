@@ -105,8 +105,12 @@ class GripperActionNode(SeedNode):
         handle.get_result_async().add_done_callback(lambda done: self._ended(goal, done.result()))
 
     def _ended(self, goal: Goal, answer: Any) -> None:
-        if answer is not None:
-            self.goals.ended(goal, answer.result.stalled, answer.result.reached_goal)
+        if answer is not None and self.goals.ended(goal, answer.result.stalled, answer.result.reached_goal, self.now()):
+            self.counters.add(
+                "goals_failed",
+                f"the gripper neither reached position {goal.position:g} nor stalled: another client's goal, or a "
+                "fault; it is sent again",
+            )
 
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"action": self.config.action, **self.counters.values()}
