@@ -54,7 +54,7 @@ class StopRun(StepRun):
     """
 
     def __init__(self, step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array) -> None:
-        """From the tip's place start (3,) [m], turning from R_start (3, 3) to R_end, in the work frame at X_W (4, 4)."""
+        """From the tip's place start (3,) [m], turning from R_start (3, 3) to R_end, in work frame X_W (4, 4)."""
         stop = step.phase.contact_stop
         assert stop is not None
         way, edge = axis(stop.towards), axis(stop.edge) if stop.edge else np.zeros(3)
