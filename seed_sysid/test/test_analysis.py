@@ -217,3 +217,18 @@ def test_where_neither_pressure_nor_width_tells_the_grips_apart_the_middle_one_i
     assert any("stiffness is that of the middle grip: widths are alike" in w for w in a.warnings)
     (grip,) = stiffness_file(a, "2026-01-01").grips
     np.testing.assert_allclose(grip.translation, a.solution.value.stiffness[a.nominal, 3:])
+
+
+def test_grips_whose_width_never_came_are_written_by_pressure(tmp_path) -> None:
+    from seed_core.stiffness_file import load_stiffness
+    from seed_sysid.report.results import write_results
+    from seed_sysid.report.summary import summary
+
+    data, cell = at_rest(load("default"), 2033)
+    a = analyse(replace(data, samples=[replace(s, width=0.0) for s in data.samples]), "kinematic")
+    assert any("every grip has the width 0 m" in w for w in a.warnings)
+    assert summary(a)["pressure_per_width"] is None
+    write_results(tmp_path, a, summary(a), "2026-01-01")
+    grips = load_stiffness(tmp_path / "stiffness.yaml").grips
+    for grip, true in zip(grips, cell.truth.stiffness, strict=True):
+        np.testing.assert_allclose(grip.translation, true[3:], rtol=0.03)

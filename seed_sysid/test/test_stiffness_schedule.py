@@ -49,6 +49,7 @@ def test_pressure_falls_with_width_and_stiffness_grows_where_it_does() -> None:
     stiffness = base * (1.0 + 0.02 * np.outer(PRESSURES - 1030.0, grows))
     schedule = fit_schedule(WIDTHS, PRESSURES, with_stiffness(stiffness, 0.001))
     assert schedule is not None
+    assert schedule.gripper is not None
     assert schedule.gripper.slope == pytest.approx(1500.0)
     np.testing.assert_allclose(schedule.gripper.at_width(WIDTHS), PRESSURES)
     assert schedule.trend == (True, False, False, True, True, False)
@@ -75,3 +76,13 @@ def test_a_pressure_that_is_no_line_over_width_is_told() -> None:
 @pytest.mark.parametrize("pressures", [[1030.0] * 5, [np.nan] * 5, [1030.0, np.nan, 1020.0, 1010.0, 1000.0]])
 def test_without_two_pressures_there_is_no_schedule(pressures: list[float]) -> None:
     assert fit_schedule(WIDTHS, np.array(pressures), with_stiffness(np.ones((5, 6)), 0.01)) is None
+
+
+def test_grips_of_one_width_have_their_lines_over_pressure() -> None:
+    stiffness = np.outer(1.0 + 0.01 * (PRESSURES - 1030.0), np.ones(6))
+    schedule = fit_schedule(np.full(5, 0.02), PRESSURES, with_stiffness(stiffness, 0.001))
+    assert schedule is not None
+    assert schedule.gripper is None
+    assert schedule.trend == (True,) * 6
+    assert schedule.stiffness[0].slope == pytest.approx(0.01)
+    assert "every grip has the width 0.02 m" in schedule.warnings[-1]

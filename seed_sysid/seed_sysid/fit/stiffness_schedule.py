@@ -17,6 +17,7 @@ from seed_sysid.stiffness_map import AXES
 
 _CONFIDENCE = 0.95  # of a slope's interval
 _MEANINGFUL = 0.02  # relative change over the range of pressures that counts as a trend
+_SAME = 1e-6  # [m] by which the widths of grips that have one width may differ
 _LINEAR = 0.1  # scatter of pressure over width, as a share of its range, that still passes for a line
 
 
@@ -44,9 +45,9 @@ class Line:
 
 @dataclass(frozen=True)
 class StiffnessSchedule:
-    """Pressure over width, and each stiffness over pressure [hPa] with whether it has a trend."""
+    """Pressure over width (None: grips of one width), and each stiffness over pressure [hPa] with whether it trends."""
 
-    gripper: GripperPressure
+    gripper: GripperPressure | None
     stiffness: tuple[Line, ...]
     trend: tuple[bool, ...]
     warnings: tuple[str, ...]
@@ -67,10 +68,18 @@ def fit_schedule(widths: Array, pressures: Array, solution: Solution) -> Stiffne
             f"no reliable trend with pressure in {', '.join(none)} (as the paper found for some torques): "
             "values between the measured grips are uncertain by the scatter shown"
         )
-    line = fit_line(widths, pressures, np.zeros_like(pressures))
-    if line.scatter > _LINEAR * span:
-        warnings.append(f"pressure is not linear in width: it scatters by {line.scatter / span:.0%} of its range")
-    return StiffnessSchedule(GripperPressure(line.x_mean, line.mean, -line.slope), lines, trend, tuple(warnings))
+    gripper = None
+    if float(np.ptp(widths)) > _SAME:
+        line = fit_line(widths, pressures, np.zeros_like(pressures))
+        gripper = GripperPressure(line.x_mean, line.mean, -line.slope)
+        if line.scatter > _LINEAR * span:
+            warnings.append(f"pressure is not linear in width: it scatters by {line.scatter / span:.0%} of its range")
+    else:
+        warnings.append(
+            f"every grip has the width {widths[0]:g} m: how pressure follows width is unknown; "
+            "check that gripper/width comes"
+        )
+    return StiffnessSchedule(gripper, lines, trend, tuple(warnings))
 
 
 def fit_line(x: Array, y: Array, y_std: Array) -> Line:

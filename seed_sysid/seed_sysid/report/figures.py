@@ -65,7 +65,7 @@ def pressure_against_width(a: Analysis) -> str:
     known = [(1e3 * s.width, float(np.mean(s.pressures))) for s in a.data.samples if s.pressures]
     if known:
         ax.plot(*np.array(known).T, ".", color=_POINTS, alpha=0.5)
-    if a.schedule:
+    if a.schedule and a.schedule.gripper:
         w = np.linspace(a.widths.min(), a.widths.max(), 10)
         ax.plot(1e3 * w, a.schedule.gripper.at_width(w), color="0.3", lw=1)
     ax.set(xlabel="gripper width [mm]", ylabel="pressure [hPa]")

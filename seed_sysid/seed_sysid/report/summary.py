@@ -67,7 +67,7 @@ def summary(a: Analysis) -> dict[str, Any]:
             }
             for i in range(len(a.grips))
         ],
-        "pressure_per_width": -a.schedule.gripper.slope if a.schedule else None,
+        "pressure_per_width": -a.schedule.gripper.slope if a.schedule and a.schedule.gripper else None,
         "trend_with_pressure": dict(zip(AXES, a.schedule.trend, strict=True)) if a.schedule else None,
         "membrane_map": membrane_figures(a.membrane) if a.membrane else None,
         "warnings": list(a.warnings),
