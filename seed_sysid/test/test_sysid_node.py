@@ -30,6 +30,7 @@ from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
 from seed_sysid.data.sample_file import Recorder, read  # noqa: E402
+from seed_sysid.ros import goal as goal_module  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
 from seed_sysid.run.procedure import Command, average  # noqa: E402
@@ -51,7 +52,7 @@ def _nodes(bench: Bench, camera_clock: float = 0.0, **more: Any) -> tuple[Any, A
     return bench.add(CellNode, seed=5, camera_clock=camera_clock), bench.add(SysidNode, **SENSOR, **QUICK, **more)
 
 
-def _begin(cell: Any, node: Any, folder: Path) -> None:
+def _begin(cell: Any, node: Any, folder: Path, left: int = LEFT) -> None:
     """All but the last poses, as an interrupted run of the same grasp leaves them."""
     from seed_core.hand import Hand
     from seed_sysid.data.dataset import Header
@@ -65,7 +66,8 @@ def _begin(cell: Any, node: Any, folder: Path) -> None:
     live.recorder.close()
     writer = Recorder(folder / "samples.jsonl", live.recorder.header)
     twin, p = SimulatedCell(cell.scenario, 5), node.procedure
-    for i, target in enumerate(design(p.excitation, p.limits, p.fit.model)[:-LEFT]):
+    targets = design(p.excitation, p.limits, p.fit.model)
+    for i, target in enumerate(targets[: len(targets) - left]):
         readings = twin.rest(Command(target.X_TC, 0.02, 1, "measuring"), 20)
         sample = average(target, 0, readings, 1.0, False)
         writer.record(0.0, replace(sample, stamp=time.time() - 300.0 + 4.0 * i))
@@ -108,6 +110,26 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     assert bench.until(lambda: len(lines) == 2 * (len(data.samples) + 1) - LEFT)  # the cancelled goal's, then all
     away = np.abs(cell.X_WE - cell.settings.flange.pose).max()
     assert away < 1e-6  # back at the grasp
+
+
+def test_an_analysis_that_fails_ends_its_goal_and_not_the_node(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stumble(*_: object) -> None:
+        raise ZeroDivisionError("float division by zero")
+
+    cell, node = _nodes(bench)
+    _begin(cell, node, tmp_path, left=0)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    monkeypatch.setattr(goal_module, "analyse", stumble)
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), poses="kinematic")
+    failed = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert not failed.success
+    assert "the analysis failed (ZeroDivisionError: float division by zero)" in failed.message
+    assert f"--from {tmp_path / 'samples.jsonl'}" in failed.message
+    monkeypatch.undo()
+    again = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert again.success, again.message
 
 
 def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from rclpy.task import Future
 from seed_msgs.action import IdentifyStiffness
 
 from seed_core.clocks import save_clocks
+from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
@@ -77,10 +78,24 @@ class ActiveGoal:
         return command
 
     def result(self) -> IdentifyStiffness.Result | None:
-        """The written result, or None while it is being worked out. Raises SeedError, OSError."""
+        """The written result, or None while it is being worked out.
+
+        Raises:
+            SeedError, OSError: there is none, whatever the analysis stumbled over; the samples are kept.
+        """
         if not self._job.done():
             return None
-        analysis, clock, remarks = self._job.result()
+        try:
+            return self._written(*self._job.result())
+        except (SeedError, OSError):
+            raise
+        except Exception as error:  # the node goes on: what took minutes to measure can be fitted again
+            raise LiveError(
+                f"the analysis failed ({type(error).__name__}: {error}); the samples are kept: fit them again with "
+                f"./seed identify --from {self._folder / 'samples.jsonl'}"
+            ) from error
+
+    def _written(self, analysis: Analysis, clock: ClockOffset | None, remarks: list[str]) -> IdentifyStiffness.Result:
         figures = summary(analysis) | {"camera_clock": asdict(clock) if clock else None}
         write_results(self._folder, analysis, figures, date())
         if clock is not None:
