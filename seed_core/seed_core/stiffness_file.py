@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from seed_core.bushing import MODELS, Stiffness
-from seed_core.config import ConfigError, field, load_file, save_file
+from seed_core.config import ConfigError, field, from_mapping, load_file, save_file, to_mapping
 from seed_core.vector3 import Vector3
 
 HEADER = (
     "# SPDX-License-Identifier: Apache-2.0\n"
     "# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
 )
-WIDEST = 1.0  # [m] of a gripper
+MOST_PRESSURE, MOST_WIDTH = 2000.0, 1.0  # [hPa], [m] of a grip
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class Grip:
     """Stiffness at one grip, with standard deviations (0 where unknown)."""
 
     pressure_hpa: float = field(
-        unit="hPa", low=0.0, high=2000.0, doc="mean absolute pressure of both bubbles; 0: unknown"
+        unit="hPa", low=0.0, high=MOST_PRESSURE, doc="mean absolute pressure of both bubbles; 0: unknown"
     )
-    width_m: float = field(unit="m", low=0.0, high=WIDEST, doc="gripper width")
+    width_m: float = field(unit="m", low=0.0, high=MOST_WIDTH, doc="gripper width")
     rotation: Vector3 = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
     translation: Vector3 = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
     rotation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N m/rad", low=0.0, high=1e6, doc="standard deviations")
@@ -84,8 +84,8 @@ class GripStiffness:
 
     def at_width(self, width_m: float) -> Stiffness:
         """Stiffness at a gripper width [m]. Raises ConfigError when it is not finite, or no width of a gripper."""
-        if isfinite(width_m) and not 0.0 <= width_m <= WIDEST:
-            raise ConfigError(f"width = {width_m:g} m must be within 0 and {WIDEST:g} m: is it in metres?")
+        if isfinite(width_m) and not 0.0 <= width_m <= MOST_WIDTH:
+            raise ConfigError(f"width = {width_m:g} m must be within 0 and {MOST_WIDTH:g} m: is it in metres?")
         return self._at("width_m", width_m, "width", "m")
 
     def _at(self, key: str, value: float, name: str, unit: str) -> Stiffness:
@@ -104,5 +104,10 @@ def load_stiffness(path: str | Path) -> StiffnessFile:
 
 
 def save_stiffness(path: str | Path, file: StiffnessFile) -> None:
-    """Write a stiffness.yaml whole or not at all."""
-    save_file(path, HEADER, file)
+    """Write a stiffness.yaml whole or not at all. Raises ConfigError: it could not be loaded, and is not written."""
+    save_file(path, HEADER, checked(file))
+
+
+def checked(file: StiffnessFile) -> StiffnessFile:
+    """The same file. Raises ConfigError: a value is out of the bounds within which it can be loaded."""
+    return from_mapping(to_mapping(file), StiffnessFile, "stiffness.yaml")

@@ -73,3 +73,13 @@ def test_bad_files_are_refused_with_line_and_bound(tmp_path: Path, old: str, new
     with pytest.raises(ConfigError, match=words) as caught:
         load_stiffness(path)
     assert str(caught.value).startswith(f"{path}:")
+
+
+def test_a_file_that_could_not_be_loaded_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "stiffness.yaml"
+    save_stiffness(path, FILE)
+    pascal = replace(FILE, grips=(replace(LOOSE, pressure_hpa=102100.0),))
+    with pytest.raises(ConfigError, match=r"grips\[0\]\.pressure_hpa = 102100 hPa must be within 0 and 2000 hPa"):
+        save_stiffness(path, pascal)
+    assert load_stiffness(path) == FILE
+    assert list(tmp_path.iterdir()) == [path]

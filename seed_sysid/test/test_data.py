@@ -162,6 +162,13 @@ BAD: dict[str, tuple[Callable[[Dataset], Dataset], str]] = {
         "degrees",
     ),
     "N mm": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1e3, 1e3, 1e3, 1, 1, 1])), "N mm"),
+    "Pa": (
+        lambda d: _changed(d, lambda s: replace(s, pressures=(102100.0, 102000.0))),
+        "a pressure of 102100 hPa .* Pa",
+    ),
+    "gauge pressure": (lambda d: _changed(d, lambda s: replace(s, pressures=(1021.0, -10.0))), "-10 hPa .* gauge"),
+    "width in mm": (lambda d: _changed(d, lambda s: replace(s, width=1e3 * s.width)), "0/000-home: .* 26 m .* mm"),
+    "width below zero": (lambda d: _changed(d, lambda s: replace(s, width=-1e-3)), "-0.001 m .* zero of gripper/width"),
     "reaction": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: -w)), "turn its sign"),
     "turned sensor": (
         lambda d: replace(d, header=replace(d.header, sensor_rpy=(0.0, 0.0, 0.0))),

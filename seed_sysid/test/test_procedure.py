@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from seed_sysid.data.dataset import Header
 from seed_sysid.fit.analysis import analyse
 from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure, SettleParameters
 from seed_sysid.run.excitation import Target, design
-from seed_sysid.run.live import MOST, Live, Streams
+from seed_sysid.run.live import MOST, Live, LiveError, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
 from seed_sysid.run.reach import Reach
 from seed_sysid.stiffness_map import AXES
@@ -130,6 +131,16 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
     live.recorder.close()
     np.testing.assert_array_equal(reading.wrench, np.zeros(6))
     assert (reading.slip, reading.gross_slip) == (0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("heard", "words"), [({"width": 26.0}, "26 m .* mm"), ({"pressures": {"left": 102100.0}}, "102100 hPa .* Pa")]
+)
+def test_a_run_with_inputs_in_another_unit_does_not_start(tmp_path: Path, heard: dict[str, Any], words: str) -> None:
+    streams = Streams(X_WE=np.eye(4), pose_stamp=0.0, wrench_stamp=0.0, **heard)
+    with pytest.raises(LiveError, match=f"cannot start: .*{words}"):
+        Live(Procedure(), Header("hand", "tool"), np.eye(4), streams, tmp_path / "samples.jsonl", 0.0, "")
+    assert not (tmp_path / "samples.jsonl").exists()
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy, rpy_from_rotation
+from seed_core.stiffness_file import MOST_PRESSURE, MOST_WIDTH
 from seed_sysid.data.membrane_sample import MembraneSample
 
 FORMAT, VERSION = "seed-stiffness-samples", 2
@@ -149,3 +151,15 @@ class Dataset:
 def flat_pose(X: Array) -> Pose:
     """[x, y, z, roll, pitch, yaw] of X (4, 4), as samples store it."""
     return tuple(float(v) for v in (*X[:3, 3], *rpy_from_rotation(X[:3, :3])))
+
+
+def grip_problem(width: float, pressures: Iterable[float]) -> str:
+    """Why a width [m] or pressures [hPa] are not those of a grip as stiffness.yaml takes them; '' if they may be."""
+    if not 0.0 <= width <= MOST_WIDTH:
+        hint = "it looks like mm: divide by 1000" if width > 0.0 else "the zero of gripper/width is wrong"
+        return f"a gripper width of {width:.6g} m (0 to {MOST_WIDTH:g} m are possible): {hint}"
+    for p in pressures:
+        if not 0.0 <= p <= MOST_PRESSURE:
+            hint = "it looks like Pa: divide by 100" if p > 0.0 else "it looks like a gauge pressure: add the air's"
+            return f"a pressure of {p:.6g} hPa (0 to {MOST_PRESSURE:g} hPa are possible, absolute): {hint}"
+    return ""

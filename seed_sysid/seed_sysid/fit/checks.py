@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose, so3_log
-from seed_sysid.data.dataset import Dataset, DatasetError
+from seed_sysid.data.dataset import Dataset, DatasetError, grip_problem
 from seed_sysid.fit.identification_fit import Solution
 from seed_sysid.stiffness_map import AXES, CHANNELS, UNITS, stiffness_map
 
@@ -104,6 +104,9 @@ def _check_units(data: Dataset, wrenches: Array) -> None:
     for value, (most, words) in zip(largest, _IN_SI, strict=True):
         if value > most:
             raise DatasetError(words.format(value))
+    for s in data.samples:
+        if problem := grip_problem(s.width, s.pressures):
+            raise DatasetError(f"sample {s.key}: {problem}")
 
 
 def _check_excitation(X_TC: Array, grip: int) -> None:

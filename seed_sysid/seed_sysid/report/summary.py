@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from seed_core.spatial import inverse_pose
-from seed_core.stiffness_file import Grip, StiffnessFile
+from seed_core.stiffness_file import Grip, StiffnessFile, checked
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.membrane_map import MembraneResult
@@ -86,6 +86,7 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
 
     Raises:
         DatasetError: an axis is undetermined: no file is better than a wrong one.
+        ConfigError: a value is one with which the file could not be loaded.
     """
     if a.undetermined:
         raise DatasetError(f"no stiffness.yaml is written: {', '.join(a.undetermined)} is not determined by these data")
@@ -96,4 +97,5 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
         stiffness_and_std = np.array([a.solution.value.stiffness[i], a.solution.std.stiffness[i]]).reshape(4, 3)
         grips.append(Grip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
-    return StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), a.problem.parameters.model)
+    model = a.problem.parameters.model
+    return checked(StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), model))

@@ -15,7 +15,7 @@ import numpy as np
 from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
-from seed_sysid.data.dataset import Header, flat_pose
+from seed_sysid.data.dataset import Header, flat_pose, grip_problem
 from seed_sysid.data.sample_file import Recorder
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
@@ -79,7 +79,7 @@ class Live:
         """Start, or continue what the file holds.
 
         Raises:
-            LiveError: an input is missing, or the arm is not at the grasp that the file speaks of.
+            LiveError: an input is missing or in another unit, or the arm is not at the grasp that the file speaks of.
             DatasetError: the file belongs to another run.
         """
         if streams.held:
@@ -87,6 +87,8 @@ class Live:
         problem = streams.missing(now)
         if problem or streams.X_WE is None:
             raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
+        if problem := grip_problem(streams.width or 0.0, streams.pressures.values()):
+            raise LiveError(f"cannot start: {problem}")
         streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
