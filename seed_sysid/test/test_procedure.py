@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The run keeps its limits, waits for rest, ends on slip."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -133,14 +133,73 @@ def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> 
     assert (reading.slip, reading.gross_slip) == (0.0, False)
 
 
+def _streams(now: float) -> Streams:
+    """Of a cell with arm and sensor, and nothing else."""
+    return Streams(X_WE=np.eye(4), pose_stamp=now, wrench_stamp=now, wrench=np.zeros(6))
+
+
+def _live(streams: Streams, folder: Path, now: float = 0.0, source: str = "kinematic") -> Live:
+    head = Header("hand", "tool")
+    return Live(Procedure(), head, np.eye(4), streams, folder / "samples.jsonl", now, "", source)
+
+
 @pytest.mark.parametrize(
-    ("heard", "words"), [({"width": 26.0}, "26 m .* mm"), ({"pressures": {"left": 102100.0}}, "102100 hPa .* Pa")]
+    ("width", "pressure", "words"), [(26.0, 1030.0, "26 m .* mm"), (0.02, 1e5, "1000.. hPa .* Pa")]
 )
-def test_a_run_with_inputs_in_another_unit_does_not_start(tmp_path: Path, heard: dict[str, Any], words: str) -> None:
-    streams = Streams(X_WE=np.eye(4), pose_stamp=0.0, wrench_stamp=0.0, **heard)
+def test_a_run_with_inputs_in_another_unit_does_not_start(
+    tmp_path: Path, width: float, pressure: float, words: str
+) -> None:
+    streams = _streams(0.0)
+    streams.take_width(width, 0.0)
+    streams.take_pressure("left", pressure, 0.0)
     with pytest.raises(LiveError, match=f"cannot start: .*{words}"):
-        Live(Procedure(), Header("hand", "tool"), np.eye(4), streams, tmp_path / "samples.jsonl", 0.0, "")
+        _live(streams, tmp_path)
     assert not (tmp_path / "samples.jsonl").exists()
+
+
+TAKE: dict[str, Callable[[Streams, float], None]] = {
+    "relative_pose": lambda s, now: s.take_estimate(RelativePoseEstimate(now, np.eye(4)), now),
+    "gripper/width": lambda s, now: s.take_width(0.02, now),
+    "bubble_left/pressure": lambda s, now: s.take_pressure("left", 1030.0, now),
+}
+
+
+@pytest.mark.parametrize("name", TAKE)
+def test_an_input_that_came_in_this_run_and_is_silent_ends_it(tmp_path: Path, name: str) -> None:
+    streams = _streams(0.0)
+    live = _live(streams, tmp_path)
+    stale = 0.5 if "pressure" in name else 0.3  # [s]
+    for now in (0.0, 1.0, 2.0):  # it has not come yet, and nobody misses it
+        streams.pose_stamp = streams.wrench_stamp = now
+        live.tick(now)
+    TAKE[name](streams, 2.0)
+    streams.pose_stamp = streams.wrench_stamp = 2.0 + stale
+    live.tick(2.0 + stale - 0.01)
+    with pytest.raises(LiveError, match=rf"{name} is {stale + 0.01:.2f} s old \(at most {stale} s\); 0 of"):
+        live.tick(2.0 + stale + 0.01)
+    live.recorder.close()
+
+
+@pytest.mark.parametrize("name", TAKE)
+def test_an_input_that_was_silent_before_the_run_is_none_of_it(tmp_path: Path, name: str) -> None:
+    streams = _streams(60.0)
+    TAKE[name](streams, 0.0)
+    live = _live(streams, tmp_path, 60.0)
+    reading = live._reading(60.0)
+    live.tick(60.0)
+    live.recorder.close()
+    assert (reading.width, reading.pressures, reading.X_TC_estimated) == (0.0, (), None)
+
+
+def test_poses_of_the_estimator_need_one(tmp_path: Path) -> None:
+    streams = _streams(60.0)
+    with pytest.raises(LiveError, match="cannot start: relative_pose never came; start arm, sensor and estimator"):
+        _live(streams, tmp_path, 60.0, "estimator")
+    TAKE["relative_pose"](streams, 0.0)
+    with pytest.raises(LiveError, match=r"cannot start: relative_pose is 60\.00 s old"):
+        _live(streams, tmp_path, 60.0, "estimator")
+    TAKE["relative_pose"](streams, 60.0)
+    _live(streams, tmp_path, 60.0, "estimator").recorder.close()
 
 
 @pytest.mark.parametrize(

@@ -124,8 +124,7 @@ class SysidNode(SeedNode):
     def _on_estimate(self, message: RelativePose) -> None:
         check_frame(message.header.frame_id, (self.frames.compliance,), "relative_pose")
         estimate = estimate_from_message(message)
-        self.streams.estimate = estimate
-        self.streams.slip.append(estimate.slip)
+        self.streams.take_estimate(estimate, self.now())
         if self._moving is not None and estimate.valid:
             self._moving.clocks.camera(estimate.stamp, inverse_pose(estimate.X_CT))
 
@@ -134,11 +133,11 @@ class SysidNode(SeedNode):
 
     def _on_width(self, message: Float64) -> None:
         if np.isfinite(message.data):
-            self.streams.width = float(message.data)
+            self.streams.take_width(float(message.data), self.now())
 
     def _on_pressure(self, finger: str, message: Float32) -> None:
         if np.isfinite(message.data):
-            self.streams.pressures[finger] = float(message.data)
+            self.streams.take_pressure(finger, float(message.data), self.now())
 
     # the action
     async def _execute(self, goal: ServerGoalHandle) -> IdentifyStiffness.Result:
@@ -175,7 +174,8 @@ class SysidNode(SeedNode):
             sensor_range=(s.sensor_range_force, s.sensor_range_torque),
         )
         folder = Path(goal.request.output or f"{s.output}/identify-{datetime.now(UTC):%Y%m%d-%H%M%S}")
-        live = Live(self.procedure, head, self.hand.X_EC, self.streams, folder / "samples.jsonl", self.now(), date())
+        file, now = folder / "samples.jsonl", self.now()
+        live = Live(self.procedure, head, self.hand.X_EC, self.streams, file, now, date(), source)
         assert self.streams.X_WE is not None
         self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE, self._clocks)
         for line in live.recorder.lines():

@@ -7,6 +7,7 @@ the sensor is held may be corrected meanwhile.
 
 import zlib
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from seed_core.errors import FailedError
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import FINGERS
 from seed_core.spatial import Array, inverse_pose, pose_from_rpy, so3_log
 from seed_sysid.data.dataset import Header, flat_pose, grip_problem
 from seed_sysid.data.sample_file import Recorder
@@ -21,6 +23,9 @@ from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 
 STALE = 0.3  # [s] a stream older than this stops the run
+STALE_PRESSURE = 0.5  # [s] of a pressure, as long as the controller counts it
+ESTIMATE, WIDTH = "relative_pose", "gripper/width"
+PRESSURE = {finger: f"bubble_{finger}/pressure" for finger in FINGERS}
 MOST = 1000  # wrenches that are kept for a mean
 
 
@@ -30,7 +35,11 @@ class LiveError(FailedError):
 
 @dataclass
 class Streams:
-    """The newest of every input; wrenches are averaged between two steps."""
+    """The newest of every input; wrenches are averaged between two steps.
+
+    Attributes:
+        heard: when each of the inputs that a cell may lack last came [s]: estimate, width and pressures.
+    """
 
     X_WE: Array | None = None
     pose_stamp: float = -np.inf
@@ -41,6 +50,7 @@ class Streams:
     width: float | None = None
     estimate: RelativePoseEstimate | None = None
     slip: deque[float] = field(default_factory=lambda: deque(maxlen=3))
+    heard: dict[str, float] = field(default_factory=dict)
     held: str = ""  # that the arm holds, and why; empty while it follows targets
 
     def take_wrench(self) -> Array:
@@ -51,32 +61,71 @@ class Streams:
         assert self.wrench is not None
         return self.wrench
 
-    def begin(self) -> None:
-        """Leave what came before now out of the means: an earlier tare, grasp or slip is not this run's."""
+    def take_estimate(self, estimate: RelativePoseEstimate, now: float) -> None:
+        """Of a new image, at time now [s]."""
+        self.estimate, self.heard[ESTIMATE] = estimate, now
+        self.slip.append(estimate.slip)
+
+    def take_width(self, width: float, now: float) -> None:
+        """Of the gripper [m], at time now [s]."""
+        self.width, self.heard[WIDTH] = width, now
+
+    def take_pressure(self, finger: str, pressure: float, now: float) -> None:
+        """Of a finger's bubble [hPa], at time now [s]."""
+        self.pressures[finger], self.heard[PRESSURE[finger]] = pressure, now
+
+    def begin(self, now: float, needed: Collection[str] = ()) -> None:
+        """Leave what came before time now [s] out of the means: an earlier tare, grasp or slip is not this run's.
+
+        An input that a cell may lack, and that is silent by now, is none of this run's either, unless it is needed.
+        """
         if self.wrenches:
             self.wrench = self.wrenches[-1]
             self.wrenches.clear()
         self.estimate = None
         self.slip.clear()
+        heard = self.heard.items()
+        self.heard = {name: t for name, t in heard if name in needed or abs(now - t) <= _patience(name)}
+        self.width = self.width if WIDTH in self.heard else None
+        self.pressures = {f: value for f, value in self.pressures.items() if PRESSURE[f] in self.heard}
 
-    def missing(self, now: float) -> str:
-        """The input that is missing or stale at time now [s], or that the arm holds; '' if nothing is wrong."""
+    def missing(self, now: float, needed: Collection[str] = ()) -> str:
+        """The input that is missing or stale at time now [s], or that the arm holds; '' if nothing is wrong.
+
+        needed: names of inputs that a cell may lack and this run may not. The others are missed once they have come.
+        """
         if self.held:
             return self.held
-        for name, stamp in (("current_pose", self.pose_stamp), ("ft_sensor/wrench", self.wrench_stamp)):
-            if abs(now - stamp) > STALE:  # ahead of now: the clock was set back
-                age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {STALE} s)"
+        always = {"current_pose": self.pose_stamp, "ft_sensor/wrench": self.wrench_stamp}
+        for name, stamp in (always | dict.fromkeys(needed, -np.inf) | self.heard).items():
+            most = _patience(name)
+            if abs(now - stamp) > most:  # ahead of now: the clock was set back
+                age = "never came" if np.isinf(stamp) else f"is {now - stamp:.2f} s old (at most {most:g} s)"
                 return f"{name} {age}"
         return ""
+
+
+def _patience(name: str) -> float:
+    return STALE_PRESSURE if name in PRESSURE.values() else STALE
 
 
 class Live:
     """One run: tick() at a fixed rate gives the flange's target and the command behind it."""
 
     def __init__(
-        self, procedure: Procedure, head: Header, X_EC: Array, streams: Streams, file: Path, now: float, date: str
+        self,
+        procedure: Procedure,
+        head: Header,
+        X_EC: Array,
+        streams: Streams,
+        file: Path,
+        now: float,
+        date: str,
+        source: str = "kinematic",
     ) -> None:
         """Start, or continue what the file holds.
+
+        source: of the poses that will be fitted, 'kinematic' or 'estimator', which then must be there.
 
         Raises:
             LiveError: an input is missing or in another unit, or the arm is not at the grasp that the file speaks of.
@@ -84,12 +133,14 @@ class Live:
         """
         if streams.held:
             raise LiveError(f"cannot start: {streams.held}")
-        problem = streams.missing(now)
+        self._needed = (ESTIMATE,) if source == "estimator" else ()
+        streams.begin(now, self._needed)
+        problem = streams.missing(now, self._needed)
         if problem or streams.X_WE is None:
-            raise LiveError(f"cannot start: {problem}; start the arm and the sensor first")
+            first = "arm, sensor and estimator" if self._needed else "the arm and the sensor"
+            raise LiveError(f"cannot start: {problem}; start {first} first")
         if problem := grip_problem(streams.width or 0.0, streams.pressures.values()):
             raise LiveError(f"cannot start: {problem}")
-        streams.begin()
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
         grasp = flat_pose(X_WC)
@@ -127,7 +178,7 @@ class Live:
         Raises:
             LiveError: an input went stale, or the run had to end; the arm is to hold.
         """
-        problem = self.streams.missing(now)
+        problem = self.streams.missing(now, self._needed)
         if not problem:
             command = self.run.step(self._reading(now))
             self.recorder.record(now, command.sample, command.event)
