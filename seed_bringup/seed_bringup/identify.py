@@ -26,7 +26,7 @@ from seed_sysid.stiffness_map import AXES, UNITS
 
 @command("seed identify")
 def main(argv: list[str]) -> int:
-    """Run the command; 0 when a stiffness was found."""
+    """Run the command; 0 when a stiffness was found, 1 when an axis is not determined."""
     return _run(parser().parse_args(argv))
 
 
@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> int:
 
         write_results(folder, analysis, figures, date)
     print(json.dumps(figures) if args.json else _table(analysis, figures, folder))
-    return 0
+    return 1 if analysis.undetermined else 0
 
 
 def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
@@ -152,8 +152,8 @@ def _live(args: argparse.Namespace) -> int:
     print(f"seed identify: results go to {folder}; {then}", file=sys.stderr, flush=True)
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
     figures = client.identify(folder, args.poses, args.zero_sensor)
-    print(json.dumps(figures) if args.json else client.table(figures))
-    return 0
+    print(json.dumps(figures) if args.json else client.table(figures, folder))
+    return 0 if figures["stiffness_file"] else 1
 
 
 def _worlds(args: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from toy_membrane import Toy, combined_motion, toy_dataset
 
+from seed_bringup import identify
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.membrane.map import MembraneMap
 from seed_core.membrane.map_file import load_membrane_map
@@ -125,6 +126,19 @@ def test_all_files_are_written_together(analysis: Analysis, tmp_path: Path) -> N
     write_results(tmp_path, without, summary(without), "2026-02-04")
     assert not (tmp_path / "membrane_map.yaml").exists()
     assert (tmp_path / "membrane_map.previous.yaml").exists()
+
+
+def test_an_axis_that_is_not_determined_leaves_a_map_and_no_stiffness(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Friction hides the stiffness along x here."""
+    data = toy_dataset(np.random.default_rng(0))
+    file, out = tmp_path / "samples.jsonl", tmp_path / "out"
+    file.write_text("\n".join([header_line(data.header), *map(sample_line, data.samples)]) + "\n")
+    assert identify.main(["--from", str(file), "--out", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "warning: x is not determined by these data" in said
+    assert f"left in {out}: membrane_map.yaml, report.html, summary.json" in said
 
 
 def test_samples_keep_what_the_membranes_did(data: Dataset) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_membrane import toy_dataset
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
@@ -30,6 +31,7 @@ from seed_ros.testing import Bench  # noqa: E402
 from seed_sim.identification.cell import SimulatedCell  # noqa: E402
 from seed_sim.ros.identification_cell import CellNode  # noqa: E402
 from seed_sysid.data.sample_file import Recorder, read  # noqa: E402
+from seed_sysid.fit.analysis import analyse  # noqa: E402
 from seed_sysid.ros import goal as goal_module  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
@@ -130,6 +132,28 @@ def test_an_analysis_that_fails_ends_its_goal_and_not_the_node(
     monkeypatch.undo()
     again = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
     assert again.success, again.message
+
+
+def test_an_axis_that_is_not_determined_names_no_stiffness_file(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A grasp of membranes whose friction hides the stiffness along x: there is a membrane map, and no stiffness."""
+    found = analyse(toy_dataset(np.random.default_rng(0)), "kinematic")
+    cell, node = _nodes(bench)
+    _begin(cell, node, tmp_path, left=0)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    monkeypatch.setattr(goal_module, "analyse", lambda *_: found)
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), poses="kinematic")
+    result = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert (result.success, result.stiffness_file) == (True, "")
+    command = [sys.executable, "-m", "seed_bringup.commands.dispatch", "identify", "--live", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert bench.until(lambda: process.poll() is not None, 60.0)
+        assert process.stdout is not None
+        said = process.stdout.read()
+    assert process.returncode == 1
+    assert "no stiffness.yaml is written: an axis is not determined" in said
+    assert f"left in {tmp_path}: membrane_map.previous.yaml, membrane_map.yaml, report.html, samples.jsonl" in said
 
 
 def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Path) -> None:

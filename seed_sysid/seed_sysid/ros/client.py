@@ -92,11 +92,14 @@ def identify(output: Path, poses: str, zero_sensor: bool) -> dict[str, Any]:
     }
 
 
-def table(figures: dict[str, Any]) -> str:
-    """The figures as text."""
+def table(figures: dict[str, Any], folder: Path) -> str:
+    """The figures as text, and what the run has left in its folder."""
     values, deviations = ([*figures[n]["rotation"], *figures[n]["translation"]] for n in ("stiffness", "std"))
     rows = zip(AXES, values, deviations, UNITS, strict=True)
     lines = [f"  {axis:<6}{k:9.3f} +- {std:7.3f} {unit}" for axis, k, std, unit in rows]
     lines = ["stiffness at the middle grip (standard deviations):", *lines]
     lines += [f"warning: {w}" for w in figures["warnings"]]
-    return "\n".join([*lines, f"left in {Path(figures['stiffness_file']).parent}: stiffness.yaml, report.html"])
+    if not figures["stiffness_file"]:
+        lines.append("no stiffness.yaml is written: an axis is not determined")
+    left = sorted(f.name for f in folder.iterdir()) if folder.is_dir() else ["see there, on the computer of the node"]
+    return "\n".join([*lines, f"left in {folder}: {', '.join(left)}"])

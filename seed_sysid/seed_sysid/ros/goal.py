@@ -101,11 +101,12 @@ class ActiveGoal:
         if clock is not None:
             offset, robot, cameras = self._clocks_before
             save_clocks(self._folder / "clocks.yaml", offset + clock.value, clock.std, date(), robot, cameras)
+        stiffness = self._folder / "stiffness.yaml"  # not there where an axis is undetermined
         k, std = (value.stiffness[analysis.nominal] for value in (analysis.solution.value, analysis.solution.std))
         return IdentifyStiffness.Result(
             success=True,
             message="; ".join([*analysis.warnings, *remarks]),
-            stiffness_file=str(self._folder / "stiffness.yaml"),
+            stiffness_file=str(stiffness) if stiffness.exists() else "",
             rotation=k[:3],
             translation=k[3:],
             rotation_std=std[:3],
