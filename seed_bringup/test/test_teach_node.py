@@ -72,6 +72,10 @@ def test_a_bag_becomes_a_task_file(tmp_path: Path, capsys: pytest.CaptureFixture
     np.testing.assert_allclose(end[1:3], 0.0, atol=1e-3)
     assert 0.5 - end[0] < 0.1 * 0.1 / 3.0 + 1e-3  # [m]: forces are averaged over 0.1 s to both sides, at 0.1 m in 3 s
     assert command.main([str(out), str(tmp_path / "bag.mcap")]) == 2
+    (tmp_path / "before").hardlink_to(out)
+    out.write_text("of before")
+    assert command.main([str(out), str(tmp_path / "bag.mcap"), "--resists", "x", "--force"]) == 0
+    assert (tmp_path / "before").read_text() == "of before"  # it stays until the new one is whole
     assert "exists: name another file" in capsys.readouterr().err
 
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import yaml
 
 from seed_core.errors import SeedError
+from seed_core.program.files import write_text
 from seed_core.program.meant import did_you_mean, no_such_file
 
 T = TypeVar("T")
@@ -316,9 +317,6 @@ def save_file(path: str | Path, header: str, value: Any, width: int = 80, compac
         header: comments that stand first, with their line ends. width: characters after which lines are broken.
         compact: the innermost lists and mappings stand in one line each, as far as the width lets them.
     """
-    target = Path(path)
-    part = target.with_suffix(target.suffix + ".part")
     style = None if compact else False
     text = yaml.safe_dump(to_mapping(value), sort_keys=False, width=width, default_flow_style=style)
-    part.write_text(header + text, encoding="utf-8")
-    part.replace(target)
+    write_text(path, header + text)

@@ -59,7 +59,10 @@ def test_a_capture_of_three_poses_calibrates(bubbles: TactileRenderer, free: Fra
 
 def test_the_lens_model_survives_the_file(bubbles: TactileRenderer, free: Frames, tmp_path: Path) -> None:
     capture, file = begun(bubbles, free), tmp_path / "capture.npz"
+    file.write_text("a capture of before")
+    (tmp_path / "before").hardlink_to(file)
     capture.save(file)
+    assert (tmp_path / "before").read_text() == "a capture of before"  # it stays until the new one is whole
     cameras, _, grasped = read_capture(file)
     assert all(camera.matches(bubbles.cameras[f]) for f, camera in cameras.items())
     assert grasped == {}

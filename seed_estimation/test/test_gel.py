@@ -104,7 +104,11 @@ def test_what_is_no_calibration_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SeedError, match=r"missing.npz: there is no such file"):
         load(tmp_path / "missing.npz")
     whole = Shading(np.random.default_rng(0).normal(size=(19, 6, 2)))
+    before = tmp_path / "before.npz"
+    before.hardlink_to(shading)
+    old = before.read_bytes()
     save(shading, {"right": whole})
+    assert before.read_bytes() == old  # it stays until the new one is whole
     np.testing.assert_array_equal(load(shading)["right"].coefficients, whole.coefficients)
     settings, image = GelSettings(), GelImage(np.zeros((10, 10, 3), np.uint8), 0.0)
     with pytest.raises(SeedError, match="no image of the free gel"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rendered import held
 
+from seed_core.errors import SeedError
 from seed_estimation import EstimatorError
 from seed_estimation.images import identity
 from seed_sim.tactile.parameters import TactileParameters
@@ -30,6 +31,25 @@ def test_a_finger_that_comes_later_is_remembered_beside_the_one_that_is_known(tm
     assert session(left=left, right=right) == ("unverified", {"left", "right"})
     assert session(left=left, right=right)[0] == "verified by dots"
     np.testing.assert_array_equal(identity.load(file)["right"].pattern, right.pattern)
+
+
+def test_the_file_is_the_old_one_until_the_new_one_is_whole(tmp_path: Path) -> None:
+    file, before = tmp_path / "bubbles.npz", tmp_path / "before.npz"
+    left = identity.Known(np.ones((17, 22), np.float32), "camera", np.eye(3))
+    identity.save(file, {"left": left})
+    before.hardlink_to(file)
+    identity.save(file, {"right": left})
+    assert (set(identity.load(before)), set(identity.load(file))) == ({"left"}, {"right"})
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_damaged_file_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    file = tmp_path / "bubbles.npz"
+    identity.save(file, {"left": identity.Known(np.ones((17, 22), np.float32), "camera", np.eye(3))})
+    for share in (2, 1000000):
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // share])
+        with pytest.raises(SeedError, match=r"identity_file is damaged, .*remove it, and the next reference writes"):
+            identity.Bubbles(str(file), {})
 
 
 def test_images_turned_or_swapped_are_named() -> None:

@@ -178,8 +178,11 @@ def test_stiffness_file_round_trips_into_the_controllers_loader(tmp_path) -> Non
 
     data, cell = at_rest(load("default"), 2033)
     a = analyse(data, "kinematic")
+    (tmp_path / "summary.json").write_text("of before")
+    (tmp_path / "before").hardlink_to(tmp_path / "summary.json")
     for date in ("2025-01-01", "2026-01-01"):
         write_results(tmp_path, a, summary(a), date)
+    assert (tmp_path / "before").read_text() == "of before"  # it stays until the new one is whole
     assert load_stiffness(tmp_path / "stiffness.previous.yaml").date == "2025-01-01"
     loaded = GripStiffness(load_stiffness(tmp_path / "stiffness.yaml"))
     middle = loaded.at_pressure(float(cell.truth.pressures[1]))

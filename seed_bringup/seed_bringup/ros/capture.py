@@ -138,6 +138,7 @@ def try_to_write(out: Path) -> None:
     there = out.exists()
     try:
         out.open("ab").close()
+        tempfile.TemporaryFile(dir=out.absolute().parent).close()  # it is written beside, and takes its place
     except OSError as error:
         raise SeedError(f"{out} cannot be written: {error.strerror}; name another file with --out") from error
     if not there:

@@ -13,6 +13,7 @@ from seed_core.config import load_text
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
 from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
+from seed_core.program.files import write_text
 
 DEFAULTS = TeachSettings()
 
@@ -73,7 +74,7 @@ def main(argv: list[str]) -> int:
     )
     if load_text(text, Task, str(options.out)) != made.task:
         raise SeedError(f"{options.out}: the written task is not the one that was taught; please report this")
-    options.out.write_text(text, encoding="utf-8")
+    write_text(options.out, text)
     forces = ", ".join(f"{f:g}" for f in made.forces) or "none"
     print(
         f"{options.out}: {shown.stamps[-1] - shown.stamps[0]:.1f} s of an arm that was {how}; forces {forces} N; "

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays from npz files."""
+"""Arrays from npz files, and into them."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.errors import SeedError
+from seed_core.program.files import written_whole
 
 MAX_BYTES = 2_000_000_000
 
@@ -33,3 +34,9 @@ def read_npz(
         raise
     except Exception as error:  # zip, zlib and NumPy raise a dozen kinds of errors for a damaged file
         raise SeedError(f"{path}: {problem}: {error}") from error
+
+
+def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays, compressed, whole or not at all; read_npz reads them. Raises OSError."""
+    with written_whole(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)

@@ -11,6 +11,7 @@ import numpy as np
 
 from seed_core.errors import FailedError, SeedError
 from seed_core.hand import Hand
+from seed_core.program.npz import write_npz
 from seed_core.spatial import Array
 from seed_estimation.calibration.calibrate import FAR, NEAR, PARAMETERS, MembraneShape, at_rest
 from seed_estimation.calibration.cylinder import Line, seen_axis
@@ -170,15 +171,14 @@ class Capture:
         return "; ".join(f"{finger}: {look}" for finger, look in looks.items())
 
     def save(self, path: Path) -> None:
-        """Write what `calibrate` reads."""
+        """Write what `calibrate` reads, whole or not at all. Raises OSError."""
         arrays: dict[str, object] = {}
         for finger, camera in self._cameras.items():
             arrays |= {f"{finger}_K": camera.K, f"{finger}_D": camera.D, f"{finger}_model": camera.model}
             arrays[f"{finger}_no_contact"] = np.stack(self._free[finger])
             if self._held:
                 arrays[f"{finger}_grasped"] = np.stack([mean[finger] for mean in self._held])
-        with path.open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        write_npz(path, arrays)
 
 
 def _angle(a: Line, b: Line) -> float:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
-from seed_core.program.npz import read_npz
+from seed_core.program.npz import read_npz, write_npz
 from seed_estimation.gel.dots import DotFinder
 from seed_estimation.gel.image import GelImage
 from seed_estimation.gel.settings import GelSettings
@@ -50,9 +50,9 @@ def calibrated(
 
 
 def save(file: Path, shadings: dict[str, Shading]) -> None:
-    """Shadings by finger, as an .npz file."""
+    """Shadings by finger, as an npz file, whole or not at all. Raises OSError."""
     arrays: dict[str, Any] = {finger: shading.coefficients for finger, shading in shadings.items()}
-    np.savez(file, **arrays)
+    write_npz(file, arrays)
 
 
 def load(file: Path) -> dict[str, Shading]:

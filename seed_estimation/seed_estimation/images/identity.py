@@ -15,7 +15,7 @@ import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.hand import FINGERS
-from seed_core.program.npz import read_npz
+from seed_core.program.npz import read_npz, write_npz
 from seed_core.spatial import Array
 from seed_estimation.images.normalise import normalised
 from seed_estimation.images.tactile_images import Image
@@ -25,6 +25,9 @@ SAME = 0.35  # correlation above which two patterns are one
 MARGIN = 0.15  # by which another must fit better than the own
 SAME_LENS = 0.05  # [px] intrinsics that differ by less are one camera's
 MAX_BYTES = 50_000_000
+FOREIGN = (
+    "identity_file is damaged, or was not written by the estimator (remove it, and the next reference writes it anew)"
+)
 
 
 class Known(NamedTuple):
@@ -36,19 +39,18 @@ class Known(NamedTuple):
 
 
 def save(path: Path, bubbles: Mapping[str, Known]) -> None:
-    """Write an npz file with what is known of each finger. Raises SeedError when it cannot be written."""
+    """Write what is known of each finger, as npz, whole or not at all. Raises SeedError: it cannot be written."""
     arrays = {f"{f}_{name}": np.asarray(v) for f, known in bubbles.items() for name, v in known._asdict().items()}
     try:
-        with path.open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        write_npz(path, arrays)
     except OSError as error:
         raise SeedError(f"identity_file {path} cannot be written: {error}") from error
 
 
 def load(path: Path) -> dict[str, Known]:
     """Known bubbles by finger, as `save` has written them. Raises SeedError."""
-    out, foreign = {}, "identity_file was not written by the estimator"
-    data = read_npz(path, foreign, MAX_BYTES)
+    out: dict[str, Known] = {}
+    data = read_npz(path, FOREIGN, MAX_BYTES)
     try:
         for f in FINGERS:
             if f"{f}_pattern" in data:
@@ -57,7 +59,7 @@ def load(path: Path) -> dict[str, Known]:
                     raise ValueError(f"{f}: pattern of shape {dots.shape}, K of shape {K.shape}, or not finite")
                 out[f] = Known(dots, str(data[f"{f}_frame_id"]), K)
     except (KeyError, TypeError, ValueError) as error:
-        raise SeedError(f"{path}: {foreign}: {error}") from error
+        raise SeedError(f"{path}: {FOREIGN}: {error}") from error
     return out
 
 

@@ -13,6 +13,7 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import IO, Any
 
+from seed_core.program.files import written_whole
 from seed_sysid.data.bag import bag_lines
 from seed_sysid.data.dataset import FORMAT, READABLE, UNITS, Dataset, DatasetError, Header, Sample
 from seed_sysid.data.membrane_sample import from_json
@@ -65,12 +66,8 @@ class Recorder:
             first = header_line(self.header).encode()
         whole = first + b"\n" + rest[: rest.rfind(b"\n") + 1]  # without a line that a crash cut short
         if whole != text:
-            part = path.with_suffix(path.suffix + ".part")
-            with part.open("wb") as file:
-                file.write(whole)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
+            with written_whole(path) as part:
+                part.write_bytes(whole)
 
     @property
     def dataset(self) -> Dataset:

@@ -15,6 +15,7 @@ import numpy as np
 from seed_core.config import ConfigError
 from seed_core.hysteretic.file import hysteretic_file, save_hysteretic
 from seed_core.membrane.map_file import save_membrane_map
+from seed_core.program.files import write_text
 from seed_core.spatial import Array
 from seed_core.stiffness_file import save_stiffness
 from seed_sysid.fit.analysis import Analysis
@@ -54,10 +55,8 @@ def write_results(folder: Path, a: Analysis, figures: dict[str, Any], date: str)
         save_stiffness(stiffness, result)
     _write_hysteretic_spring(folder, a, date)
     _write_membrane_map(folder, a, date)
-    (folder / "summary.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    part = folder / "report.html.part"
-    part.write_text(render(a, figures), encoding="utf-8")
-    part.replace(folder / "report.html")
+    write_text(folder / "summary.json", json.dumps(figures, indent=1) + "\n")
+    write_text(folder / "report.html", render(a, figures))
 
 
 def _write_hysteretic_spring(folder: Path, a: Analysis, date: str) -> None:
