@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 from seed_bringup.bags import BagError  # noqa: E402
 from seed_bringup.bags.files import BagWriter, messages_of, open_bag  # noqa: E402
 from seed_bringup.bags.play import Player  # noqa: E402
+from seed_bringup.bags.record import record  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
 from seed_bringup.bags.types import InstalledTypes, definition_file, message_class  # noqa: E402
 
@@ -157,10 +159,20 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
     wrong = played([str(tmp_path / "one.mcap"), "--topics", "/farce"])
     assert wrong.returncode == 2
     assert "the bag has no topic '/farce'; it has: /force" in wrong.stderr
+    renamed = played([str(tmp_path / "one.mcap"), "--remap", "/force:=1bad"])
+    assert (renamed.returncode, renamed.stderr.count("\n")) == (2, 1)
+    assert "'1bad' names no topic: topic name token must not start with a number" in renamed.stderr
     with pytest.raises(BagError, match="never overwritten"):
         BagWriter(tmp_path / "one.mcap")
     with pytest.raises(BagError, match="'no_msgs/msg/Nothing' is not installed"):
         definition_file("no_msgs/msg/Nothing")
+
+
+@pytest.mark.parametrize("name", ["1bad", "a//b", "a b", "", "{gone}/a"])
+def test_a_name_that_no_topic_can_have_is_refused_before_a_bag_is_made(name: str, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=f"^'{re.escape(name)}' names no topic: "):
+        record(tmp_path / "bag", ["/force", name], duration=0.0)
+    assert not list(tmp_path.iterdir())
 
 
 def bag_of(path: Path, *topics: str) -> Path:

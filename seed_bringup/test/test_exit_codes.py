@@ -75,6 +75,7 @@ WRONG = [
     "bag info gone",
     "bag play {junk}",
     "bag record",
+    "bag record 1bad -o {full}/bag",
     "ur-sim --host 0.0.0.0",
     "ur-sim --version 4",
     "lint --gone",

@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import messages_of, open_bag
+from seed_bringup.bags.names import check_topic
 from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
@@ -49,8 +50,10 @@ class Player(Node):
             on = f": no message on {', '.join(sorted(wanted))}" if wanted else ""
             told = f"; {clock_topic} is told from the bag's times, not played" if clock else ""
             raise BagError(f"{reader.path}: nothing to play{on}{told}")
-        types = InstalledTypes()
-        self.outputs = {c.id: self._publisher(c, remap.get(c.topic, c.topic), types) for c in self.connections}
+        types, names = InstalledTypes(), {c.id: remap.get(c.topic, c.topic) for c in self.connections}
+        for name in names.values():
+            check_topic(name, namespace)
+        self.outputs = {c.id: self._publisher(c, names[c.id], types) for c in self.connections}
         self.clock_output = self.create_publisher(Clock, clock_topic, QoSProfile(depth=10)) if clock else None
         self.published = 0
 
@@ -141,7 +144,8 @@ def play(
         How many messages were published.
 
     Raises:
-        BagError: No bag, no such topic, nothing to play, or a type that is not installed as it was recorded.
+        BagError: No bag, no such topic, a name that no topic can have, nothing to play, or a type that is not installed
+            as it was recorded.
     """
     if not rate > 0.0:
         raise BagError(f"rate = {rate} must be > 0")

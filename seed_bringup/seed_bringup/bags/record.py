@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter
+from seed_bringup.bags.names import check_topic
 from seed_bringup.bags.types import is_feedback, message_class
 from seed_ros.loop import CLOCK_PATIENCE, FixedRateLoop
 from seed_ros.qos import CLOCK
@@ -109,7 +110,12 @@ def record(
     """Record until SIGINT, SIGTERM or `duration` [s]; the bag is complete on return.
 
     namespace: of the clock, and of topics without a slash.
+
+    Raises:
+        BagError: no such topic can be, or the bag cannot be written.
     """
+    for topic in topics:
+        check_topic(topic, namespace)
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda received, _: stopping.append(received))
