@@ -115,3 +115,35 @@ def test_the_command_says_what_is_wrong_with_a_capture(tmp_path: Path, capsys: p
 def test_a_membrane_elsewhere_is_refused(shown: dict) -> None:
     with pytest.raises(SeedError, match="shape and distance"):
         cal.calibrate(**{**shown, "shape": cal.MembraneShape(apex=0.2)}, hand=Hand())
+
+
+def capture(path: Path, shown: dict, **changed: np.ndarray) -> str:
+    """A file of the captures without the cylinder, with arrays changed; its name."""
+    arrays = {f"{f}_{name}": getattr(camera, name) for f, camera in shown["cameras"].items() for name in ("K", "D")}
+    arrays |= {f"{f}_no_contact": np.stack(images) for f, images in shown["no_contact"].items()}
+    np.savez(path, **{**arrays, **changed})
+    return str(path)
+
+
+@pytest.mark.parametrize("cut", [np.s_[:, :-3], np.s_[0]])
+def test_images_of_the_cylinder_in_another_size_are_refused(
+    tmp_path: Path, shown: dict, cut: object, capsys: pytest.CaptureFixture[str]
+) -> None:
+    grasped = np.stack(shown["grasped"]["left"])
+    shape = grasped[cut][0].shape
+    name = capture(tmp_path / "x.npz", shown, left_grasped=grasped[cut])
+    assert cal.main([name, "--out", str(tmp_path / "c.yaml")]) == 2
+    assert f"x.npz: not a capture for calibration: images in left_grasped have shape {shape}, free ones (171, 224)" in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("out", ["", ".", "/", "folder"])
+def test_a_folder_is_no_file_to_write_a_calibration_to(
+    out: str, tmp_path: Path, shown: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    assert cal.main([capture(tmp_path / "x.npz", shown), "--out", out]) == 2
+    assert "is a folder or a device: name a file" in capsys.readouterr().err
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["folder", "x.npz"]

@@ -156,6 +156,8 @@ def read_capture(path: Path) -> tuple[dict[str, PinholeCamera], Captures, Captur
                 cameras[finger] = PinholeCamera(w, h, data[f"{finger}_K"], data[f"{finger}_D"], model)
                 if f"{finger}_grasped" in data:
                     grasped[finger] = list(np.asarray(data[f"{finger}_grasped"], np.float32))
+                    if other := {image.shape for image in grasped[finger]} - {(h, w)}:
+                        raise ValueError(f"images in {finger}_grasped have shape {other.pop()}, free ones {(h, w)}")
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SeedError(f"{path}: not a capture for calibration: {error}") from error
     if not cameras:
