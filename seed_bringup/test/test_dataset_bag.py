@@ -25,7 +25,7 @@ from seed_bringup.bags.files import BagWriter
 from seed_bringup.dataset.command import REQUIREMENTS, main
 from seed_bringup.dataset.environment import interpreter, run
 from seed_bringup.dataset.episode import FIELDS, IMAGES, Episode, Frames, write_arrays
-from seed_bringup.dataset.episodes_bag import _pixels, episodes_of
+from seed_bringup.dataset.episodes_bag import _pixels, check, episodes_of
 from seed_bringup.dataset.evaluations import evaluated
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
@@ -47,7 +47,11 @@ LIBRARY = interpreter(ROOT / REQUIREMENTS) if (ROOT / REQUIREMENTS).is_file() el
 
 
 def write_bag(
-    path: Path, without: str = "", enabled: tuple[float, float] = (0.5, 2.5), unseen: tuple[float, float] = (9.0, 9.0)
+    path: Path,
+    without: str = "",
+    enabled: tuple[float, float] = (0.5, 2.5),
+    unseen: tuple[float, float] = (9.0, 9.0),
+    encoding: str = "mono16",
 ) -> None:
     """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step; unseen: no valid pose."""
     with BagWriter(path) as bag:
@@ -71,7 +75,7 @@ def write_bag(
                     message.enabled, message.setpoint_kind = enabled[0] <= t < enabled[1], "hybrid"
                     message.desired.force.z = -10.0
                 elif KINDS[topic] is Image:
-                    message.height, message.width, message.encoding, message.step = *SIZE, "mono16", 2 * SIZE[1]
+                    message.height, message.width, message.encoding, message.step = *SIZE, encoding, 2 * SIZE[1]
                     message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
                 bag.write(connection, round(1e9 * (100.0 + t)), serialize_message(message))
 
@@ -82,6 +86,31 @@ def test_colour_images_become_rgb(encoding: str) -> None:
     pixel = [colours[c] for c in encoding[:-1]]
     image = image_message(np.full((2, 3, len(pixel)), pixel, dtype=np.uint8), encoding, 0.0, "cam")
     np.testing.assert_array_equal(_pixels(image), np.full((2, 3, 3), (100, 50, 10)))
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize(
+    ("encoding", "kind", "value", "shown"),
+    [
+        ("mono8", "u1", 100, 100),
+        ("8UC1", "u1", 100, 100),
+        ("mono16", "u2", 1600, 100),  # of 12 bits
+        ("16UC1", "u2", 1600, 100),
+        ("32FC1", "f4", 1600.0, 100),
+    ],
+)
+def test_infrared_images_become_grey(order: str, encoding: str, kind: str, value: float, shown: int) -> None:
+    image = image_message(np.full((2, 3), value, order + kind), encoding, 0.0, "cam")
+    image.is_bigendian = int(order == ">")
+    np.testing.assert_array_equal(_pixels(image), np.full((2, 3, 3), shown))
+
+
+def test_images_of_an_unknown_encoding_are_told_when_a_bag_is_checked(tmp_path: Path) -> None:
+    write_bag(tmp_path / "good", encoding="16UC1")
+    check(tmp_path / "good")
+    write_bag(tmp_path / "bayer", encoding="bayer_rggb16")
+    with pytest.raises(BagError, match=r"/bubble_.*: images: encoding 'bayer_rggb16' is none of mono16, 16UC1, mono8"):
+        check(tmp_path / "bayer")
 
 
 def test_an_evaluation_becomes_an_episode() -> None:

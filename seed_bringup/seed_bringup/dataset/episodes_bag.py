@@ -2,6 +2,7 @@
 """Episodes of a bag: each stretch in which a set-point was followed, evenly sampled by when messages came."""
 
 from collections.abc import Iterator
+from itertools import islice
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
 from seed_core.arm.quaternion import to_pose
 from seed_core.hand import FINGERS
 from seed_core.spatial import Array, Wrench
+from seed_ros.conversions import MessageError
+from seed_ros.images import pixels_from_message
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
@@ -52,9 +55,18 @@ def episodes_of(path: Path, fps: int, text: str, namespace: str = "") -> Iterato
 
 
 def check(path: Path, namespace: str = "") -> None:
-    """Raises BagError: no readable bag, of another version, or without what is needed."""
+    """Raises BagError: no readable bag, of another version, without what is needed, or with images of another kind."""
+    types = InstalledTypes()
     with open_bag(path) as reader:
-        _streams(path, reader, InstalledTypes(), namespace)
+        names = _streams(path, reader, types, namespace)
+        for connection in reader.connections:
+            if names.get(connection.id) not in PICTURES:
+                continue
+            for _, _, data in islice(messages_of(reader, [connection]), 1):
+                try:
+                    _pixels(types.deserialize_cdr(data, connection.msgtype))
+                except BagError as error:
+                    raise BagError(f"{path}: {connection.topic}: {error}") from error
 
 
 def _streams(path: Path, reader: Any, types: InstalledTypes, namespace: str) -> dict[int, str]:
@@ -124,18 +136,13 @@ def _wrench(w: Any) -> Wrench:
 
 
 def _pixels(image: Any) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB. Raises BagError: an encoding that is not known."""
-    kinds: dict[str, tuple[Any, int]] = {"mono16": (np.uint16, 1), "mono8": (np.uint8, 1)}
-    kinds |= {f"{order}{alpha}8": (np.uint8, 3 + len(alpha)) for order in ("rgb", "bgr") for alpha in ("", "a")}
-    if image.encoding not in kinds:
-        raise BagError(f"images are {image.encoding}; known: {', '.join(kinds)}")
-    kind, channels = kinds[image.encoding]
-    size = np.dtype(kind).itemsize * channels * image.width
-    rows = np.frombuffer(bytes(image.data), np.uint8).reshape(image.height, image.step)[:, :size]
-    pixels = np.ascontiguousarray(rows).view(np.dtype(kind).newbyteorder(">" if image.is_bigendian else "<"))
-    pixels = pixels.reshape(image.height, image.width, channels)
-    if image.encoding == "mono16":
-        return three_colours(pixels[..., 0].astype(float))
-    out = np.repeat(pixels, 3, axis=2) if channels == 1 else pixels[..., :3]
-    out = out[..., ::-1] if image.encoding.startswith("bgr") else out
+    """(H, W, 3) RGB. Raises BagError: an encoding that is not known, or sizes that contradict each other."""
+    try:
+        pixels = pixels_from_message(image, "images")
+    except MessageError as error:
+        raise BagError(str(error)) from error
+    if pixels.ndim == 2:
+        of_8_bits = pixels.dtype == np.uint8
+        return np.repeat(pixels[..., None], 3, axis=2) if of_8_bits else three_colours(pixels.astype(float))
+    out = pixels[..., 2::-1] if image.encoding.startswith("bgr") else pixels[..., :3]
     return np.ascontiguousarray(out, np.uint8)

@@ -76,6 +76,15 @@ def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32
     return raw
 
 
+def pixels_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.generic]:
+    """Pixels as they are, (H, W) or with 3 or 4 colours (H, W, C), of an image that gray_from_message takes.
+
+    Raises:
+        MessageError: another encoding, or sizes that contradict each other.
+    """
+    return _array(message, GRAY_ENCODINGS, name)
+
+
 def image_message(data: NDArray[np.generic], encoding: str, t: float, frame_id: str) -> Image:
     """Image of an array whose dtype fits the encoding."""
     contiguous = np.ascontiguousarray(data)
