@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed capture before the simulated cameras: calibration is two commands."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from rclpy.serialization import serialize_message
+
 from seed_bringup.ros import capture
+from seed_bringup.ros.session import Session
+from seed_bringup.ros.tactile_streams import TactileStreams
 from seed_core.errors import FailedError
 from seed_core.hand import Hand
 from seed_estimation.calibration import calibrate, file
+from seed_ros.images import image_message
 
 pytestmark = pytest.mark.ros
 
@@ -65,6 +71,19 @@ def test_a_pause_of_the_cameras_costs_the_step_and_not_the_capture(capsys: Any) 
     dead.asked, dead.until = 1, lambda *_: None  # type: ignore[method-assign]
     with pytest.raises(FailedError, match="0 of 3 images"):
         capture.Guide(dead, streams, Taken(), lambda _: "").run(3, 3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("encoding", "kind", "full"), [("mono16", np.uint16, 65535.0), ("mono8", np.uint8, 255.0)])
+def test_a_full_pixel_is_told_by_the_encoding_however_dim_the_images_are(encoding: str, kind: Any, full: float) -> None:
+    session = Session(lambda: None, follow=False)
+    with closing(session):
+        streams = TactileStreams(session.node, {"left": "bubble_left"}, "ir", rectified=False)
+        depth = serialize_message(image_message(np.ones((4, 6), np.float32), "32FC1", 1.0, "cam"))
+        dim = serialize_message(image_message(np.full((4, 6), 40, kind), encoding, 1.0, "cam"))
+        streams._on_image("left", "depth", depth)
+        streams._on_image("left", "ir", dim)
+    assert len(streams.recent) == 1
+    assert streams.full == full
 
 
 def test_a_file_that_cannot_be_written_is_refused_first_and_never_costs_the_capture(

@@ -169,7 +169,12 @@ def main(argv: list[str]) -> int:
     p.add_argument(
         "--radius", type=number(0.003, "m", 0.05), default=0.012, help="[m] of the cylinder; default: %(default)s"
     )
-    p.add_argument("--full", type=number(1.0, "counts"), default=0.0, help="of a full pixel; default: by the encoding")
+    p.add_argument(
+        "--full",
+        type=number(1.0, "counts"),
+        default=0.0,
+        help="of a full pixel; default: 255 or 65535, by the encoding",
+    )
     p.add_argument(
         "--frames", type=whole(8, 1000), default=0, help="of the free membranes; default: 150, or 60 of large images"
     )
@@ -197,8 +202,7 @@ def main(argv: list[str]) -> int:
         streams = TactileStreams(session.node, prefixes, options.brightness, options.rectified)
         wait_for_images(session, streams)
         first = next(iter(streams.recent[-1].values()))
-        full = options.full or (255.0 if first.ir.max() <= 255.0 else 65535.0)
-        capture = Capture(streams.cameras, hand, shape, options.radius, full)
+        capture = Capture(streams.cameras, hand, shape, options.radius, options.full or streams.full)
         guide = Guide(session, streams, capture, hands.ask if hands else None)
         frames = options.frames or (60 if np.size(first.depth) > 100_000 else 150)
         guide.run(frames, options.per_pose, hands.begin if hands else lambda _: None)

@@ -11,7 +11,16 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from seed_core.errors import SeedError
 from seed_estimation import PinholeCamera, TactileImages
-from seed_ros.images import IMAGES, INFO, Pairing, depth_from_message, gray_from_message, intrinsics, read_image
+from seed_ros.images import (
+    IMAGES,
+    INFO,
+    Pairing,
+    depth_from_message,
+    full_pixel,
+    gray_from_message,
+    intrinsics,
+    read_image,
+)
 from seed_ros.qos import SENSOR
 
 ONE_FINGER, BOTH_FINGERS = 0.005, 0.025  # [s] between depth and brightness; between the fingers
@@ -26,6 +35,7 @@ class TactileStreams:
     Attributes:
         cameras: by finger, once their calibration has come.
         recent: the newest frames.
+        full: of a full pixel of brightness [counts], by the encoding; the larger one where the fingers' differ.
         problem: why the newest images were of no use, or ''.
         use: called with every frame.
     """
@@ -40,6 +50,7 @@ class TactileStreams:
         """
         self.cameras: dict[str, PinholeCamera] = {}
         self.recent: deque[Frame] = deque(maxlen=LIVE)
+        self.full = 0.0
         self.use: Callable[[Frame], None] = lambda _: None
         self.problem, self._rectified = "", rectified
         self._one = {f: Pairing[Any](tuple(IMAGES), ONE_FINGER) for f in prefixes}
@@ -73,6 +84,7 @@ class TactileStreams:
                 return
             stamp, images = pair
             depth, ir = depth_from_message(images["depth"], finger), gray_from_message(images["ir"], finger)
+            self.full = max(self.full, full_pixel(images["ir"].encoding))
         except SeedError as error:
             self.problem = f"{finger}: {error}"
             return

@@ -76,6 +76,11 @@ def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32
     return raw
 
 
+def full_pixel(encoding: str) -> float:
+    """Of a full pixel [counts]: 255 of an encoding with 8 bits, 65535 of any other."""
+    return 255.0 if GRAY_ENCODINGS.get(encoding, (None, 1))[0] is np.uint8 else 65535.0
+
+
 def pixels_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.generic]:
     """Pixels as they are, (H, W) or with 3 or 4 colours (H, W, C), of an image that gray_from_message takes.
 
