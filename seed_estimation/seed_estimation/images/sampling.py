@@ -12,6 +12,8 @@ from seed_estimation.images.tactile_images import NOTHING, Array32, Image, Tacti
 
 MARGIN = 18  # [px] local normalisation needs 9; the rest is for motion beyond the prediction
 MISSING = 10.0  # [m] of pixels without depth
+FARTHEST = 1.0  # [m] beyond which a depth is none: no bubble is that deep
+FEWEST = 4  # of 3 x 3 pixels, whose mean is a depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +22,7 @@ class Crop:
 
     Attributes:
         ir: infrared (h, w) [counts].
-        depth: (h, w) mean of 3 x 3 pixels [m]; far out where one of them is missing.
+        depth: (h, w) mean of those of 3 x 3 pixels that have one [m]; far out where too few do.
     """
 
     ir: Image
@@ -48,10 +50,21 @@ def crop(images: TactileImages, pixels: Array32 | None = None) -> Crop:
     u1, v1 = min(w, u1), min(h, v1)
     if u1 - u0 < 8 or v1 - v0 < 8:  # the tool has left the view: any crop shows that
         u0, u1, v0, v1 = 0, w, 0, h
-    # What is missing or broken throws the mean so far out that robust weights leave it no say.
-    depth = np.clip(images.depth[v0:v1, u0:u1], -MISSING, MISSING)
-    cv2.patchNaNs(depth, MISSING)
-    return Crop(images.ir[v0:v1, u0:u1], np.asarray(cv2.blur(depth, (3, 3)), np.float32), (u0, v0))
+    return Crop(images.ir[v0:v1, u0:u1], _mean(images.depth[v0:v1, u0:u1]), (u0, v0))
+
+
+def _mean(depth: Image) -> Image:
+    """Mean of 3 x 3 pixels (h, w) [m] without those that are missing or broken; MISSING where few are left.
+
+    Cameras leave out pixels here and there. One that counted would spoil nine means, and they all that is sampled
+    between them.
+    """
+    present = (depth > 0.0) & (depth < FARTHEST)  # of nan, neither
+    if present.all():
+        return np.asarray(cv2.blur(depth, (3, 3)), np.float32)
+    share = cv2.blur(present.astype(np.float32), (3, 3))
+    mean = cv2.blur(np.where(present, depth, np.float32(0.0)), (3, 3)) / np.maximum(share, np.float32(1e-3))
+    return np.where(share > (FEWEST - 0.5) / 9.0, mean, np.float32(MISSING))
 
 
 def _whole(value: float) -> int:
