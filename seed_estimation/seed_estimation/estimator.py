@@ -196,6 +196,11 @@ class Estimator:
         """Skew of the fingers and lag of depth, as learnt in this grasp; None without one, or by another method."""
         return self._tracker.timing if self._tracker is not None else None
 
+    @property
+    def closing(self) -> float:
+        """By how much each finger has come nearer to the tool since the grasp [m], as depth shows it; 0 without one."""
+        return self._tracker.closing if self._tracker is not None else 0.0
+
     # -- at the frame rate -----------------------------------------------------------------------------------------
 
     def update(self, images: Frame, stamp: float) -> RelativePoseEstimate:

@@ -54,6 +54,7 @@ class Tracker:
         lost: no pose is known; the tool is looked for.
         gross_slip: the tool has slid in the grasp; whatever the images say from then on is not about this grasp.
         ahead: (6,) by which the patches are ahead of the tool, as of `Fit`; whoever knows it sets it.
+        closing: [m] by which each finger has come nearer to the tool since the grasp.
         slip: micro-slip. timing: skew of the fingers and lag of depth.
         patches, around: motion of the membranes' material in the last frame, of the patches and of the bands around
             them, by finger; only of those that are found. Of patches that one rigid motion explains, none is told.
@@ -68,7 +69,7 @@ class Tracker:
         self.lost = False
         self.gross_slip = False
         self.slip, self.timing = MicroSlip(max_slip), timing
-        self.ahead = np.zeros(6)
+        self.ahead, self.closing = np.zeros(6), 0.0
         self._course: Course | None = None
         self.patches: Motions = {}
         self.around: Motions = {}
@@ -106,7 +107,7 @@ class Tracker:
             share = quality(best)
         material: tuple[Motions, Motions] | None = None
         if share < p.lock and self._fits_in_part(touching, best, share):
-            material = self._material_at(crops, best.X_CT)
+            material = self._material_at(crops, best)
             if all(any(f in found and found[f].explained >= WHOLE for found in material) for f in touching):
                 share = max(share, p.lock + 2.0 * SURE)
             else:
@@ -124,12 +125,18 @@ class Tracker:
         self.patches, self.around = {}, {}
         if not self.lost:
             clear = all(best.explained[f] > CLEAR for f in touching)
-            self.patches, self.around = material or self._material_at(crops, self.X_CT, patches=not clear)
+            self.patches, self.around = material or self._material_at(crops, best, not clear)
         return best
 
-    def _material_at(self, crops: Mapping[str, Crop], X_CT: Array, patches: bool = True) -> tuple[Motions, Motions]:
-        """How patches, if asked for, and bands have moved with the tool at X_CT (4, 4), by finger that is found."""
-        return self._patches.follow(crops, X_CT) if patches else {}, self._bands.follow(crops, X_CT)
+    def _material_at(self, crops: Mapping[str, Crop], found: Fit, patches: bool = True) -> tuple[Motions, Motions]:
+        """How patches, if asked for, and bands have moved with the tool, by finger whose are found.
+
+        Cameras that have come nearer see them so much further along y of C than they are.
+        """
+        seen = self._patches.follow(crops, found.X_CT) if patches else {}, self._bands.follow(crops, found.X_CT)
+        back = {m.finger: make_pose(None, -found.closed * m.outward) for m in self.models}
+        patch, band = ({f: m._replace(X_CM=back[f] @ m.X_CM) for f, m in motions.items()} for motions in seen)
+        return patch, band
 
     def _fits_in_part(self, touching: Collection[str], found: Fit, share: float) -> bool:
         """Whether a fit that explains too little may be right: it explains a part, and depth fits as usual."""
@@ -156,7 +163,7 @@ class Tracker:
         self, models: Sequence[FingerModel], crops: Mapping[str, Crop], start: Array, steps: tuple[int, int]
     ) -> Fit:
         at = self._course.at if self._course is not None else None
-        return fit(models, crops, start, self.slip.value, PRIOR, steps, at, self.ahead)
+        return fit(models, crops, start, self.slip.value, PRIOR, steps, at, self.ahead, self.closing)
 
     def _fits_elsewhere(self, crops: Mapping[str, Crop], start: Array, iterations: int) -> list[Fit]:
         """The fit from the likeliest of other places, if there are any: found anew, or near where the tool was."""
@@ -215,7 +222,7 @@ class Tracker:
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
         if followed:
             self.timing.learn(found, self.X_CT, dt, self._course)
-        self.X_CT, self._stamp, self.lost = found.X_CT, stamp, False
+        self.X_CT, self.closing, self._stamp, self.lost = found.X_CT, found.closing, stamp, False
         self._learn_usual(found)
         if p.learn_slip and followed:
             self.slip.update(found.slip_information, dt)

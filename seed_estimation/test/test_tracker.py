@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from rendered import PERIOD, held
 
+from seed_core.hand import Hand
 from seed_core.spatial import make_pose, rotation_error, so3_exp
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
+
+LEFT = float(np.sign(Hand().X_CL[1, 3]))  # side of the left camera along y of C
 
 
 def test_a_lost_track_is_invalid_until_it_is_right() -> None:
@@ -55,3 +58,58 @@ def test_one_finger_says_nothing_about_a_tool_that_left_it() -> None:
         assert not estimate.valid or abs(estimate.X_CT[1, 3] + 2.5e-4 * i) < 0.6e-3
     assert not estimate.valid
     assert "touches no" in estimate.reason
+
+
+@pytest.mark.parametrize("closed", [0.0012, -0.0004])
+@pytest.mark.parametrize("kind", ["cylinder", "box"])
+def test_a_gripper_that_closes_further_moves_no_tool(kind: str, closed: float) -> None:
+    """Cameras ride on the fingers: in 0.4 s both come nearer, while the tool moves in the grasp."""
+    estimator, bubbles = held(TactileParameters(tool=ToolShape(kind, length=0.12)), 16)
+    for i in range(1, 45):
+        t = i * PERIOD
+        X = make_pose(
+            so3_exp((0.02 * np.sin(4.0 * t), 0.05 * np.sin(3.0 * t), 0.0)), (0.001 * np.sin(5.0 * t), 0.0, 0.0)
+        )
+        nearer = closed * min(max((t - 0.2) / 0.4, 0.0), 1.0)
+        images = {
+            f: bubbles.finger(f, make_pose(p=(0.0, side * nearer, 0.0)) @ X, t)
+            for f, side in (("left", LEFT), ("right", -LEFT))
+        }
+        estimate = estimator.update(images, t)
+        assert estimate.valid
+        assert abs(estimate.X_CT[1, 3]) < 6e-5
+        assert (
+            estimate.covariance[4, 4] > (0.4 * max(abs(nearer) - 1e-4, 0.0)) ** 2
+        )  # cameras may have come nearer differently
+        for m in estimate.membrane:  # the band goes along in part, between the tool and the rim
+            inward = (-LEFT if m.finger == "left" else LEFT) * m.X_CM[1, 3]
+            assert min(nearer, 0.0) - 1.5e-4 < inward < max(nearer, 0.0) + 1.5e-4
+    assert estimator.closing == pytest.approx(closed, abs=6e-5)
+
+
+@pytest.mark.parametrize("drifts", [("left", "right"), ("left",)])
+def test_depth_that_drifts_is_not_followed_surely(drifts: tuple[str, ...]) -> None:
+    """As it does while a time of flight camera warms up; of one alone nothing tells whether it is the tool."""
+    estimator, bubbles = held(TactileParameters(), 17)
+    for i in range(1, 60):
+        images = bubbles.render(np.eye(4), i * PERIOD)
+        images |= {f: replace(images[f], depth=images[f].depth - np.float32(1e-5 * i)) for f in drifts}
+        estimate = estimator.update(images, i * PERIOD)
+        assert estimate.valid
+        off = abs(estimate.X_CT[1, 3])
+        assert off < (5e-5 if len(drifts) == 2 else max(3.0 * estimate.covariance[4, 4] ** 0.5, 1e-4))
+
+
+@pytest.mark.parametrize("missing", [0.05, 0.3])
+def test_depth_with_holes_tells_as_much(missing: float) -> None:
+    rng = np.random.default_rng(18)
+    estimator, bubbles = held(TactileParameters(), 18)
+    for i in range(1, 30):
+        X = make_pose(so3_exp((0.0, 0.003 * i, 0.0)), (5e-5 * i, 0.0, 0.0))
+        images = bubbles.render(X, i * PERIOD)
+        holes = {
+            f: np.where(rng.random(a.depth.shape) < missing, np.float32(np.nan), a.depth) for f, a in images.items()
+        }
+        estimate = estimator.update({f: replace(images[f], depth=d) for f, d in holes.items()}, i * PERIOD)
+        assert estimate.valid
+        assert np.linalg.norm(estimate.X_CT[:3, 3] - X[:3, 3]) < 1e-4

@@ -33,6 +33,7 @@ HIDDEN = 0.4  # [1] an image of which less is explained shows something else, or
 ALONE = 2.0  # [1] deviations so much larger as soon as one of two images is hidden: what it balanced shows up
 REMAINING = 0.3  # [1] share of the patch of the grasp; a single finger that touches less of it errs as one left alone
 MEMORY = 0.05  # weight of one frame in the average
+UNLIKE = 0.5  # [1] of what both fingers' depth has drifted by, in which they may have drifted differently
 
 
 class Covariance:
@@ -77,6 +78,7 @@ class Covariance:
         C += anywhere * np.diag(np.square((turn, turn, turn, way, way, way)))
         self.creep = self._creep.update(fit)
         C += np.diag(self.creep)
+        C[4, 4] += (UNLIKE * fit.closed) ** 2
         return np.asarray(0.5 * (C + C.T))
 
 

@@ -106,6 +106,11 @@ class FingerModel:
         )
         return coarse, fine
 
+    @cached_property
+    def outward(self) -> Array:
+        """(3,) unit vector along y of C, on which the fingers move, from the tool to this finger's camera."""
+        return np.array((0.0, float(np.sign(inverse_pose(self.X_XC)[1, 3])), 0.0))
+
     def pixels(self, X_CT: Array, p: Array32) -> Array32:
         """Where points (3, N) of the tool appear in the image (2, N) [px]."""
         X = self.X_XC @ X_CT

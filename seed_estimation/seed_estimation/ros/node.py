@@ -238,7 +238,7 @@ class EstimatorNode(SeedNode):
         values["identity"] = self.bubbles.status
         values["clocks"] = self.inputs.clocks.remark
         if self.core is not None and self.core.timing is not None:
-            values |= self.core.timing.values()
+            values |= self.core.timing.values() | {"fingers_closed_mm": round(1e3 * self.core.closing, 2)}
         values |= self.counters.values()
         if self._latencies:
             values |= diagnostics.percentiles_ms("arrival", self._arrivals, 2)
