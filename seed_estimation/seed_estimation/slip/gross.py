@@ -2,13 +2,14 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with, or not more. Hence four signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence five signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`)
+    parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
@@ -33,6 +34,7 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
+from seed_estimation.slip.parting import Parting
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
@@ -64,6 +66,7 @@ class GrossSlip:
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._following = Following(models, self._lever) if len(models) > 1 else None
+        self._parting = Parting()
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then
@@ -102,7 +105,14 @@ class GrossSlip:
         left = False
         if self._following is not None and len(held) == len(self._markers):
             left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
-        return fallen or gone_on or left or (not locked and self._torn(stamp))
+        return fallen or gone_on or left or self._parted(stamp) or (not locked and self._torn(stamp))
+
+    def _parted(self, stamp: float) -> bool:
+        """Whether both fingers' markers are seen in this frame, and have parted."""
+        seen = [m.seen for m in self._markers.values()]
+        if len(seen) != 2 or not all(s and s[-1].stamp == stamp for s in seen):
+            return False
+        return self._parting.parts(*seen)
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
         """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""
