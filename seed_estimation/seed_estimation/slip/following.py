@@ -22,7 +22,7 @@ from seed_estimation.images.tactile_images import Mask as Grey
 from seed_estimation.rigid_fit.fit import fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
-from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth
+from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth, sees
 
 POINTS = 40  # of a patch that are followed
 WINDOW, LEVELS, DONE = 13, 2, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)  # of Lucas-Kanade's flow
@@ -35,7 +35,6 @@ MOVING, LATELY = 3e-4, 4  # [m] of the tool's way in so many images, from which 
 MEMORY, PAUSE = 0.35, 0.1  # [s] that is looked back, and longest between two images
 FRAMES = 3  # least of a way: depth may lag behind by one
 WAY, SURE = 0.0008, 8.0  # [m], deviations of the tool's way that is long enough
-SEEN = 1.2e-4  # [m] deviation of one image up to which depth sees a direction
 LEFT, ONE_LEFT = 0.15, 0.3  # [1] of the tool's way, by which the fingers' mean and each of them may follow at most
 
 
@@ -194,7 +193,7 @@ def _rigid_step(place: Array, way: Array, lever: Array) -> Array:
 def _way(before: Depth, now: Depth) -> tuple[Array, float, float]:
     """The tool's way (3,) along what depth sees, its length, and the largest deviation of either end [m]."""
     deviation = np.maximum(before.deviation, now.deviation)
-    seen = deviation < SEEN
+    seen = sees(deviation)
     way = np.where(seen, now.displacement - before.displacement, 0.0)
     return way, math.hypot(*way), float(deviation[seen].max(initial=0.0))
 
