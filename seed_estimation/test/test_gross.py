@@ -101,6 +101,22 @@ def test_depth_tells_a_slip_in_which_nothing_springs_back(settings: dict[str, An
     assert held.onset <= first_alarm(seen) <= held.onset + ONSET_TO_ALARM
 
 
+def test_material_of_a_lost_track_that_stops_late_is_a_slip() -> None:
+    """The tool jumps at 0.2 s, and the track is lost; it drags its material on by 0.4 of its way until 0.42 s."""
+    held = Held(0.05, 1.0)
+    tool = stuck = 0.0
+    seen = []
+    for t in PERIOD * np.arange(1, 30):
+        step = 0.02 * PERIOD + (0.003 if 0.2 <= t < 0.2 + PERIOD else 0.0)
+        tool += step
+        stuck += step * (1.0 if t < 0.2 else 0.4 if t < 0.42 else 0.0)
+        X, X_slid = make_pose(p=(tool, 0.0, 0.0)), make_pose(p=(tool - stuck, 0.0, 0.0))
+        seen.append((t, held.estimator.update(held.renderer.render(X, t, X_slid, 0.7), t)))
+    lost = next(t for t, estimate in seen if not estimate.valid)
+    assert lost < 0.25
+    assert 0.42 <= first_alarm(seen) <= 0.42 + ONSET_TO_ALARM
+
+
 @pytest.mark.parametrize("motion", [along_z, about_y])
 def test_one_finger_alone_sees_a_slip(motion: Motion) -> None:
     held = Held(0.007, fingers="right")

@@ -29,6 +29,9 @@ WINDOW, LEVELS, DONE = 13, 2, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 
 FEWEST = 15  # of the points that must be found
 GREY, CONTRAST = 128.0, 40.0  # 8-bit grey of a normalised image's 0, and of 1
 PRIOR = np.diag([1 / 0.25**2] * 3 + [1 / 0.01**2] * 3)  # holds what depth does not see where it is expected
+# Depth that is alone for long: what it sees worse than this (20 mrad, 0.5 mm) keeps less than half of its speed, for its
+# noise, extrapolated, carries the place away along a cylinder's axis
+COASTS = np.diag([1 / 0.02**2] * 3 + [1 / 5e-4**2] * 3)
 DRAGGED = 6e-4  # [m] between the tool's pose and where depth would put it
 STEPS = 6  # of depth's fit
 MOVING, LATELY = 3e-4, 4  # [m] of the tool's way in so many images, from which on its material is looked at: that costs
@@ -64,6 +67,7 @@ class Following:
         self._greys: dict[str, Grey] = {}
         self._tool: deque[Depth] = deque(maxlen=LATELY)
         self._places: deque[tuple[float, Array]] = deque(maxlen=2)  # [s], X_CT (4, 4) of the tool
+        self._told: Array | None = None  # (6, 6) information about the last place, by depth alone; None: images know it
         self._steps: deque[Step] = deque()
 
     def slides(self, crops: Mapping[str, Crop], X_CT: Array | None, depth: Depth, stamp: float) -> bool:
@@ -78,6 +82,8 @@ class Following:
                 self._forget()
                 return False
             X_CT, depth = found
+        else:
+            self._told = None
         last = self._places[-1] if self._places else None
         self._places.append((stamp, X_CT))
         self._tool.append(depth)
@@ -120,8 +126,10 @@ class Following:
         at, X = self._places[-1]
         if len(self._places) > 1:
             earlier, Y = self._places[0]
-            step = motion_vector(X @ inverse_pose(Y)) * (stamp - at) / (at - earlier)
-            X = make_pose(so3_exp(step[:3]), step[3:]) @ X
+            step = motion_vector(inverse_pose(Y) @ X) * (stamp - at) / (at - earlier)
+            if self._told is not None:
+                step = np.linalg.solve(self._told + COASTS, self._told @ step)
+            X = X @ make_pose(so3_exp(step[:3]), step[3:])
         return X
 
     def _by_depth(self, crops: Mapping[str, Crop], X: Array | None) -> tuple[Array, Depth] | None:
@@ -131,6 +139,7 @@ class Following:
         found = fit(self._depths, crops, X, 0.0, PRIOR, (0, STEPS))
         if not all(math.isfinite(rms) for rms in found.depth_rms.values()):
             return None
+        self._told = found.H_depth
         deviation = np.sqrt(np.linalg.inv(found.H_depth[THREE] + FREE).diagonal())
         return found.X_CT, Depth(self._lever * motion_vector(found.X_CT)[SIDEWAYS], self._lever * deviation)
 

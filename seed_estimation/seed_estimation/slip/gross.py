@@ -8,7 +8,7 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
-    left behind   material stays where it is from image to image while depth goes on (`following.py`)
+    left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
@@ -99,10 +99,17 @@ class GrossSlip:
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
-        left = False
-        if self._following is not None and len(held) == len(self._markers):
-            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
+        left = self.leaves_behind(crops, fit, stamp, depth if locked else None)
         return fallen or gone_on or left or (not locked and self._torn(stamp))
+
+    def leaves_behind(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth | None = None) -> bool:
+        """Whether the tool goes without the material: all that is told of a track that has been lost for a while.
+
+        crops, fit, stamp: as of `slides`; depth: where it would put the tool; None: the track is lost.
+        """
+        if self._following is None or any(not np.isfinite(rms) for rms in fit.depth_rms.values()):
+            return False
+        return self._following.slides(crops, None if depth is None else fit.X_CT, depth or UNSEEN, stamp)
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
         """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""
