@@ -101,6 +101,13 @@ def test_depth_tells_a_slip_in_which_nothing_springs_back(settings: dict[str, An
     assert held.onset <= first_alarm(seen) <= held.onset + ONSET_TO_ALARM
 
 
+def test_a_slow_slip_is_told() -> None:
+    """4 mm/s are 0.09 mm from image to image."""
+    held = Held(0.002, 1.0)
+    seen = held.follow(lambda t: make_pose(p=(0.004 * t, 0.0, 0.0)), 1.0)
+    assert held.onset <= first_alarm(seen) <= held.onset + 0.3
+
+
 def test_material_of_a_lost_track_that_stops_late_is_a_slip() -> None:
     """The tool jumps at 0.2 s, and the track is lost; it drags its material on by 0.4 of its way until 0.42 s."""
     held = Held(0.05, 1.0)
