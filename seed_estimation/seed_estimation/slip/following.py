@@ -29,8 +29,8 @@ WINDOW, LEVELS, DONE = 13, 2, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 
 FEWEST = 15  # of the points that must be found
 GREY, CONTRAST = 128.0, 40.0  # 8-bit grey of a normalised image's 0, and of 1
 PRIOR = np.diag([1 / 0.25**2] * 3 + [1 / 0.01**2] * 3)  # holds what depth does not see where it is expected
-# Depth that is alone for long: what it sees worse than this (20 mrad, 0.5 mm) keeps less than half of its speed, for its
-# noise, extrapolated, carries the place away along a cylinder's axis
+# Depth that is alone for long: what it sees worse than this (20 mrad, 0.5 mm) keeps less than half of its speed, for
+# its noise, extrapolated, carries the place away along a cylinder's axis
 COASTS = np.diag([1 / 0.02**2] * 3 + [1 / 5e-4**2] * 3)
 DRAGGED = 6e-4  # [m] between the tool's pose and where depth would put it
 STEPS = 6  # of depth's fit
@@ -128,7 +128,7 @@ class Following:
             earlier, Y = self._places[0]
             step = motion_vector(inverse_pose(Y) @ X) * (stamp - at) / (at - earlier)
             if self._told is not None:
-                step = np.linalg.solve(self._told + COASTS, self._told @ step)
+                step = np.asarray(np.linalg.solve(self._told + COASTS, self._told @ step), float)
             X = X @ make_pose(so3_exp(step[:3]), step[3:])
         return X
 
