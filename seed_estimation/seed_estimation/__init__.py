@@ -5,7 +5,7 @@ from seed_core.hand import Hand
 from seed_estimation import Estimator, EstimatorParameters
 
 estimator = Estimator(EstimatorParameters(), Hand(), cameras)  # a PinholeCamera by finger: "left", "right"
-estimator.capture_reference(frames)    # the bubbles touch nothing; a frame is a TactileImages by finger
+estimator.capture_reference(frames)    # the bubbles touch nothing; two frames or more, each a TactileImages by finger
 estimator.initialize_grasp(frames)     # the tool is grasped: T := C
 estimate = estimator.update(images, stamp)  # X_CT with covariance, axes observed, validity and a reason
 """

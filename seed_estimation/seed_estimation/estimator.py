@@ -120,10 +120,11 @@ class Estimator:
     # -- bubbles touch nothing, tool grasped ---------------------------------------------------------------------
 
     def capture_reference(self, frames: Sequence[Frame]) -> None:
-        """Takes the images of bubbles that touch nothing as reference; several frames are averaged.
+        """Takes the images of bubbles that touch nothing as reference; two frames or more are averaged.
 
         Raises:
-            EstimatorError: no usable images of a finger, images of another or upside down, too little membrane in view.
+            EstimatorError: less than two usable images of a finger, images of another or upside down, too little
+                membrane in view.
         """
         p, n = self.parameters, self.parameters.decimate
         offset = {f: self._range_offset[f][::n, ::n] for f in self.fingers}
@@ -136,14 +137,14 @@ class Estimator:
         self._forget_grasp()
 
     def initialize_grasp(self, frames: Sequence[Frame]) -> None:
-        """The tool is grasped: T := C from these images on; several frames, with nothing moving, are averaged.
+        """The tool is grasped: T := C from these images on; two frames or more, with nothing moving, are averaged.
 
         A tool that hangs or is pressed meanwhile has dragged the membranes: then T is counted from where it would be
         without that load (`zero`), or the grasp is refused, as `loaded_grasp` says.
 
         Raises:
-            EstimatorError: no reference, no usable images, images of another or upside down, a finger without contact,
-                or too much load.
+            EstimatorError: no reference, less than two usable images of a finger, images of another or upside down, a
+                finger without contact, or too much load.
         """
         p, reference = self.parameters, self._reference
         if reference is None:

@@ -42,6 +42,7 @@ CLEAR = 0.85  # [1] from which on the material of the patch moves as one with th
 FITS = 1.6  # times the usual depth residual, up to which depth fits as well as usual
 USUAL = 0.05  # weight of a frame in what is usual
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
+STOPS = 0.5  # [s] after the last pose, for which the material of a lost track may still come to a stop
 FOLLOWED = 0.2  # [s] between frames, up to which they tell a velocity and a micro-slip
 
 
@@ -113,8 +114,10 @@ class Tracker:
             else:
                 material = None
         locked = share >= (p.lock + SURE if self.lost else p.lock)
-        if locked or 0.0 < stamp - self._stamp <= SPAN:
+        if locked or 0.0 < dt <= SPAN:
             self.gross_slip |= self._detector.slides(crops, best, stamp, self.slip.value, locked)
+        elif 0.0 < dt <= STOPS:
+            self.gross_slip |= self._detector.leaves_behind(crops, best, stamp)
         if share < p.lock and not self.lost:  # the markers may have sprung back, and the tool with them
             best = max([best, *(self._fit(crops, X, (0, p.iterations)) for X in self._detector.places)], key=quality)
             share = quality(best)

@@ -76,16 +76,34 @@ def test_a_silent_camera_and_time_running_backwards_give_a_reason() -> None:
 def test_what_is_missing_is_named() -> None:
     bubbles = TactileRenderer(TactileParameters(), Hand(), 20)
     estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
-    still = bubbles.no_contact(0.0)
+    still, again = bubbles.no_contact(0.0), bubbles.no_contact(0.1)
     assert "no reference" in estimator.update(still, 0.1).reason
     with pytest.raises(EstimatorError, match="no reference"):
         estimator.initialize_grasp([still])
-    estimator.capture_reference([still])
+    estimator.capture_reference([still, again])
     assert "no grasp" in estimator.update(still, 0.2).reason
     with pytest.raises(EstimatorError, match="touches nothing"):
-        estimator.initialize_grasp([still])
+        estimator.initialize_grasp([still, again])
     with pytest.raises(EstimatorError, match="no usable"):
         estimator.capture_reference([])
+
+
+def test_a_single_image_is_no_reference_and_no_grasp() -> None:
+    """How images differ tells noise, which is neither the fixed pattern nor the tool's shape; two do."""
+    bubbles = TactileRenderer(TactileParameters(), Hand(), 20)
+    estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+    free = [bubbles.no_contact(i * PERIOD) for i in range(2)]
+    grasped = [bubbles.render(np.eye(4), 1.0 + i * PERIOD) for i in range(2)]
+    with pytest.raises(EstimatorError, match="reference: 1 usable image of the left finger; at least 2"):
+        estimator.capture_reference(free[:1])
+    black = spoilt(free[1], "right", ir=np.zeros_like(free[1]["right"].ir))
+    with pytest.raises(EstimatorError, match="reference: 1 usable image of the right finger; at least 2"):
+        estimator.capture_reference([free[0], black])
+    estimator.capture_reference(free)
+    with pytest.raises(EstimatorError, match="grasp: 1 usable image of the left finger; at least 2"):
+        estimator.initialize_grasp(grasped[:1])
+    estimator.initialize_grasp(grasped)
+    assert estimator.update(bubbles.render(np.eye(4), 1.1), 1.1).valid
 
 
 def test_a_reference_of_one_depth_is_no_bubble_and_one_with_the_tool_in_it_is_named_when_nothing_touches() -> None:

@@ -7,7 +7,7 @@ import pytest
 from seed_core.spatial import make_pose
 from seed_estimation.images.sampling import crop
 from seed_estimation.slip.following import WAY, Following, Step, left_behind
-from seed_estimation.slip.markers import Depth
+from seed_estimation.slip.markers import UNSEEN, Depth, sees
 
 PERIOD = 1.0 / 45.0  # [s]
 DEEP = np.array((7e-5, 5e-5, 6e-4))  # [m] depth of a long cylinder does not see its own axis
@@ -37,6 +37,25 @@ def test_a_tool_that_goes_without_the_material_slides(tool: tuple[float, float, 
 )
 def test_what_is_no_gross_slip(tool: tuple[float, float, float], shares: tuple[float, float]) -> None:
     assert not left_behind(steps(tool, shares))
+
+
+CYLINDER, BOX = np.array((7e-5, 6.2e-5, 1.9e-4)), np.array((1.41e-4, 1.29e-4, 1.56e-4))  # [m] on membranes
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0, 1.6])
+def test_what_depth_sees_does_not_depend_on_its_noise(noise: float) -> None:
+    """Noise makes all deviations larger alike, and the way that tells a slip as much longer."""
+    assert sees(noise * CYLINDER).tolist() == [True, True, False]
+    assert sees(noise * BOX).tolist() == [True, True, True]
+    for way, told in ((6.0 * noise * BOX[2], False), (max(1.1 * WAY, 9.0 * noise * BOX[2]), True)):
+        seen = steps((0.0, way / 5.0, 0.0), (0.0, 0.0))
+        seen = [s._replace(tool=Depth(s.tool.displacement, noise * BOX)) for s in seen]
+        assert left_behind(seen) == told
+
+
+def test_what_depth_sees_too_badly_to_tell_in_time_is_not_seen() -> None:
+    assert not sees(np.full(3, 5e-4)).any()  # a wide flat face
+    assert not sees(UNSEEN.deviation).any()
 
 
 def test_depth_that_lags_by_an_image_is_no_slip() -> None:

@@ -85,6 +85,45 @@ def test_a_tool_that_breaks_loose_raises_the_alarm(motion: Motion, kinetic: floa
     assert all(e.gross_slip and not e.valid and "initialize the grasp again" in e.reason for e in after)
 
 
+def slowly_along_x(t: float) -> Array:
+    return make_pose(p=(0.04 * t, 0.0, 0.0))
+
+
+NOISY, BOX = {"noise": 2.0}, {"tool": tactile.parameters.ToolShape("box", width=0.02)}
+
+
+@pytest.mark.parametrize("settings", [NOISY, BOX], ids=["noisy", "box"])
+def test_depth_tells_a_slip_in_which_nothing_springs_back(settings: dict[str, Any]) -> None:
+    """Depth of one image is known to 0.13 mm with twice the noise, and to 0.18 mm across a box."""
+    held = Held(0.005, 1.0, **settings)
+    seen = held.follow(slowly_along_x, 1.0)
+    assert np.isfinite(held.onset)
+    assert held.onset <= first_alarm(seen) <= held.onset + ONSET_TO_ALARM
+
+
+def test_a_slow_slip_is_told() -> None:
+    """4 mm/s are 0.09 mm from image to image."""
+    held = Held(0.002, 1.0)
+    seen = held.follow(lambda t: make_pose(p=(0.004 * t, 0.0, 0.0)), 1.0)
+    assert held.onset <= first_alarm(seen) <= held.onset + 0.3
+
+
+def test_material_of_a_lost_track_that_stops_late_is_a_slip() -> None:
+    """The tool jumps at 0.2 s, and the track is lost; it drags its material on by 0.4 of its way until 0.42 s."""
+    held = Held(0.05, 1.0)
+    tool = stuck = 0.0
+    seen = []
+    for t in PERIOD * np.arange(1, 30):
+        step = 0.02 * PERIOD + (0.003 if 0.2 <= t < 0.2 + PERIOD else 0.0)
+        tool += step
+        stuck += step * (1.0 if t < 0.2 else 0.4 if t < 0.42 else 0.0)
+        X, X_slid = make_pose(p=(tool, 0.0, 0.0)), make_pose(p=(tool - stuck, 0.0, 0.0))
+        seen.append((t, held.estimator.update(held.renderer.render(X, t, X_slid, 0.7), t)))
+    lost = next(t for t, estimate in seen if not estimate.valid)
+    assert lost < 0.25
+    assert 0.42 <= first_alarm(seen) <= 0.42 + ONSET_TO_ALARM
+
+
 @pytest.mark.parametrize("motion", [along_z, about_y])
 def test_one_finger_alone_sees_a_slip(motion: Motion) -> None:
     held = Held(0.007, fingers="right")
@@ -227,6 +266,14 @@ def test_markers_that_the_tool_goes_with_have_not_sprung_back() -> None:
     assert sprung_back([*together[:-2], *staying], JITTER) == MOST
 
 
+def test_depth_tells_a_fall_that_it_is_fine_enough_for() -> None:
+    """To 0.2 mm it tells that the tool went back with its markers by 1 mm, not by 0.2 mm."""
+    for back_mm, told in ((1.0, 0.0), (0.2, 1.0)):
+        seen = observed([*PULLED, (0.0, 0.0, 3.6 - back_mm)])
+        together = [s._replace(depth=Depth(s.displacement, np.full(3, 2e-4))) for s in seen]
+        assert sprung_back(together, JITTER) == pytest.approx(told, abs=1e-6)
+
+
 def test_a_tool_that_is_badly_seen_to_go_back_with_its_markers_has_not_slid() -> None:
     """Depth to 0.1 mm tells a way of 1 mm, not one of 0.2 mm; a tool that stays, or goes back by a third, has slid."""
 
@@ -266,3 +313,13 @@ def test_depth_that_goes_on_without_the_markers_is_seen() -> None:
         seen.append(Observation(i * PERIOD, way, 2e-3, depth, 0.0, False, 0.0))
     assert depth_went_on(seen)
     assert not depth_went_on(seen[:6])
+
+
+@pytest.mark.parametrize(("gone_mm", "told"), [(0.7, False), (1.1, True)])
+def test_depth_across_a_box_must_go_on_by_more(gone_mm: float, told: bool) -> None:
+    """Its deviation of 0.14 mm, five times, and 0.25 mm."""
+    deviation, seen = np.full(3, 1.4e-4), []
+    for i in range(8):
+        gone = np.array((0.0, 1e-3 * gone_mm if i > 5 else 0.0, 0.0))
+        seen.append(Observation(i * PERIOD, np.zeros(3), 0.0, Depth(gone, deviation), 0.0, False, 0.0))
+    assert depth_went_on(seen) == told

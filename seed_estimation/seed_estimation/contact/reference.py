@@ -18,6 +18,7 @@ from seed_estimation.images.checks import EstimatorError
 from seed_estimation.images.tactile_images import Image, Mask, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 
+LEAST = 2  # images of a reference or a grasp: how they differ tells noise from the camera's fixed pattern
 NO_LOAD = GraspZero(np.zeros(2), 0.0)
 
 
@@ -55,8 +56,9 @@ class Reference:
             p: in force.
 
         Raises:
-            EstimatorError: too little membrane in view, or no dome.
+            EstimatorError: less than LEAST images, too little membrane in view, or no dome.
         """
+        _refuse_few(series, "reference")
         membranes = {
             f: membrane_at_rest(f, cameras[f], X_CX[f], [i.depth for i in images], p) for f, images in series.items()
         }
@@ -91,8 +93,9 @@ class Grasp:
         """The grasp in some images of each finger, averaged; their depth is corrected.
 
         Raises:
-            EstimatorError: a finger without contact, or too much load.
+            EstimatorError: less than LEAST images, a finger without contact, or too much load.
         """
+        _refuse_few(series, "grasp")
         depth = {f: mean_depth([i.depth for i in images], p.near, p.far)[0] for f, images in series.items()}
         ir = {f: np.asarray(np.mean([i.ir for i in images], axis=0), np.float32) for f, images in series.items()}
         masks, patches = {}, {}
@@ -105,6 +108,16 @@ class Grasp:
                     "the reference, close, and initialize the grasp again"
                 )
         return cls(depth, ir, masks, patches, _load(reference, depth, ir, masks, p))
+
+
+def _refuse_few(series: Mapping[str, Sequence[TactileImages]], purpose: str) -> None:
+    """Raises EstimatorError: less than LEAST images of a finger."""
+    for f, images in series.items():
+        if len(images) < LEAST:
+            raise EstimatorError(
+                f"{purpose}: {len(images)} usable image of the {f} finger; at least {LEAST} are needed, for how they "
+                "differ tells the camera's noise: hold still and take some more (15 are usual)"
+            )
 
 
 def _load(

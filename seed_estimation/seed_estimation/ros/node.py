@@ -41,11 +41,11 @@ DEBUG_PERIOD = 0.06  # [s] between two debug images: one for each picture of the
 class NodeSettings:
     """What is the node's alone."""
 
-    reference_frames: int = field(15, low=1, high=500, doc="images averaged by ~/capture_reference")
+    reference_frames: int = field(15, low=2, high=500, doc="images averaged by ~/capture_reference")
     reference_push: float = field(
         1.0, unit="N", low=0.0, high=100.0, doc="push of a finger from which ~/capture_reference is refused; 0: never"
     )
-    grasp_frames: int = field(15, low=1, high=500, doc="images averaged by ~/initialize_grasp")
+    grasp_frames: int = field(15, low=2, high=500, doc="images averaged by ~/initialize_grasp")
     identity_file: str = field(
         "",
         doc="what tells the bubbles apart, from one session to the next; written by the first reference of each bubble",

@@ -22,20 +22,22 @@ from seed_estimation.images.tactile_images import Mask as Grey
 from seed_estimation.rigid_fit.fit import fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
-from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth
+from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth, sees
 
 POINTS = 40  # of a patch that are followed
 WINDOW, LEVELS, DONE = 13, 2, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)  # of Lucas-Kanade's flow
 FEWEST = 15  # of the points that must be found
 GREY, CONTRAST = 128.0, 40.0  # 8-bit grey of a normalised image's 0, and of 1
 PRIOR = np.diag([1 / 0.25**2] * 3 + [1 / 0.01**2] * 3)  # holds what depth does not see where it is expected
+# Depth that is alone for long: what it sees worse than this (20 mrad, 0.5 mm) keeps less than half of its speed, for
+# its noise, extrapolated, carries the place away along a cylinder's axis
+COASTS = np.diag([1 / 0.02**2] * 3 + [1 / 5e-4**2] * 3)
 DRAGGED = 6e-4  # [m] between the tool's pose and where depth would put it
 STEPS = 6  # of depth's fit
-MOVING, LATELY = 3e-4, 4  # [m] of the tool's way in so many images, from which on its material is looked at: that costs
+MOVING, LATELY = 3e-4, 8  # [m] of the tool's way in so many images, from which on its material is looked at: that costs
 MEMORY, PAUSE = 0.35, 0.1  # [s] that is looked back, and longest between two images
 FRAMES = 3  # least of a way: depth may lag behind by one
 WAY, SURE = 0.0008, 8.0  # [m], deviations of the tool's way that is long enough
-SEEN = 1.2e-4  # [m] deviation of one image up to which depth sees a direction
 LEFT, ONE_LEFT = 0.15, 0.3  # [1] of the tool's way, by which the fingers' mean and each of them may follow at most
 
 
@@ -65,6 +67,7 @@ class Following:
         self._greys: dict[str, Grey] = {}
         self._tool: deque[Depth] = deque(maxlen=LATELY)
         self._places: deque[tuple[float, Array]] = deque(maxlen=2)  # [s], X_CT (4, 4) of the tool
+        self._told: Array | None = None  # (6, 6) information about the last place, by depth alone; None: images know it
         self._steps: deque[Step] = deque()
 
     def slides(self, crops: Mapping[str, Crop], X_CT: Array | None, depth: Depth, stamp: float) -> bool:
@@ -79,6 +82,8 @@ class Following:
                 self._forget()
                 return False
             X_CT, depth = found
+        else:
+            self._told = None
         last = self._places[-1] if self._places else None
         self._places.append((stamp, X_CT))
         self._tool.append(depth)
@@ -121,8 +126,10 @@ class Following:
         at, X = self._places[-1]
         if len(self._places) > 1:
             earlier, Y = self._places[0]
-            step = motion_vector(X @ inverse_pose(Y)) * (stamp - at) / (at - earlier)
-            X = make_pose(so3_exp(step[:3]), step[3:]) @ X
+            step = motion_vector(inverse_pose(Y) @ X) * (stamp - at) / (at - earlier)
+            if self._told is not None:
+                step = np.asarray(np.linalg.solve(self._told + COASTS, self._told @ step), float)
+            X = X @ make_pose(so3_exp(step[:3]), step[3:])
         return X
 
     def _by_depth(self, crops: Mapping[str, Crop], X: Array | None) -> tuple[Array, Depth] | None:
@@ -132,6 +139,7 @@ class Following:
         found = fit(self._depths, crops, X, 0.0, PRIOR, (0, STEPS))
         if not all(math.isfinite(rms) for rms in found.depth_rms.values()):
             return None
+        self._told = found.H_depth
         deviation = np.sqrt(np.linalg.inv(found.H_depth[THREE] + FREE).diagonal())
         return found.X_CT, Depth(self._lever * motion_vector(found.X_CT)[SIDEWAYS], self._lever * deviation)
 
@@ -194,7 +202,7 @@ def _rigid_step(place: Array, way: Array, lever: Array) -> Array:
 def _way(before: Depth, now: Depth) -> tuple[Array, float, float]:
     """The tool's way (3,) along what depth sees, its length, and the largest deviation of either end [m]."""
     deviation = np.maximum(before.deviation, now.deviation)
-    seen = deviation < SEEN
+    seen = sees(deviation)
     way = np.where(seen, now.displacement - before.displacement, 0.0)
     return way, math.hypot(*way), float(deviation[seen].max(initial=0.0))
 

@@ -8,7 +8,7 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
                   direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
-    left behind   material stays where it is from image to image while depth goes on (`following.py`)
+    left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
@@ -33,7 +33,7 @@ from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import Following
-from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation
+from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
 from seed_estimation.slip.parting import Parting
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
@@ -48,8 +48,8 @@ SETTLED, LONGEST = 0.015, 0.25  # [s] for which the end of a fall is awaited, at
 FALLING = 0.6  # [1] of its steepest drop from which a fall goes on: a release grows faster, a slip slows at once
 ASIDE = 1.0  # [1] of the fall along their displacement, by which markers that spring back may leave it at most
 LEAST, MOST = 0.7, 1.5  # [thresholds] of fall from which a frame is evidence, and as how much it counts at most
-SEEN = 1.2e-4  # [m] deviation of one frame up to which depth sees a direction: it pretends to see a cylinder's axis
 MOSTLY = 0.95  # [1] of a direction that depth must see
+FINE = 0.6  # [1] of a fall that counts, up to which depth's deviation tells whether the tool fell with the markers
 APART, APART_SURE, APART_SHARE = 2.5e-4, 5.0, 0.3  # [m], deviations, share of the markers' travel: all three together
 EVIDENCE = 1.25  # [thresholds] of fall of each finger's markers, over frames in a row, that raise the alarm
 BROKEN = 0.035  # [s] after which markers that cannot be found as one body are taken for a slip
@@ -102,9 +102,7 @@ class GrossSlip:
             self._evidence = self._evidence + sum(falls) if any(falls) else 0.0
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
-        left = False
-        if self._following is not None and len(held) == len(self._markers):
-            left = self._following.slides(crops, fit.X_CT if locked else None, depth, stamp)
+        left = self.leaves_behind(crops, fit, stamp, depth if locked else None)
         return fallen or gone_on or left or self._parted(stamp) or (not locked and self._torn(stamp))
 
     def _parted(self, stamp: float) -> bool:
@@ -113,6 +111,15 @@ class GrossSlip:
         if len(seen) != 2 or not all(s and s[-1].stamp == stamp for s in seen):
             return False
         return self._parting.parts(*seen)
+
+    def leaves_behind(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth | None = None) -> bool:
+        """Whether the tool goes without the material: all that is told of a track that has been lost for a while.
+
+        crops, fit, stamp: as of `slides`; depth: where it would put the tool; None: the track is lost.
+        """
+        if self._following is None or any(not np.isfinite(rms) for rms in fit.depth_rms.values()):
+            return False
+        return self._following.slides(crops, None if depth is None else fit.X_CT, depth or UNSEEN, stamp)
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
         """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""
@@ -176,7 +183,8 @@ def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = 
     # Depth that sees the direction of the fall, by and large, tells whether the tool fell with the markers.
     change = now.displacement - before.displacement
     direction = change / max(math.hypot(*change), 1e-9)
-    direction[np.maximum(before.depth.deviation, now.depth.deviation) >= SEEN] = 0.0
+    deviation = np.maximum(before.depth.deviation, now.depth.deviation)
+    direction[~sees(deviation) | (deviation > FINE * max(fall, FALL))] = 0.0
     apart, apart_before = (s.depth.displacement - s.displacement for s in (now, before))
     stayed = -float(direction @ (apart - apart_before))
     fell_too = math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
@@ -206,7 +214,7 @@ def depth_went_on(observations: Iterable[Observation]) -> bool:
     """Whether depth has gone on without the markers of one finger, along an axis that it sees."""
     seen = [s for s in observations if s.depth is not UNSEEN]  # while the track is lost depth says nothing
     before = len(seen) // 2
-    if len(seen) < 5 or seen[0].depth.deviation.min() >= SEEN:
+    if len(seen) < 5 or not sees(seen[0].depth.deviation).any():
         return False
     apart = np.array([s.depth.displacement for s in seen]) - np.array([s.displacement for s in seen])
     change = np.abs(apart[-2:].mean(axis=0) - apart[:before].mean(axis=0))
@@ -216,4 +224,4 @@ def depth_went_on(observations: Iterable[Observation]) -> bool:
     deviation = np.median([s.depth.deviation for s in seen[:before]], axis=0)  # residuals grow when both part
     now = np.max([s.depth.deviation for s in seen[-2:]], axis=0)
     large = change > APART + APART_SURE * deviation + APART_SHARE * travel
-    return bool((large & (deviation < SEEN) & (now < 1.0)).any())
+    return bool((large & sees(deviation) & (now < 1.0)).any())

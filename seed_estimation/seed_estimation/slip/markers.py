@@ -9,6 +9,7 @@ import numpy as np
 
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop
+from seed_estimation.images.tactile_images import Bools
 from seed_estimation.rigid_fit.fit import Fit, fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import FingerResiduals, motion_vector, solved
@@ -24,6 +25,10 @@ JITTER = 3e-5  # [m] that noise is taken for at first
 BACK = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 1.0)  # shares of the displacement by which they are searched for; 1: set free
 DOUBT, DOUBT_SURE = 0.03, 3.0  # [1], spreads; less explained than usual: the patch does not move as one
 USUAL, QUIET = 0.1, 0.02  # [1] weights of a frame in what is usual, and in what is noise
+# [1] times the deviation of the direction that depth sees best, and [m] at most, up to which it sees a direction. It
+# only pretends to see a cylinder's own axis (2.6 times and more) and along a wide flat face; across a round tool or a
+# box, and in their turns, it is 1.4 times at most, at any noise.
+AS_WELL, SEEN = 1.6, 3e-4
 FOUND, CLEAR = 0.5, 0.8  # [1] of the image that the markers must explain; from which on nothing is searched
 
 
@@ -32,6 +37,11 @@ class Depth(NamedTuple):
 
     displacement: Array
     deviation: Array
+
+
+def sees(deviation: Array) -> Bools:
+    """Which directions depth sees (3,), by its deviations (3,) [m]: noise makes all of them larger alike."""
+    return np.asarray(deviation < min(AS_WELL * float(deviation.min()), SEEN))
 
 
 UNSEEN = Depth(np.zeros(3), np.ones(3))

@@ -210,7 +210,7 @@ class DriverScene(ArmScene):
 class EstimatorScene(Subject):
     """The estimator with small images of a tool that is grasped."""
 
-    parameters = {"reference_frames": 1, "grasp_frames": 1, "clocks": "simulated"}
+    parameters = {"reference_frames": 2, "grasp_frames": 2, "clocks": "simulated"}
 
     def _image(self, finger: str, what: str, which: int) -> Any:
         depth, ir = pictures()[which][finger]
