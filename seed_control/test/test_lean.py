@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a tool that leans changes: the path waits for it, and its place does not wind up."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,11 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.pace import Pace
 from seed_control.wrench.estimate import WrenchEstimator
-from seed_control.wrench.filters import DeflectionFilter
+from seed_control.wrench.filters import DeflectionFilter, RotationNoise
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
-from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy, so3_exp
 
 DT, FRAME = 0.004, 0.02  # [s]
 RISE = 4.0  # [1/s]: 0.2 m/s^2 to 0.05 m/s
@@ -118,3 +120,34 @@ def test_the_place_of_a_tool_that_leans_does_not_wind_up() -> None:
     assert abs(shifted(0.0)) > 5e-3
     assert shifted(4.0) == 0.0
     assert 0.2 < shifted(2.5) / shifted(0.0) < 0.8
+
+
+@pytest.mark.parametrize("swing", [0.0, 2.5])
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.5])
+def test_the_noise_of_rotations_is_found_whatever_the_tool_does(noise: float, swing: float) -> None:
+    """In degrees; a blade that swings with 3.3 Hz, and images at 30 Hz."""
+    rng, filtered, found = np.random.default_rng(4), RotationNoise(), []
+    for t in np.arange(0.0, 6.0, 1.0 / 30.0):
+        R = so3_exp(np.deg2rad((0.0, 0.0, swing * np.sin(2.0 * np.pi * 3.3 * t))))
+        found.append(filtered.update(R @ so3_exp(np.deg2rad(noise) * rng.normal(size=3)), np.deg2rad(2.0)))
+    assert found[0] == np.deg2rad(2.0)  # what is stated, until there is something to judge by
+    assert np.rad2deg(np.median(found[60:])) == pytest.approx(noise, rel=0.12, abs=0.03)
+    assert RotationNoise().update(R, 1e-3) == 1e-3
+
+
+def test_a_turn_about_the_force_is_answered_slowly() -> None:
+    """A lean is upright in some tenths of a second; a yaw takes ten times as long, and comes right as well."""
+    left = {}
+    for axis, name in ((1, "lean"), (2, "yaw")):
+        deflection = DeflectionFilter(ControllerParameters())
+        turn = np.zeros(3)
+        turn[axis] = 0.05
+        for i in range(1, 41):
+            X_TC = make_pose(so3_exp(turn))
+            m = SimpleNamespace(stamp=i / 40.0, X_TC=X_TC, X_WC=X_TC, X_WT=np.eye(4), tip=np.zeros(3))
+            deflection.update(m, 0.1, 1.0, pressing=np.array((0.0, 0.0, 1.0)))
+            if i == 1:
+                deflection.q = np.zeros(3)
+        left[name] = 1.0 - deflection.q[axis] / 0.05
+    assert left["lean"] < 0.01
+    assert 0.4 < left["yaw"] < 0.7

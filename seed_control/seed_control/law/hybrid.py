@@ -67,6 +67,7 @@ class HybridLaw(PublishedLaw):
         self.deflection = DeflectionFilter(parameters)
         self.normal = SurfaceNormal()  # of the task frame 'found'
         self._tipping_gain = 1.0
+        self._pressing_T: Array | None = None  # (3,) unit vector of the wanted force
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
         self._off_path = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
@@ -89,7 +90,8 @@ class HybridLaw(PublishedLaw):
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
         self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
-        self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z))
+        pressing = self._pressing_T if self.contact.made else None
+        self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z), pressing)
         if self._finds(s) and self.touches(0):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
@@ -182,6 +184,8 @@ class HybridLaw(PublishedLaw):
         force_T = self.tool.R_WT.T @ (R_W_task @ s.wrench.force)
         stiffness = self.wrench_estimator.bushing.stiffness
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
+        size = float(np.sqrt(force_T @ force_T))
+        self._pressing_T = force_T / size if size > 0.0 else None
         # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
         moment = float(force_T @ self.p_Ttip)
         share = max(self.parameters.max_lean_share, _TRAILING * self._rough)

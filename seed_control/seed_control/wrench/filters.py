@@ -12,16 +12,44 @@ from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_e
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
 _UPRIGHT, _LEANING = np.deg2rad((1.5, 3.5))  # of a lean, up to and from where on the place winds up, and does not
+_UNHURRIED = 0.1  # of the speed at which a tool is turned back about its force: nothing tips there
 _STEADY_LOOPS = 3.0  # times of the loop, over which the deflection counts that torques are balanced at
+_IMAGES = 30  # that noise is judged by
+_FOURTH = np.array((-1.0, 3.0, -3.0, 1.0))  # of steps: the fourth difference of what they lead to
+_OF_WHITE = 1.538 * 70.0**0.5  # median size of three components of a fourth difference of white noise, over its own
 _SET_BACK = 1.0  # [s] an answer earlier than the last by this: the clock was set back
 SIDE_LOOPS = 1.5  # times of a deflection that is fed forward, in which a side force is given way to: nothing hurries
+
+
+class RotationNoise:
+    """White noise of rotations, whatever the tool does: their fourth difference over images leaves no slow motion.
+
+    What covariance states is more: errors that stay do not jump from image to image, and no smoothing takes them away.
+    """
+
+    def __init__(self) -> None:
+        self._last: Array | None = None
+        self._steps: deque[Array] = deque(maxlen=len(_FOURTH))
+        self._sizes: deque[float] = deque(maxlen=_IMAGES)
+
+    def update(self, R: Array, stated: float) -> float:
+        """Standard deviation of a component [rad] with the rotation R (3, 3) of a new image, at most what is stated."""
+        if self._last is not None:
+            self._steps.append(so3_log(self._last.T @ R))
+        self._last = R
+        if len(self._steps) == len(_FOURTH):
+            fourth = _FOURTH @ np.array(self._steps)
+            self._sizes.append(float(np.sqrt(fourth @ fourth)) / _OF_WHITE)
+        if len(self._sizes) < _IMAGES // 2:
+            return stated
+        return min(sorted(self._sizes)[len(self._sizes) // 2], stated)
 
 
 class ToolFilter:
     """The tool in the grasp and in the world, smoothed. The first image is taken over as it is.
 
     Attributes:
-        R_WT: (3, 3), by as much as the stated noise of rotations asks; X_WT: (4, 4) with the tip at its place,
+        R_WT: (3, 3), by as much as the noise of rotations asks; X_WT: (4, 4) with the tip at its place,
             over `force_filter`. Both are the newest image's where the pose is not smoothed.
         p_TC: (3,) [m], spring: load on the tool in T, on_environment: in W, over `rotation_filter`.
         discrepancy: between bushing and wrench model, in T, over `discrepancy_filter`; None while the model is the
@@ -31,6 +59,7 @@ class ToolFilter:
     def __init__(self, parameters: ControllerParameters, p_Ttip: Array, smoothed: bool) -> None:
         self._parameters, self._p_Ttip, self._smoothed = parameters, p_Ttip, smoothed
         self._stamp = -inf
+        self._noise = RotationNoise()
         self._tip = np.zeros(3)
         self.R_WT, self.X_WT, self.p_TC = np.eye(3), np.eye(4), np.zeros(3)
         self.spring = self.on_environment = Wrench.zero()
@@ -44,6 +73,7 @@ class ToolFilter:
         """Take in one image."""
         p, dt = self._parameters, m.stamp - self._stamp
         self._stamp = m.stamp
+        noise = self._noise.update(m.X_WT[:3, :3], m.rotation_deviation)
         a = share_of(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)
@@ -56,7 +86,7 @@ class ToolFilter:
         if not self._smoothed or dt == inf:
             self.R_WT, self._tip = m.X_WT[:3, :3], m.tip
         else:
-            smoothing = p.rotation_filter * min(m.rotation_deviation / ROTATION_DEVIATION, 1.0)
+            smoothing = p.rotation_filter * min(noise / ROTATION_DEVIATION, 1.0)
             self.R_WT = self.R_WT @ so3_exp(share_of(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
             self._tip = self._tip + share_of(dt, p.force_filter) * (m.tip - self._tip)
         self.X_WT = make_pose(self.R_WT, self._tip - self.R_WT @ self._p_Ttip)
@@ -92,6 +122,7 @@ class DeflectionFilter:
         yielding: Array | None = None,
         R_WT_des: Array | None = None,
         held: tuple[bool, bool, bool] = (True, True, True),
+        pressing: Array | None = None,
     ) -> None:
         """Take in one image, whose answer takes loop_time [s].
 
@@ -102,6 +133,8 @@ class DeflectionFilter:
         yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel.
         R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None: nothing
             is followed.
+        pressing: (3,) unit vector of the wanted force, in T; None: no force. A turn about it tips nothing, and is
+            answered slowly: a blade that yaws as it sticks and slips would swing the more.
         """
         p, dt = self.parameters, m.stamp - self._stamp
         self._stamp = m.stamp
@@ -112,7 +145,8 @@ class DeflectionFilter:
         self.steady = self.steady + share_of(dt, _STEADY_LOOPS * loop_time) * (q - self.steady)
         left = q - self.q
         slow *= _upright(left * held)
-        self.q = self.q + fast * left
+        tips = np.ones(3) if pressing is None else 1.0 - (1.0 - _UNHURRIED) * pressing * pressing
+        self.q = self.q + fast * tips * left
         seen = m.X_WC[:3, 3] - m.tip
         if self._turn.update(R_WT_des, held, m.stamp, loop_time, p.max_angular_speed):
             self.tip_to_C, seen = self._turn.step @ self.tip_to_C, self._turn.since @ seen
