@@ -15,9 +15,7 @@ from seed_core.spatial import Array
 from seed_estimation.slip.markers import Observation
 
 PARTED = 8e-4  # [m] between the fingers' displacements
-SKEW = (
-    0.025  # [s] by which their images may be apart, stamped or not: a tool that moves parts them by so much of its way
-)
+SKEW = 0.025  # [s] by which their images may be apart, unstamped: by so much of its way a tool that moves parts them
 TOGETHER = 3e-4  # [m] from which on what follows counts
 LEAP = 1.2e-3  # [m] beyond what their speed foretells, by which markers go that were found a pitch further
 FRAMES = 2  # in a row
