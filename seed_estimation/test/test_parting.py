@@ -13,7 +13,9 @@ from seed_estimation.slip.parting import PARTED, Parting
 PERIOD = 1.0 / 30.0  # [s]
 
 
-def rings(left: Callable[[float], float], right: Callable[[float], float], until: float = 1.0) -> float | None:
+def rings(
+    left: Callable[[float], float], right: Callable[[float], float], until: float = 1.0, turned: float = 0.0
+) -> float | None:
     """When the alarm is raised [s] for markers that are so far along z [m] at a time; None: never."""
     parting, seen = Parting(), ([], [])
 
@@ -24,7 +26,7 @@ def rings(left: Callable[[float], float], right: Callable[[float], float], until
     for t in np.arange(PERIOD, until, PERIOD).tolist():
         for one, z in zip(seen, (left(t), right(t)), strict=True):
             one.append(observed(t, z))
-        if parting.parts(seen[0][-5:], seen[1][-5:]):
+        if parting.parts(seen[0][-5:], seen[1][-5:], turned):
             return t
     return None
 
@@ -53,3 +55,9 @@ def test_markers_that_are_found_a_pitch_further_are_not_apart() -> None:
 
 def test_what_creeps_unevenly_while_it_sticks_is_not_apart() -> None:
     assert rings(lambda t: 0.006 * t, lambda t: 0.006 * t - 0.8 * PARTED * min(t, 1.0)) is None
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.2])
+def test_a_tool_that_has_turned_parts_markers_by_what_is_mistaken_of_their_distance(turned: float) -> None:
+    """5 % of 80 mm on either side."""
+    assert (rings(lambda t: 0.0035 * t, lambda t: 0.0051 * t, turned=turned) is None) == (turned > 0.0)

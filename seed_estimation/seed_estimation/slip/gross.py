@@ -110,7 +110,8 @@ class GrossSlip:
         seen = [m.seen for m in self._markers.values()]
         if len(seen) != 2 or not all(s and s[-1].stamp == stamp for s in seen):
             return False
-        return self._parting.parts(*seen)
+        turns = [motion_vector(m.X_CT)[[0, 2]] for m in self._markers.values()]
+        return self._parting.parts(seen[0], seen[1], max(math.hypot(*turn) for turn in turns))
 
     def leaves_behind(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth | None = None) -> bool:
         """Whether the tool goes without the material: all that is told of a track that has been lost for a while.

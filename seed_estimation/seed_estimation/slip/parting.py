@@ -16,6 +16,7 @@ from seed_estimation.slip.markers import Observation
 
 PARTED = 8e-4  # [m] between the fingers' displacements
 SKEW = 0.025  # [s] by which their images may be apart, unstamped: by so much of its way a tool that moves parts them
+LEVER = 0.02  # [m] per [rad] about x or z, by which a scale of depth parts them that is 5 % wrong, as it does the turn
 TOGETHER = 3e-4  # [m] from which on what follows counts
 LEAP = 1.2e-3  # [m] beyond what their speed foretells, by which markers go that were found a pitch further
 FRAMES = 2  # in a row
@@ -27,14 +28,17 @@ class Parting:
     def __init__(self) -> None:
         self._followed, self._count = True, 0
 
-    def parts(self, a: Sequence[Observation], b: Sequence[Observation]) -> bool:
-        """Whether the markers of both fingers, each with its last frames, are too far apart for a tool that sticks."""
+    def parts(self, a: Sequence[Observation], b: Sequence[Observation], turned: float = 0.0) -> bool:
+        """Whether the markers of both fingers, each with its last frames, are too far apart for a tool that sticks.
+
+        turned: [rad] about x and z since the grasp.
+        """
         gap = math.dist(a[-1].displacement, b[-1].displacement)
         if gap < TOGETHER:
             self._followed = True
         elif max(_leap(a), _leap(b)) > LEAP:
             self._followed = False
-        least = PARTED + SKEW * max(math.hypot(*_speed(a, 1)), math.hypot(*_speed(b, 1)))
+        least = PARTED + LEVER * turned + SKEW * max(math.hypot(*_speed(a, 1)), math.hypot(*_speed(b, 1)))
         self._count = self._count + 1 if self._followed and gap > least else 0
         return self._count >= FRAMES
 

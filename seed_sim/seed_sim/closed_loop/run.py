@@ -64,7 +64,7 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
             phase = player.phases.index(status.phase) if status.phase in player.phases else -1
             _record(recording, plant, task, status.setpoint, t, phase)
             _record_belief(recording, loads, task, state)
-        if progress is not None and step % 25 == 0:
+        if progress is not None and (status.done or step % 25 == 0):
             progress(status.progress, f"{status.phase}, {t:.1f} s simulated")
         if status.done:
             recording.finished = not (status.failed or status.cancelled)
