@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from seed_core.bushing import MODELS, Stiffness
-from seed_core.config import ConfigError, field, from_mapping, load_file, save_file, to_mapping
+from seed_core.config import ConfigError, checked, field, load_file, save_file
 from seed_core.vector3 import Vector3
 
 HEADER = (
@@ -105,9 +105,4 @@ def load_stiffness(path: str | Path) -> StiffnessFile:
 
 def save_stiffness(path: str | Path, file: StiffnessFile) -> None:
     """Write a stiffness.yaml whole or not at all. Raises ConfigError: it could not be loaded, and is not written."""
-    save_file(path, HEADER, checked(file))
-
-
-def checked(file: StiffnessFile) -> StiffnessFile:
-    """The same file. Raises ConfigError: a value is out of the bounds within which it can be loaded."""
-    return from_mapping(to_mapping(file), StiffnessFile, "stiffness.yaml")
+    save_file(path, HEADER, checked(file, "stiffness.yaml"))

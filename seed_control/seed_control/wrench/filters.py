@@ -145,8 +145,8 @@ class DeflectionFilter:
         self.steady = self.steady + share_of(dt, _STEADY_LOOPS * loop_time) * (q - self.steady)
         left = q - self.q
         slow *= _upright(left * held)
-        tips = np.ones(3) if pressing is None else 1.0 - (1.0 - _UNHURRIED) * pressing * pressing
-        self.q = self.q + fast * tips * left
+        speed = np.ones(3) if pressing is None else 1.0 - (1.0 - _UNHURRIED) * pressing * pressing  # by axis
+        self.q = self.q + fast * speed * left
         seen = m.X_WC[:3, 3] - m.tip
         if self._turn.update(R_WT_des, held, m.stamp, loop_time, p.max_angular_speed):
             self.tip_to_C, seen = self._turn.step @ self.tip_to_C, self._turn.since @ seen

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from seed_core.config import checked
 from seed_core.spatial import inverse_pose
-from seed_core.stiffness_file import Grip, StiffnessFile, checked
+from seed_core.stiffness_file import Grip, StiffnessFile
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.membrane_map import MembraneResult
@@ -98,4 +99,5 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
         grips.append(Grip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
     model = a.problem.parameters.model
-    return checked(StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), model))
+    file = StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), model)
+    return checked(file, "stiffness.yaml")
