@@ -36,12 +36,16 @@ SCRIPT = """<script>
   const waiting = new Map();  // what ends the wait of each request
   let count = 0, last = -PERIOD;
   window.requestAnimationFrame = (callback) => {
-    const id = ++count;
+    const id = ++count, due = last + PERIOD;
     const draw = () => {
-      const frame = request((t) => { waiting.delete(id); last = Math.max(last, t); callback(t); });
+      const frame = request((t) => {
+        waiting.delete(id);
+        last = Math.max(last, t, Math.min(due, performance.now()));  // t of a busy browser lags behind
+        callback(t);
+      });
       waiting.set(id, () => cancel(frame));
     };
-    const now = performance.now(), wait = now < OPENING ? 0 : last + PERIOD - now;
+    const now = performance.now(), wait = now < OPENING ? 0 : due - now;
     if (wait > 0) {
       const timer = setTimeout(draw, wait);
       waiting.set(id, () => clearTimeout(timer));

@@ -14,6 +14,8 @@ from tqdm import tqdm
 
 T = TypeVar("T")
 EVERY = 10.0  # [s] between two lines
+# joblib's process that takes away what others leave behind tells so, on whatever Ctrl-C cuts short
+_QUIET = "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker"
 
 Progress = Callable[[float, str], None]  # share of a stretch of work, and what is done; a smaller share: the next one
 
@@ -31,12 +33,14 @@ def in_parallel(calls: Sequence[Any], jobs: int, unit: str, ordered: bool = True
 
 @contextmanager
 def _deaf_processes() -> Iterator[None]:
-    """Those that are started meanwhile do not hear Ctrl-C, and tell no tracebacks: this one does, and ends them."""
+    """Those that are started meanwhile do not hear Ctrl-C, and tell nothing of it: this one does, and ends them."""
     resource_tracker.ensure_running()  # here, for on Python 3.11 it takes away the mask of whoever starts it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    sys.warnoptions.append(_QUIET)  # an argument of Python processes that are started
     try:
         yield
     finally:
+        sys.warnoptions.remove(_QUIET)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
