@@ -34,7 +34,7 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
-from seed_estimation.slip.parting import Parting
+from seed_estimation.slip.parting import ACROSS, FREE_ALL, Parting
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
@@ -103,15 +103,17 @@ class GrossSlip:
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
         left = self.leaves_behind(crops, fit, stamp, depth if locked else None)
-        return fallen or gone_on or left or self._parted(stamp) or (not locked and self._torn(stamp))
+        parted = locked and self._parted(fit, stamp)
+        return fallen or gone_on or left or parted or (not locked and self._torn(stamp))
 
-    def _parted(self, stamp: float) -> bool:
+    def _parted(self, fit: Fit, stamp: float) -> bool:
         """Whether both fingers' markers are seen in this frame, and have parted."""
-        seen = [m.seen for m in self._markers.values()]
-        if len(seen) != 2 or not all(s and s[-1].stamp == stamp for s in seen):
+        if len(self._markers) != 2 or not all(m.seen and m.seen[-1].stamp == stamp for m in self._markers.values()):
             return False
-        turns = [motion_vector(m.X_CT)[[0, 2]] for m in self._markers.values()]
-        return self._parting.parts(seen[0], seen[1], max(math.hypot(*turn) for turn in turns))
+        covariance = np.linalg.inv(fit.H_depth + FREE_ALL)
+        turn = (motion_vector(fit.X_CT) - fit.ahead)[ACROSS]
+        by_depth, deviation = turn - (covariance @ fit.g_depth)[ACROSS], np.sqrt(covariance.diagonal()[ACROSS])
+        return self._parting.parts(list(self._markers.values()), turn, by_depth, deviation)
 
     def leaves_behind(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth | None = None) -> bool:
         """Whether the tool goes without the material: all that is told of a track that has been lost for a while.

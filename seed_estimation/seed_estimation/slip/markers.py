@@ -76,12 +76,14 @@ class Markers:
         seen: observations of the last SPAN seconds.
         sizes: of the displacements of the last RELEASE seconds: stamp [s], size [m].
         X_CT: (4, 4) where they would put the tool, when last found.
+        side: y of the patch at the grasp [m].
         jitter: deviation of the displacement's second difference over frames [m].
     """
 
     def __init__(self, model: FingerModel, lever: Array, centre: Array) -> None:
         """lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]; centre: see `sideways`."""
         self._model, self._lever, self._centre = model.without_depth(), lever, centre
+        self.side = float(model.patch.points.p[1].mean())
         self._creep = creep_weights(model)
         self.seen: deque[Observation] = deque()
         self.sizes: deque[tuple[float, float]] = deque()

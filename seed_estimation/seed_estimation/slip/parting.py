@@ -2,58 +2,160 @@
 """Fingers whose markers part: a tool is rigid, so what sticks to it goes as far on one side as on the other.
 
 Friction and grip are never quite alike. A tool that slides along an axis that depth does not see takes one membrane
-further than the other, and both are seen to stop apart. While it sticks, and while up to half of the patches slide,
-they stay within 0.2 mm of each other.
+further than the other, and both are seen to stop apart. The images would rather have the tool turned then, which depth
+knows better: the gap between the fingers' displacements is taken at the turn that depth sees.
+
+A tool that sticks makes a gap, too: by images of unequal times, by a scale of depth that is wrong, and by depth that
+is late. Along x and along z alike, with the turn about z and about x:
+
+    gap = constant + lever turn + skew speed + late (turn's speed)
+
+The four are learned while the tool sticks, by a Kalman filter for each axis that stays some frames behind.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_estimation.slip.markers import Observation
+from seed_estimation.rigid_fit.residuals import motion_vector
+from seed_estimation.slip.markers import Markers, Observation
 
-PARTED = 8e-4  # [m] between the fingers' displacements
-SKEW = 0.025  # [s] by which their images may be apart, unstamped: by so much of its way a tool that moves parts them
-LEVER = 0.02  # [m] per [rad] about x or z, by which a scale of depth parts them that is 5 % wrong, as it does the turn
-TOGETHER = 3e-4  # [m] from which on what follows counts
-LEAP = 1.2e-3  # [m] beyond what their speed foretells, by which markers go that were found a pitch further
-FRAMES = 2  # in a row
+PARTED, SURE = 8e-5, 2.0  # [m] and deviations by which the gap differs from what it should be
+FRAMES, BEHIND = 2, 3  # in a row; by which what is learned stays behind
+# What may be at first: [m], [m] of lever (a depth that is 5 % off in scale), [s] of skew, [m s] of depth that is late
+FIRST = np.array((2e-4, 1e-2, 1.2e-2, 4e-4))
+DRIFT = np.array((3e-5, 1e-4, 1e-4, 1e-5))  # of them, per root of a second
+NOISE = 2e-5  # [m] of the gap, beside that of depth's turn
+# [s] of skewed images and of late depth beyond what is learned, which goes as the tool moves: fast motion is no
+# multiple of slow motion. A tool that slides leaves its membranes at rest.
+SKEWED, LATE = 0.012, 0.012
+DOUBTED = 1e-4  # [m] that the constant may have changed by, per frame that does not fit
+LEAP = 1.2e-3  # [m] off their way, and the other finger's, by which markers go that were found a pitch further
+ACROSS = np.array((2, 0))  # turns about z and x, by which a tool takes one finger's patch further along x and z
+FREE_ALL = np.diag((4.0, 4.0, 4.0, 2.5e3, 2.5e3, 2.5e3))  # holds what depth does not see
+
+
+class Gap(NamedTuple):
+    """Between both fingers' markers along one axis in one frame.
+
+    Attributes:
+        stamp: of the frame [s].
+        size: [m]. variance: of its noise [m^2].
+        of: (4,) what it goes with: 1, the turn [rad], the speed [m/s] and the turn's speed [rad/s].
+        margin: [m] by which a tool that moves may make another gap than was learned.
+    """
+
+    stamp: float
+    size: float
+    variance: float
+    of: Array
+    margin: float
+
+
+class UsualGap:
+    """The gap along one axis while the tool sticks."""
+
+    def __init__(self) -> None:
+        self._value, self._P = np.zeros(4), np.diag(FIRST**2)
+        self._waiting: deque[Gap] = deque()
+        self._side, self._count = 0.0, 0
+
+    def restart(self) -> None:
+        """The constant may be any from now on."""
+        self._waiting.clear()
+        self._P[0], self._P[:, 0], self._count = 0.0, 0.0, 0
+        self._P[0, 0] = 1.0
+
+    def unlike(self, gap: Gap) -> bool:
+        """Whether the gap has surely been another than usual for some frames."""
+        off, deviation = self._off(gap)
+        side = math.copysign(1.0, off) if abs(off) > PARTED + SURE * deviation + gap.margin else 0.0
+        self._count = self._count + 1 if side and side == self._side else int(side != 0.0)
+        self._side = side
+        self._waiting.append(gap)
+        if len(self._waiting) > BEHIND:
+            self._learn(self._waiting.popleft())
+        return self._count >= FRAMES
+
+    def _off(self, gap: Gap) -> tuple[float, float]:
+        """By how much a gap differs from what it should be [m], and the deviation of that."""
+        return gap.size - float(gap.of @ self._value), math.sqrt(float(gap.of @ self._P @ gap.of) + gap.variance)
+
+    def _learn(self, gap: Gap) -> None:
+        off, deviation = self._off(gap)
+        if abs(off) < PARTED + SURE * deviation + gap.margin:
+            gain = self._P @ gap.of / (deviation**2 + gap.margin**2)
+            self._value = self._value + gain * off
+            self._P = self._P - np.outer(gain, gap.of @ self._P)
+        else:
+            self._P[0, 0] += DOUBTED**2
+        self._P = self._P + np.diag(DRIFT**2) * (self._waiting[0].stamp - gap.stamp)
+
+
+class _Motion(NamedTuple):
+    """Of the tool up to a time [s]: turn (2,) [rad] about z and x, and speeds (2,) [m/s], [rad/s]."""
+
+    stamp: float
+    turn: Array
+    speed: Array
+    rate: Array
 
 
 class Parting:
     """Of both fingers in one grasp."""
 
     def __init__(self) -> None:
-        self._followed, self._count = True, 0
+        self._usual = (UsualGap(), UsualGap())
+        self._motions: deque[_Motion] = deque(maxlen=3)
 
-    def parts(self, a: Sequence[Observation], b: Sequence[Observation], turned: float = 0.0) -> bool:
-        """Whether the markers of both fingers, each with its last frames, are too far apart for a tool that sticks.
+    def parts(self, markers: Sequence[Markers], turn: Array, by_depth: Array, deviation: Array) -> bool:
+        """Whether the markers of both fingers, found in this frame, part as on a tool that slides.
 
-        turned: [rad] about x and z since the grasp.
+        turn (2,): of the tool about z and x since the grasp [rad]; by_depth, deviation: the same as depth sees it.
         """
-        gap = math.dist(a[-1].displacement, b[-1].displacement)
-        if gap < TOGETHER:
-            self._followed = True
-        elif max(_leap(a), _leap(b)) > LEAP:
-            self._followed = False
-        least = PARTED + LEVER * turned + SKEW * max(math.hypot(*_speed(a, 1)), math.hypot(*_speed(b, 1)))
-        self._count = self._count + 1 if self._followed and gap > least else 0
-        return self._count >= FRAMES
+        a, b = (_steps(m.seen) for m in markers)
+        if not (len(a) and len(b)):
+            self._motions.clear()
+            return False
+        now, before = markers[0].seen[-1].stamp, markers[0].seen[-2].stamp
+        last = self._motions[-1].turn if self._motions else turn
+        speed, rate = 0.5 * (a[-1] + b[-1])[1:] / (now - before), (turn - last) / (now - before)
+        self._motions.append(_Motion(now, turn, speed, rate))
+        if _leaps(a, b) or _leaps(b, a):
+            for usual in self._usual:
+                usual.restart()
+            return False
+        apart = abs(markers[0].side - markers[1].side)
+        size = _moved(markers[0], by_depth) - _moved(markers[1], by_depth)
+        variance = NOISE**2 + np.square(apart * deviation)
+        margin = SKEWED * np.max([np.abs(m.speed) for m in self._motions], axis=0)
+        margin += LATE * apart * np.max([np.abs(m.rate) for m in self._motions], axis=0)
+        of = np.stack((np.ones(2), turn, speed, rate), axis=1)
+        found = [u.unlike(Gap(now, *each)) for u, *each in zip(self._usual, size, variance, of, margin, strict=True)]
+        return any(found)
 
 
-def _speed(seen: Sequence[Observation], back: int) -> Array:
-    """(3,) [m/s] up to the frame so many before the next; 0 where it is not known."""
-    if len(seen) < back + 1:
-        return np.zeros(3)
-    before, after = seen[-back - 1], seen[-back]
-    return np.asarray((after.displacement - before.displacement) / (after.stamp - before.stamp))
+def _moved(markers: Markers, by_depth: Array) -> Array:
+    """Displacement (2,) [m] of the tool along x and z by one finger's markers, were it turned as depth sees it."""
+    z, x = by_depth - motion_vector(markers.X_CT)[ACROSS]
+    return np.asarray(markers.seen[-1].displacement[1:] + markers.side * np.array((z, -x)))
 
 
-def _leap(seen: Sequence[Observation]) -> float:
-    """[m] from where the speed of the frame before would have brought the markers."""
-    if len(seen) < 2:
-        return 0.0
-    before, now = seen[-2], seen[-1]
-    return math.hypot(*(now.displacement - before.displacement - _speed(seen, 2) * (now.stamp - before.stamp)))
+def _steps(seen: Sequence[Observation]) -> Array:
+    """(k, 3) [m] from frame to frame, of the last k <= 2."""
+    return np.diff([s.displacement for s in list(seen)[-3:]], axis=0)
+
+
+def _leaps(steps: Array, other: Array) -> bool:
+    """Whether a finger's markers have gone further than at their speed, or with the other's, or both."""
+    return len(steps) > 1 and min(_off(steps[-1], steps[-2]), _off(steps[-1], other[-1])) > LEAP
+
+
+def _off(point: Array, end: Array) -> float:
+    """[m] of a point from the line from 0 to `end`."""
+    share = float(point @ end) / max(float(end @ end), 1e-18)
+    return math.dist(point, min(max(share, 0.0), 1.0) * end)

@@ -92,7 +92,7 @@ class HeldTool:
         self.t += DT
         friction = self.pull.friction_at(self.t)
         for bubble in self._grasp.bubbles.values():
-            bubble.contact.friction = friction
+            bubble.contact.friction = friction * bubble.p.friction / self.pull.membrane.friction
         if width is not None:
             self._squeeze = self.squeeze_at(width)
         try:

@@ -21,6 +21,7 @@ _CUTS = 5  # halvings of a step that does not settle
 # Times the longest step: one way to where an equilibrium ends may settle where another does not
 _TRIES = (1.0, 0.7, 0.45)
 _FARTHEST = 1.0  # [m] of the tool from the grasp
+_BALANCED, _YIELDS = 0.01, 6  # [N] by which one finger may push more, and in how many steps the hand gives way
 
 
 class Saved(NamedTuple):
@@ -29,6 +30,7 @@ class Saved(NamedTuple):
     bubbles: tuple[Memory, ...]
     X_CT: Array
     squeeze: float
+    aside: float  # [m] along y of C: of the middle of both fingers
     t: float
 
 
@@ -37,7 +39,7 @@ class MembraneGrasp:
 
     Attributes:
         height: [m] of the free, inflated dome over its rim.
-        squeeze: [m] imprint of the tool in each free bubble at X_CT = identity.
+        squeeze: [m] imprint of the tool in each free bubble at X_CT = identity; mean of both.
     """
 
     def __init__(self, parameters: MembraneParameters, tool: ToolShape) -> None:
@@ -49,9 +51,9 @@ class MembraneGrasp:
         self.parameters, self.tool = parameters, tool
         self.surface = ToolSurface(tool, parameters.edge)
         self.mesh = ellipse_mesh(parameters.rim_x, parameters.rim_z, parameters.spacing)
-        self.bubbles = {name: Bubble(parameters, self.mesh, self.surface, side) for name, side in SIDES.items()}
+        self.bubbles = {name: Bubble(parameters.of(s), self.mesh, self.surface, s) for name, s in SIDES.items()}
         self.height = min(b.free_height for b in self.bubbles.values())
-        self.squeeze = 0.0
+        self.squeeze = self._aside = 0.0
         self._X_CT = np.eye(4)
         self._t = 0.0
         self._closed = False
@@ -59,13 +61,17 @@ class MembraneGrasp:
 
     # -- geometry ------------------------------------------------------------------------------------------------------
     def rim(self, squeeze: float) -> float:
-        """Distance of each rim's plane from C [m]."""
+        """Distance of each rim's plane from C [m], where both bubbles are alike."""
         return self.tool.radius - squeeze + self.height
+
+    def _place(self, side: float, squeeze: float) -> float:
+        """y in C [m] of a rim's plane."""
+        return side * self.rim(squeeze) + self._aside
 
     def _pose_of(self, side: float, X_TC: Array, squeeze: float) -> tuple[Array, Array]:
         """R_TF, p_TF of a bubble."""
         R = X_TC[:3, :3]
-        return R, X_TC[:3, 3] + R[:, 1] * (side * self.rim(squeeze))
+        return R, X_TC[:3, 3] + R[:, 1] * self._place(side, squeeze)
 
     def _check(self, X_CT: Array, squeeze: float) -> Array:
         """X_TC; refuses what is no pose, and a tool that would pass through a rim's plane."""
@@ -82,9 +88,9 @@ class MembraneGrasp:
         X_TC = inverse_pose(X_CT)
         plane = self.mesh.flat
         for name, side in SIDES.items():
-            rim = np.column_stack([plane[:, 0], np.full(len(plane), side * self.rim(squeeze)), plane[:, 1]])
+            rim = np.column_stack([plane[:, 0], np.full(len(plane), self._place(side, squeeze)), plane[:, 1]])
             depth = -float(self.surface.distance(rim @ X_TC[:3, :3].T + X_TC[:3, 3]).min())
-            depth = max(depth, float(side * X_CT[1, 3]) - self.rim(squeeze))
+            depth = max(depth, float(side * (X_CT[1, 3] - self._place(side, squeeze))))
             if depth > 0.0:
                 raise MembraneError(
                     f"the tool pierces the {name} membrane: it passes the plane of the rim by {depth:.3g} m (most: 0); "
@@ -103,7 +109,7 @@ class MembraneGrasp:
             self._recall(now)
 
     def close(self, squeeze: float | None = None) -> GraspState:
-        """Close on the tool at X_CT = identity, from apart.
+        """Close on the tool at X_CT = identity, from apart; the hand gives way until both fingers push alike.
 
         Raises:
             MembraneError: the tool pierces a membrane, or no equilibrium is found.
@@ -113,6 +119,12 @@ class MembraneGrasp:
         self._recall(self._blank)
         self.squeeze, self._X_CT, self._closed = 0.0, np.eye(4), True
         state = self._travel(np.eye(4), goal, self._t)
+        for _ in range(_YIELDS):
+            push = float(state.wrench.force[1])
+            if not state.converged or abs(push) < _BALANCED:
+                break
+            self._aside -= push / float(state.tangent[4, 4])
+            state = self._travel(np.eye(4), goal, self._t)
         if not state.converged:
             self._recall(self._blank)
             self._closed = False
@@ -138,7 +150,7 @@ class MembraneGrasp:
 
     def save(self) -> Saved:
         """The state, to come back to."""
-        return Saved(tuple(b.memory() for b in self.bubbles.values()), self._X_CT, self.squeeze, self._t)
+        return Saved(tuple(b.memory() for b in self.bubbles.values()), self._X_CT, self.squeeze, self._aside, self._t)
 
     def restore(self, state: Saved, t: float | None = None) -> None:
         """Come back to a saved state, as if it had come about at time t [s]; default: when it was saved."""
@@ -157,7 +169,7 @@ class MembraneGrasp:
     def _recall(self, state: Saved) -> None:
         for bubble, memory in zip(self.bubbles.values(), state.bubbles, strict=True):
             bubble.recall(memory)
-        self._X_CT, self.squeeze, self._t = state.X_CT, state.squeeze, state.t
+        self._X_CT, self.squeeze, self._aside, self._t = state.X_CT, state.squeeze, state.aside, state.t
 
     def _travel(self, X_CT: Array, squeeze: float, t: float) -> GraspState:
         if not self._closed:
@@ -211,7 +223,7 @@ class MembraneGrasp:
 
     # -- state ---------------------------------------------------------------------------------------------------------
     def _bubble_state(self, name: str, squeeze: float) -> BubbleState:
-        bubble, out = self.bubbles[name], np.array((0.0, SIDES[name] * self.rim(squeeze), 0.0))
+        bubble, out = self.bubbles[name], np.array((0.0, self._place(SIDES[name], squeeze), 0.0))
         touching, patch = bubble.touching()
         return BubbleState(
             bubble.x + out, self.mesh.triangles, self.mesh.flat, touching, patch + out, *bubble.areas(),

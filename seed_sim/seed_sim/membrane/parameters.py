@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every number of a bubble with mechanics. Sources and the ranges of random membranes: docs/membrane.md."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ class MembraneError(SeedError):
 
 @dataclass(frozen=True)
 class MembraneParameters:
-    """Sheet, gas, friction and grip of one bubble; both bubbles of a hand are alike."""
+    """Sheet, gas, friction and grip of both bubbles of a hand, and by how much they are not alike."""
 
     # sheet
     Et: float = field(700.0, unit="N/m", low=50.0, high=20000.0, doc="Young's modulus times thickness")
@@ -40,6 +40,11 @@ class MembraneParameters:
     shear_stiffness: float = field(1e8, unit="N/m^3", low=1e6, high=1e10, doc="shear stress per displacement, sticking")
     edge: float = field(0.002, unit="m", low=0.0002, high=0.03, doc="radius of the edges of box and ends")
 
+    # by what share the left bubble has more than said above, and the right one less
+    unlike_sheet: float = field(0.0, low=-0.3, high=0.3, doc="of Et: the left sheet is stiffer, the right one softer")
+    unlike_pressure: float = field(0.0, low=-0.3, high=0.3, doc="of pressure: the left bubble is fuller")
+    unlike_friction: float = field(0.0, low=-0.3, high=0.3, doc="of friction: the left bubble sticks better")
+
     # grip
     squeeze: float = field(0.0065, unit="m", low=0.0005, high=0.025, doc="imprint of the tool in each bubble, grasped")
 
@@ -58,6 +63,18 @@ class MembraneParameters:
                 f"spacing = {self.spacing:g} m must be at most 0.35 of the shorter semi-axis of the rim, "
                 f"{min(self.rim_x, self.rim_z):g} m"
             )
+
+    def of(self, side: float) -> "MembraneParameters":
+        """Of one bubble alone; side: +1 for the left one, -1 for the right one."""
+        return replace(
+            self,
+            Et=self.Et * (1.0 + side * self.unlike_sheet),
+            pressure=self.pressure * (1.0 + side * self.unlike_pressure),
+            friction=self.friction * (1.0 + side * self.unlike_friction),
+            unlike_sheet=0.0,
+            unlike_pressure=0.0,
+            unlike_friction=0.0,
+        )
 
 
 def random_membrane(seed: int, spacing: float = 0.004) -> MembraneParameters:
@@ -81,5 +98,8 @@ def random_membrane(seed: int, spacing: float = 0.004) -> MembraneParameters:
         friction=float(draw.uniform(0.7, 1.5)),
         squeeze=float(draw.uniform(0.0055, 0.0085)),
         creep=float(draw.uniform(0.0, 0.1)),
+        unlike_sheet=float(draw.uniform(-0.05, 0.05)),
+        unlike_pressure=float(draw.uniform(-0.02, 0.02)),
+        unlike_friction=float(draw.uniform(-0.1, 0.1)),
         spacing=spacing,
     )
