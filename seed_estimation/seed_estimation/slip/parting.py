@@ -2,7 +2,8 @@
 """Fingers whose markers part: a tool is rigid, so what sticks to it goes as far on one side as on the other.
 
 Friction and grip are never quite alike. A tool that slides along an axis that depth does not see takes one membrane
-further than the other, and both are seen to stop apart. The images would rather have the tool turned then, which depth
+further than the other, and both are seen to stop apart. A load that comes slowly parts them as well, for a patch slides
+from its edge inwards long before it lets go; but a drag that ends does not. The images would rather have the tool turned then, which depth
 knows better: the gap between the fingers' displacements is taken at the turn that depth sees.
 
 A tool that sticks makes a gap, too: by images of unequal times, by a scale of depth that is wrong, and by depth that
@@ -24,7 +25,8 @@ from seed_core.spatial import Array
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.markers import Markers, Observation
 
-PARTED, SURE = 8e-5, 2.0  # [m] and deviations by which the gap differs from what it should be
+FAST, LATELY, STOPPED = 0.02, 0.2, 0.25  # [m/s] of dragged markers, within so many [s]; share of it when they stopped
+PARTED, SURE = 1e-4, 2.0  # [m] and deviations by which the gap differs from what it should be
 FRAMES, BEHIND = 2, 3  # in a row; by which what is learned stays behind
 # What may be at first: [m], [m] of lever (a depth that is 5 % off in scale), [s] of skew, [m s] of depth that is late
 FIRST = np.array((2e-4, 1e-2, 1.2e-2, 4e-4))
@@ -47,6 +49,7 @@ class Gap(NamedTuple):
         size: [m]. variance: of its noise [m^2].
         of: (4,) what it goes with: 1, the turn [rad], the speed [m/s] and the turn's speed [rad/s].
         margin: [m] by which a tool that moves may make another gap than was learned.
+        stops: whether the markers have just been dragged along that axis, and now rest.
     """
 
     stamp: float
@@ -54,6 +57,7 @@ class Gap(NamedTuple):
     variance: float
     of: Array
     margin: float
+    stops: bool
 
 
 class UsualGap:
@@ -71,9 +75,10 @@ class UsualGap:
         self._P[0, 0] = 1.0
 
     def unlike(self, gap: Gap) -> bool:
-        """Whether the gap has surely been another than usual for some frames."""
+        """Whether a drag has just ended, and the gap has surely been another than usual for some frames since."""
         off, deviation = self._off(gap)
-        side = math.copysign(1.0, off) if abs(off) > PARTED + SURE * deviation + gap.margin else 0.0
+        parted = gap.stops and abs(off) > PARTED + SURE * deviation + gap.margin
+        side = math.copysign(1.0, off) if parted else 0.0
         self._count = self._count + 1 if side and side == self._side else int(side != 0.0)
         self._side = side
         self._waiting.append(gap)
@@ -110,7 +115,7 @@ class Parting:
 
     def __init__(self) -> None:
         self._usual = (UsualGap(), UsualGap())
-        self._motions: deque[_Motion] = deque(maxlen=3)
+        self._motions: deque[_Motion] = deque()
 
     def parts(self, markers: Sequence[Markers], turn: Array, by_depth: Array, deviation: Array) -> bool:
         """Whether the markers of both fingers, found in this frame, part as on a tool that slides.
@@ -125,6 +130,8 @@ class Parting:
         last = self._motions[-1].turn if self._motions else turn
         speed, rate = 0.5 * (a[-1] + b[-1])[1:] / (now - before), (turn - last) / (now - before)
         self._motions.append(_Motion(now, turn, speed, rate))
+        while not 0.0 <= now - self._motions[0].stamp <= LATELY:
+            self._motions.popleft()
         if _leaps(a, b) or _leaps(b, a):
             for usual in self._usual:
                 usual.restart()
@@ -132,11 +139,13 @@ class Parting:
         apart = abs(markers[0].side - markers[1].side)
         size = _moved(markers[0], by_depth) - _moved(markers[1], by_depth)
         variance = NOISE**2 + np.square(apart * deviation)
-        margin = SKEWED * np.max([np.abs(m.speed) for m in self._motions], axis=0)
-        margin += LATE * apart * np.max([np.abs(m.rate) for m in self._motions], axis=0)
+        speeds, rates = (np.abs([m[i] for m in self._motions]) for i in (2, 3))
+        margin = SKEWED * speeds[-FRAMES - 1 :].max(axis=0) + LATE * apart * rates[-FRAMES - 1 :].max(axis=0)
+        fastest = speeds.max(axis=0)
+        stops = (fastest > FAST) & (speeds[-1] < STOPPED * fastest)
         of = np.stack((np.ones(2), turn, speed, rate), axis=1)
-        found = [u.unlike(Gap(now, *each)) for u, *each in zip(self._usual, size, variance, of, margin, strict=True)]
-        return any(found)
+        gaps = [Gap(now, *each) for each in zip(size, variance, of, margin, stops, strict=True)]
+        return any([usual.unlike(gap) for usual, gap in zip(self._usual, gaps, strict=True)])
 
 
 def _moved(markers: Markers, by_depth: Array) -> Array:
