@@ -30,7 +30,7 @@ def dragged(t: float, bears: float) -> float:
     return handled(min(t, BEGIN)) + min(0.04 * max(t - BEGIN, 0.0), bears)
 
 
-def rings(left: Motion, right: Motion, held: Motion = lambda t: 0.0, by_depth: Motion | None = None) -> float | None:
+def rings(left: Motion, right: Motion, held: Motion = np.zeros_like, by_depth: Motion | None = None) -> float | None:
     """When fingers part [s] whose markers are so far along z [m] at a time; None: never.
 
     held: turn about x [rad] at which the images have the tool; by_depth: at which depth sees it; default: the same.

@@ -191,3 +191,12 @@ def test_random_membranes_hold_every_tool(tool):
     assert s.converged
     assert np.isfinite(s.tangent).all()
     assert all(b.touching.any() for b in s.bubbles.values())
+
+
+def test_fingers_that_are_not_alike_push_alike_once_closed() -> None:
+    unlike = MembraneParameters(spacing=0.007, unlike_sheet=0.05, unlike_pressure=0.02, unlike_friction=0.1)
+    state = MembraneGrasp(unlike, ToolShape("cylinder")).close()
+    left, right = (state.bubbles[f] for f in ("left", "right"))
+    assert left.wrench.force[1] + right.wrench.force[1] == pytest.approx(0.0, abs=0.01)
+    assert left.pressure != pytest.approx(right.pressure, rel=0.01)
+    assert unlike.of(1.0).friction == pytest.approx(1.1 / 0.9 * unlike.of(-1.0).friction)
