@@ -3,8 +3,9 @@
 
 Friction and grip are never quite alike. A tool that slides along an axis that depth does not see takes one membrane
 further than the other, and both are seen to stop apart. A load that comes slowly parts them as well, for a patch slides
-from its edge inwards long before it lets go; but a drag that ends does not. The images would rather have the tool turned then, which depth
-knows better: the gap between the fingers' displacements is taken at the turn that depth sees.
+from its edge inwards long before it lets go; but a drag that ends does not. The images would rather have the tool
+turned than apart, which depth knows better: the gap between the fingers' displacements is taken at the turn that depth
+sees.
 
 A tool that sticks makes a gap, too: by images of unequal times, by a scale of depth that is wrong, and by depth that
 is late. Along x and along z alike, with the turn about z and about x:
@@ -146,7 +147,8 @@ class Parting:
         stops = (fastest > FAST) & (speeds[-1] < STOPPED * fastest)
         of = np.stack((np.ones(2), turn, speed, rate), axis=1)
         gaps = [Gap(now, *each) for each in zip(size, variance, of, margin, stops, strict=True)]
-        return any([usual.unlike(gap) for usual, gap in zip(self._usual, gaps, strict=True)])
+        unlike = [usual.unlike(gap) for usual, gap in zip(self._usual, gaps, strict=True)]  # both learn
+        return any(unlike)
 
 
 def _moved(markers: Markers, by_depth: Array) -> Array:

@@ -98,8 +98,12 @@ def random_membrane(seed: int, spacing: float = 0.004) -> MembraneParameters:
         friction=float(draw.uniform(0.7, 1.5)),
         squeeze=float(draw.uniform(0.0055, 0.0085)),
         creep=float(draw.uniform(0.0, 0.1)),
-        unlike_sheet=float(draw.uniform(-0.05, 0.05)),
-        unlike_pressure=float(draw.uniform(-0.02, 0.02)),
-        unlike_friction=float(draw.uniform(-0.1, 0.1)),
         spacing=spacing,
     )
+
+
+def unlike_fingers(membrane: MembraneParameters, seed: int) -> MembraneParameters:
+    """The same with fingers that are not quite alike, drawn from the ranges that docs/membrane.md tells."""
+    draw = np.random.default_rng((seed, 0xF1F2))
+    sheet, pressure, friction = (float(draw.uniform(-most, most)) for most in (0.05, 0.02, 0.1))
+    return replace(membrane, unlike_sheet=sheet, unlike_pressure=pressure, unlike_friction=friction)
