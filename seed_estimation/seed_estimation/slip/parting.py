@@ -27,7 +27,7 @@ from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.markers import Markers, Observation
 
 FAST, LATELY, STOPPED = 0.012, 0.2, 0.25  # [m/s] of dragged markers, within so many [s]; share of it when they stopped
-PARTED, SURE = 1e-4, 2.0  # [m] and deviations by which the gap differs from what it should be
+PARTED, SURE = 2e-4, 2.0  # [m] and deviations by which the gap differs from what it should be
 FRAMES, BEHIND = 2, 3  # in a row; by which what is learned stays behind
 # What may be at first: [m], [m] of lever (a depth that is 5 % off in scale), [s] of skew, [m s] of depth that is late
 FIRST = np.array((2e-4, 1e-2, 1.2e-2, 4e-4))
