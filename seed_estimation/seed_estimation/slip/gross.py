@@ -33,8 +33,8 @@ from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import Following
-from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
-from seed_estimation.slip.parting import ACROSS, FREE_ALL, Parting
+from seed_estimation.slip.markers import FREE, FREE_ALL, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
+from seed_estimation.slip.parting import ACROSS, Parting
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing

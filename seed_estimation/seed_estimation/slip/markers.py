@@ -19,7 +19,8 @@ SIDEWAYS = np.array((1, 3, 5))  # turn about y, displacement along x and z: what
 THREE = np.ix_(SIDEWAYS, SIDEWAYS)
 # Keeps roll, yaw and y, which the markers of one finger hardly show
 HOLD = np.diag((1e9, 4.0, 1e9, 2.5e3, 1e12, 2.5e3))
-FREE = np.diag((4.0, 2.5e3, 2.5e3))  # the same of the three alone
+FREE_ALL = np.diag((4.0, 4.0, 4.0, 2.5e3, 2.5e3, 2.5e3))  # holds what depth does not see
+FREE = FREE_ALL[THREE]  # the same of the three alone
 SPAN, RELEASE = 0.12, 0.5  # [s] that is looked back; the same for the load under which a tool was, which is let go
 JITTER = 3e-5  # [m] that noise is taken for at first
 BACK = (0.0, 0.1, 0.2, 0.3, 0.4, 0.7, 1.0)  # shares of the displacement by which they are searched for; 1: set free

@@ -39,7 +39,6 @@ SKEWED, LATE = 0.012, 0.012
 DOUBTED = 1e-4  # [m] that the constant may have changed by, per frame that does not fit
 LEAP = 1.2e-3  # [m] off their way, and the other finger's, by which markers go that were found a pitch further
 ACROSS = np.array((2, 0))  # turns about z and x, by which a tool takes one finger's patch further along x and z
-FREE_ALL = np.diag((4.0, 4.0, 4.0, 2.5e3, 2.5e3, 2.5e3))  # holds what depth does not see
 
 
 class Gap(NamedTuple):
@@ -128,8 +127,9 @@ class Parting:
             self._motions.clear()
             return False
         now, before = markers[0].seen[-1].stamp, markers[0].seen[-2].stamp
-        last = self._motions[-1].turn if self._motions else turn
-        speed, rate = 0.5 * (a[-1] + b[-1])[1:] / (now - before), (turn - last) / (now - before)
+        speed, rate = 0.5 * (a[-1] + b[-1])[1:] / (now - before), np.zeros(2)
+        if self._motions and now > self._motions[-1].stamp:
+            rate = (turn - self._motions[-1].turn) / (now - self._motions[-1].stamp)
         self._motions.append(_Motion(now, turn, speed, rate))
         while not 0.0 <= now - self._motions[0].stamp <= LATELY:
             self._motions.popleft()
