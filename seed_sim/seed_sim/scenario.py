@@ -16,7 +16,7 @@ from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.gel.parameters import GelParameters
 from seed_sim.gripper.gripper import GripperSection
-from seed_sim.membrane.parameters import MembraneParameters, random_membrane
+from seed_sim.membrane.parameters import MembraneParameters, random_membrane, unlike_fingers
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
 from seed_sim.plant.tools import BLADE
@@ -185,7 +185,7 @@ def tactile_of(scenario: Scenario) -> TactileParameters:
 
 
 def on_membrane(scenario: Scenario, seed: int, firm: bool = False) -> Scenario:
-    """The scenario with its tool between two membranes that are drawn from the seed, dots included.
+    """The scenario with its tool between two membranes that are drawn from the seed, not quite alike, dots included.
 
     firm: as a tool needs that presses with 10 N at a lever of 12 cm: its handle has flat sides, and the gripper
     squeezes with 20 to 45 N.
@@ -195,7 +195,7 @@ def on_membrane(scenario: Scenario, seed: int, firm: bool = False) -> Scenario:
         scenario.tactile, dot_pitch=float(rng.uniform(*_DOT_PITCH)), dot_jitter=float(rng.uniform(*_DOT_JITTER))
     )
     grasp = replace(scenario.grasp, kind="membrane", believed=None)
-    membrane = random_membrane(seed)
+    membrane = unlike_fingers(random_membrane(seed), seed)
     if firm:
         membrane, tactile = replace(membrane, squeeze=float(rng.uniform(*_FIRM))), replace(tactile, tool=HANDLE)
     return replace(scenario, grasp=grasp, membrane=membrane, tactile=tactile)

@@ -18,7 +18,7 @@ from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation import TactileImages
 from seed_sim.bubbles import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.membrane import MembraneError, unlike_fingers
+from seed_sim.membrane import MembraneError
 from seed_sim.scenario import Scenario, on_membrane, tactile_of
 from seed_sim.tactile import TactileRenderer
 from seed_sim.tactile.friction import Friction, Held
@@ -160,7 +160,7 @@ def watched(
     section = replace(_ORDINARY, duration=duration)
     if scenario.grasp.kind == "membrane":
         drawn = on_membrane(scenario, seed)
-        drawn = replace(drawn, membrane=replace(unlike_fingers(drawn.membrane, seed), spacing=_SPACING))
+        drawn = replace(drawn, membrane=replace(drawn.membrane, spacing=_SPACING))
         held = renderer_of(drawn, seed)
         assert isinstance(held, HeldRenderer)
         return held, on_membranes(held, replace(section, scale=_BORNE), pull, seed)

@@ -40,6 +40,7 @@ STEPS: dict[Kind, tuple[str, ...]] = {
     "spring": ("calibrate", "identify", "clocks", "weigh"),
     "membrane": ("identify_membranes", "clocks"),
 }
+_NEEDED = ("identify", "identify_membranes")  # without what it finds no force is controlled
 _DISAGREE = 3.0  # [standard deviations] from which the stated mass is not believed
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
 
@@ -54,7 +55,7 @@ class Belief:
         clock_offset: [s] that is taken off the images' stamps.
         spring, membranes: what the wrench is computed from; None: the stiffness.
         figures: what the procedures say about themselves; seconds: that each took.
-        problems: what a procedure could not do, in words.
+        problems: what a procedure other than the identification could not do, in words.
     """
 
     scenario: Scenario
@@ -84,6 +85,9 @@ def find_out(
     """Run the procedures of a world, or tell the scenario's own values where it runs none.
 
     `progress` is told which of them runs, and how far an identification is.
+
+    Raises:
+        SeedError: the identification does not come to its end.
     """
     if not world.procedures.run:
         return Belief(told(scenario, world))
@@ -94,6 +98,8 @@ def find_out(
         try:
             getattr(work, name)()
         except SeedError as error:
+            if name in _NEEDED:
+                raise SeedError(f"{name.replace('_', ' ')}: {error}") from error
             work.problems.append(f"{name}: {error}")
         work.seconds[name] = perf_counter() - began
     problems = tuple(work.problems)
