@@ -243,23 +243,29 @@ def test_the_summary_is_over_draws_and_names_what_went_wrong():
     assert spread([3.0]) == {"median": 3.0, "p90": 3.0, "worst": 3.0}
 
 
+SETTINGS = {
+    "task": "squeegee",
+    "law": "seed",
+    "estimator": "truth",
+    "model": "bushing",
+    "force": None,
+    "scenario": None,
+    "world": "spring",
+    "late_stamps": False,
+    "arm_sensor": False,
+}
+
+
 def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused(tmp_path):
-    settings = dict.fromkeys(("force", "scenario")) | {
-        "task": "squeegee",
-        "law": "seed",
-        "estimator": "truth",
-        "model": "bushing",
-    }
-    settings |= {"world": "spring", "late_stamps": False, "arm_sensor": False}
     file = tmp_path / "draws.jsonl"
-    file.write_text(to_json(run_of(3, 0.5, message="as it stood") | settings) + "\n", encoding="utf-8")
-    result = score_draws(settings, [3], out=file)
+    file.write_text(to_json(run_of(3, 0.5, message="as it stood") | SETTINGS) + "\n", encoding="utf-8")
+    result = score_draws(SETTINGS, [3], out=file)
     assert [r["message"] for r in result["draws"]] == ["as it stood"]
     with pytest.raises(SeedError, match=r"draws\.jsonl:1: not a draw of this score \(one with law seed\)"):
-        score_draws(settings | {"law": "plain"}, [3], out=file)
+        score_draws(SETTINGS | {"law": "plain"}, [3], out=file)
     whole = file.read_text(encoding="utf-8")
     file.write_text(whole + whole[:70], encoding="utf-8")  # interrupted while it was written
-    assert len(score_draws(settings, [3], out=file)["draws"]) == 1
+    assert len(score_draws(SETTINGS, [3], out=file)["draws"]) == 1
     assert file.read_text(encoding="utf-8") == whole
 
 
@@ -316,6 +322,17 @@ def test_finding_out_tells_which_procedure_runs_and_how_far_the_identification_i
     assert shares == sorted(shares)
     assert shares[-1] > 0.9
     assert all(re.fullmatch(r"identify: pose \d+ of \d+, \d+ s simulated", what) for _, what in told_[1:])
+
+
+def test_a_draw_whose_identification_fails_is_not_wiped_but_counts_as_not_finished(monkeypatch):
+    def fails(*_args, **_keywords):
+        raise SeedError("the tool slid out at pose 3")
+
+    monkeypatch.setattr(find_out, "STEPS", {"spring": ("identify",)})
+    monkeypatch.setattr(find_out, "identify", fails)
+    run = score.one_draw(SETTINGS, 3)
+    assert (run["finished"], run["error"]) == (False, "identify: the tool slid out at pose 3")
+    assert "force_z" not in run
 
 
 # -- the command

@@ -26,7 +26,7 @@ from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection, poses
 from seed_testing.validation.run import estimator_for
 
-IN_TIME = 0.1  # [s] from the onset of a slip to its alarm
+IN_TIME = 0.1 + 1e-9  # [s] from the onset of a slip to its alarm; stamps add up with rounding
 _AFTER = 0.25  # [s] of images after the onset
 _LONGEST = 6.0  # [s] until the slowest pull has overcome the firmest grip
 _PIECE = 60.0  # [s] of ordinary manipulation per grasp
