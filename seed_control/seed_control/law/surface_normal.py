@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface's normal, found while the tool moves: a Kalman filter of slope and bend under the tip.
+"""The surface's normal, found while the tool moves: a Kalman filter of slope, bend and friction under the tip.
 
 At the anchor (the tip of the newest image) the surface's height along the present normal n, over the displacement d in
 the tangent plane, is
@@ -11,8 +11,9 @@ goes on tells little: what it sinks by as the force is built up would pass for a
 
     the tip's track     h = 0 at every image, for the tip touches the surface
     the force           f = N (a - n + mu v) of the tool on the surface, v the direction of motion: across v friction
-                        has no part, so what there is of the force is the slope's; of a tip that sticks, more than
-                        friction can hold is the slope's
+                        has no part, so what there is of the force is the slope's; along it friction mu is another
+                        unknown, which changes with the way; of a tip that sticks, more than friction can hold is the
+                        slope's
     the tool's lean     a line or face that the contact keeps on the surface (`contact_resists`) lies in it
 
 The bend predicts the normal where the tip is going to be: on a cylinder of 80 mm at 50 mm/s it turns by 3 degrees
@@ -27,11 +28,14 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement
 from seed_core.spatial import Array
 
-_H, _A, _S, _SIZE = 0, slice(1, 3), slice(3, 6), 6
+_H, _A, _S, _MU, _SIZE = 0, slice(1, 3), slice(3, 6), 6, 7
 _HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 6.0  # [m], [1], [1/m] deviations at first contact
 _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
-_WALK_SLOPE, _WALK_BEND = 0.03, 8.0  # [1/sqrt(m)], [1/m/sqrt(m)] along the way: surfaces, not time, bend
-_OFF_ACROSS = 0.1  # of the force that its direction is off by, whatever is stated
+# [1/sqrt(m)], [1/m/sqrt(m)], [1/sqrt(m)] along the way, for surfaces, not time, bend and change
+_WALK_SLOPE, _WALK_BEND, _WALK_FRICTION = 0.03, 16.0, 0.8
+_ANY_FRICTION = 3.0  # deviation of a friction that nothing is known of: it must not pass for a slope
+_OFF_ACROSS, _OFF_ALONG = 0.1, 0.03  # of the force that its direction is off by across and along the way, at least
+_UNLIKELY = 9.0  # squared innovation over its variance, from which on friction is another
 _LEAST_FORCE = 1.0  # [N] whose direction tells anything
 _TOUCHES = 0.35  # of the wanted force, below which the tip may be in the air
 _ROUGH = 1.5e-4  # [m] deviation of a height, whatever is stated
@@ -53,8 +57,8 @@ class SurfaceNormal:
     Attributes:
         n: (3,) unit normal out of the surface, in W, where the tip was at the newest image.
         ahead: (3,) the same where the tip is going to be when the arm answers.
-        x: (6,) height [m], slope (2), bend (xx, xy, yy) [1/m] along `tangents`.
-        P: (6, 6) its covariance. tangents: (2, 3) in W.
+        x: (7,) height [m], slope (2), bend (xx, xy, yy) [1/m] along `tangents`, friction.
+        P: (7, 7) its covariance. tangents: (2, 3) in W.
         running: whether there was contact since it was started.
     """
 
@@ -65,10 +69,11 @@ class SurfaceNormal:
         self.anchor = np.zeros(3)
         self.running = False
         self._last = 0.0
-        self._outside = np.zeros(3, dtype=int)  # of height, force across, lean
+        self._outside = np.zeros(4, dtype=int)  # of height, force across, lean, force along
         self._step = np.zeros(2)  # of the last image
         self._velocity = np.zeros(2)  # [m/s] of the tip along the tangents, as images show it
-        self._share = np.zeros(2)  # of the force along the tangents, smoothed as the velocity is
+        self._felt = np.zeros(2)  # of the force along the tangents, at the last image
+        self._share = np.zeros(2)  # that less the slope's, smoothed as the velocity is
         self._pressing = 0.0  # [N] at the last image
         self._gives = 0.0  # [m/N] of the surface
         self._slides = self._slid = False
@@ -91,7 +96,7 @@ class SurfaceNormal:
         first = first / np.sqrt(first @ first)
         self.tangents = np.array((first, np.cross(n, first)))
         self.x[:] = 0.0
-        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND]))
+        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND, _ANY_FRICTION]))
         self.anchor, self._last, self.running = m.tip.copy(), m.stamp, True
         self._outside[:] = 0
         self._velocity, self._share = np.zeros(2), np.zeros(2)
@@ -123,6 +128,7 @@ class SurfaceNormal:
             self._force(m, stiffness, foretold)
         else:
             self._stick()
+            self._forget_friction()
         self._share = self._share - (self.x[_A] - foretold)  # what was taken for friction was the slope's
         self._turn(self.x[_A].copy())
         self._going = self.tangents @ s.velocity * loop_time
@@ -181,10 +187,12 @@ class SurfaceNormal:
         way = float(np.sqrt(self._velocity @ self._velocity)) * dt if self._slides else 0.0
         walk = np.zeros(_SIZE)
         sinks, self._pressing = _GIVES * (pressing - self._pressing) / stiffness, pressing
-        felt = self.tangents @ force / max(pressing, _LEAST_FORCE) - self.x[_A]
+        self._felt = self.tangents @ force / max(pressing, _LEAST_FORCE)
+        felt = self._felt - self.x[_A]
         self._share = self._share + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._share)
         walk[_H] = _WALK_HEIGHT**2 * dt + sinks * sinks
         walk[_A], walk[_S] = _WALK_SLOPE**2 * way, _WALK_BEND**2 * way
+        walk[_MU] = _WALK_FRICTION**2 * way
         self.P = F @ self.P @ F.T + np.diag(walk)
 
     def _leave(self) -> None:
@@ -209,7 +217,7 @@ class SurfaceNormal:
         return max(_LEAST_SPEED, (_STILL_TOLD if self._slides else _TOLD) * float(np.sqrt(noise)))
 
     def _force(self, m: Measurement, stiffness: float, foretold: Array) -> None:
-        """The force's direction less friction's, which is that of the motion; foretold: slope (2,) at this place."""
+        """The force's direction across the motion and along it; foretold: slope (2,) at this place."""
         pressing, v = self._pressing, self._velocity
         if pressing < _LEAST_FORCE:
             return
@@ -218,6 +226,19 @@ class SurfaceNormal:
         h[_A] = across
         noise = stiffness**2 * m.variance / pressing**2
         self._correct(1, h, float(across @ (self._share + foretold)), noise + _OFF_ACROSS**2)
+        along = v / np.sqrt(v @ v)
+        h = np.zeros(_SIZE)
+        h[_A], h[_MU] = along, 1.0
+        seen, variance = float(along @ self._felt), noise + _OFF_ALONG**2
+        off = seen - float(h @ self.x)
+        if off * off > _UNLIKELY * (float(h @ self.P @ h) + variance):
+            self._forget_friction()
+        self._correct(3, h, seen, variance)
+
+    def _forget_friction(self) -> None:
+        """A tip that sticks feels any share of it, and one that comes onto other material another."""
+        self.P[_MU, :] = self.P[:, _MU] = 0.0
+        self.P[_MU, _MU] = _ANY_FRICTION**2
 
     def _stick(self) -> None:
         """The slope, where the force of a tip that sticks leans by more than friction can hold."""
