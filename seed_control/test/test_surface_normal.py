@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The normal is found from track, force and lean, with an honest covariance; a path carried along goes on straight."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,9 +21,11 @@ STIFFNESS = 900.0  # [N/m]
 FRICTION = 0.4
 
 
-def measurement(t: float, tip: Array, n: Array, v: Array, rng: np.random.Generator, R_WT: Array) -> SimpleNamespace:
+def measurement(
+    t: float, tip: Array, n: Array, v: Array, rng: np.random.Generator, R_WT: Array, friction: float = FRICTION
+) -> SimpleNamespace:
     """An image of a tip that slides with v on a surface of normal n, pressed with 10 N; noise of a grasp."""
-    force = 10.0 * (-n + FRICTION * v / np.linalg.norm(v)) + STIFFNESS * NOISE * rng.standard_normal(3)
+    force = 10.0 * (-n + friction * v / np.linalg.norm(v)) + STIFFNESS * NOISE * rng.standard_normal(3)
     return SimpleNamespace(
         stamp=t,
         tip=tip + NOISE * rng.standard_normal(3),
@@ -70,6 +73,44 @@ def deviation(filter_: SurfaceNormal) -> float:
 def test_the_normal_ahead_is_found_on_cylinders_of_unknown_radius(radius: float, heading: float) -> None:
     errors = np.concatenate([along(radius, heading, seed)[0] for seed in range(4)])
     assert np.rad2deg(np.sqrt(np.mean(errors**2))) < 3.0
+
+
+def over_hills(height: float, seed: int, friction: Callable[[float], float]) -> Array:
+    """Errors [rad] of the normal at the tip over hills 0.1 m long, of such a height [m]; friction: by place [m]."""
+    rng, filter_, errors = np.random.default_rng(seed), SurfaceNormal(), []
+    wave = 2.0 * np.pi / 0.1
+    for i in range(round(2.4 / DT)):
+        x = SPEED * i * DT
+        slope = wave * height * np.cos(wave * x)
+        n, v = np.array((-slope, 0.0, 1.0)), np.array((1.0, 0.0, slope))
+        n, v = n / np.linalg.norm(n), SPEED * v / np.linalg.norm(v)
+        tip = np.array((x, 0.0, height * np.sin(wave * x)))
+        m = measurement(i * DT, tip, n, v, rng, np.eye(3), friction(x))
+        if i == 0:
+            filter_.start(m)  # type: ignore[arg-type]
+        filter_.image(m, HybridSetpoint(make_pose(None, tip), task_frame="found", velocity=v), STIFFNESS, LOOP)  # type: ignore[arg-type]
+        errors.append(float(np.arccos(np.clip(filter_.n @ n, -1.0, 1.0))))
+    return np.array(errors[27:])
+
+
+def rms_deg(errors: Array) -> float:
+    return float(np.rad2deg(np.sqrt(np.mean(np.square(errors)))))
+
+
+def test_hills_are_followed() -> None:
+    rms = [rms_deg(over_hills(2e-3, seed, lambda _: FRICTION)) for seed in range(8)]
+    assert np.median(rms) < 3.5  # 3.1; 4.4 with bends that were expected to change half as fast
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.8])
+def test_friction_of_any_size_is_no_slope(friction: float) -> None:
+    errors = np.concatenate([over_hills(0.0, seed, lambda _: friction) for seed in range(8)])
+    assert rms_deg(errors) < 2.0
+
+
+def test_friction_that_changes_along_the_way_is_hardly_a_slope() -> None:
+    errors = [over_hills(0.0, seed, lambda x: FRICTION + 0.1 * np.sin(x / 0.04 * 2.0 * np.pi)) for seed in range(8)]
+    assert rms_deg(np.concatenate(errors)) < 3.0
 
 
 def test_the_covariance_says_how_far_off_the_normal_is() -> None:
