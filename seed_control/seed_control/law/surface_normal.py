@@ -31,9 +31,9 @@ from seed_core.spatial import Array
 _H, _A, _S, _MU, _SIZE = 0, slice(1, 3), slice(3, 6), 6, 7
 _HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 6.0  # [m], [1], [1/m] deviations at first contact
 _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
-# [1/sqrt(m)], [1/m/sqrt(m)], [1/sqrt(m)] along the way, for surfaces, not time, bend and change
+# [1/sqrt(m)], [1/m/sqrt(m)], [1/sqrt(m)] along the way: surfaces bend and their friction changes by place, not by time
 _WALK_SLOPE, _WALK_BEND, _WALK_FRICTION = 0.03, 16.0, 0.8
-_ANY_FRICTION = 3.0  # deviation of a friction that nothing is known of: it must not pass for a slope
+_ANY_FRICTION = 3.0  # [1] deviation of a friction that nothing is known of: it must not pass for a slope
 _OFF_ACROSS, _OFF_ALONG = 0.1, 0.03  # of the force that its direction is off by across and along the way, at least
 _UNLIKELY = 9.0  # squared innovation over its variance, from which on friction is another
 _LEAST_FORCE = 1.0  # [N] whose direction tells anything
@@ -221,12 +221,12 @@ class SurfaceNormal:
         pressing, v = self._pressing, self._velocity
         if pressing < _LEAST_FORCE:
             return
-        across = np.array((-v[1], v[0])) / np.sqrt(v @ v)
+        along = v / np.sqrt(v @ v)
+        across = np.array((-along[1], along[0]))
         h = np.zeros(_SIZE)
         h[_A] = across
         noise = stiffness**2 * m.variance / pressing**2
         self._correct(1, h, float(across @ (self._share + foretold)), noise + _OFF_ACROSS**2)
-        along = v / np.sqrt(v @ v)
         h = np.zeros(_SIZE)
         h[_A], h[_MU] = along, 1.0
         seen, variance = float(along @ self._felt), noise + _OFF_ALONG**2
