@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks as data: what a file may say, and what the player does with it on the bench."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
 from seed_core.config import ConfigError, load_text
-from seed_core.hand import Tool
+from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import pose_from_rpy, so3_log
 
 UPRIGHT = pose_from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3]
@@ -154,6 +155,16 @@ def test_condition_that_never_holds_times_out_and_lifts(tmp_path: Path) -> None:
     assert status.failed
     assert "phase 'press' waited 0.1 s for 'settled'" in status.message
     assert bench.force == 0.0
+
+
+def test_an_approach_may_take_longer_than_the_timeout_while_it_gets_nearer() -> None:
+    """For 1 N a stiff grasp lets its gripper go at 3 mm/s: 15 s for what the paper is too low by."""
+    bench = replace(bench_at("pen")[0], stiffness=DEFAULT_STIFFNESS.scaled(2.0), table=-0.035).enabled()
+    bench.told = lambda estimate: replace(estimate, covariance=1e-9 * np.eye(6))
+    status = play(bench, TaskPlayer(load_task("pen")), 60.0, until="stroke 1/3 draw")
+    assert status.phase == "stroke 1/3 draw", status.message
+    assert bench.t > 12.0
+    assert_allclose(bench.force, 1.0, atol=0.1)
 
 
 def test_force_can_be_given_and_keeps_its_direction() -> None:

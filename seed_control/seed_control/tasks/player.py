@@ -99,7 +99,8 @@ class TaskPlayer:
             ended = "done"
         if ended in ("timeout", "failed", "again") and not self._ending:
             phase = self._run.step.phase
-            self._end_early(self._run.why or f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'")
+            waited = f"phase '{phase.name}' waited {phase.timeout:g} s for '{phase.until}'"
+            self._end_early(self._run.why or (f"{waited}: {state.reason}" if state.reason else waited))
         elif ended:
             if isinstance(self._run, StopRun) and self._run.found is not None:
                 self.found = (*self.found, self._run.found)

@@ -17,6 +17,7 @@ _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 _LEAST = 0.1  # [s] that any phase counts for
+_NEARER = 5e-4  # [m] by which an approach gets on; less may be noise
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,9 @@ class StepRun:
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
         P = self._first.force_projector
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
+        force = self._first.wrench.force
+        self._towards = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)
+        self._nearest = -np.inf  # along it, of an approach [N m]
 
     def advance(self, dt: float, state: ControllerState) -> str:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
@@ -108,12 +112,22 @@ class StepRun:
             return "done"
         if self._t < self.duration:
             return ""
-        self._waited += dt
+        self._waited = 0.0 if self._gets_nearer(state) else self._waited + dt
         met = {"arrived": True, "contact": state.in_contact, "settled": state.settled}[phase.until]
         self._held = self._held + dt if met else 0.0
         if met and self._held >= phase.dwell:
             return "done"
         return "timeout" if self._waited > phase.timeout + phase.dwell else ""
+
+    def _gets_nearer(self, state: ControllerState) -> bool:
+        """Whether an approach, slow for a small force in a stiff grasp, still gets on; `max_free_travel` bounds it."""
+        if state.mode != "approach" or state.X_W_tip is None:
+            return False
+        way = float(self._towards @ state.X_W_tip[:3, 3])
+        if way < self._nearest + _NEARER * float(np.sqrt(self._towards @ self._towards)):
+            return False
+        self._nearest = way
+        return True
 
     def _see(self, X_W_tip: Array | None) -> None:
         """Take in the tip of a new image (4, 4)."""

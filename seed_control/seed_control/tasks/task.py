@@ -138,7 +138,7 @@ class Phase:
         quantity=True,
         low=0.1,
         high=3600.0,
-        doc="beyond the path's own time; then the task fails and lifts",
+        doc="beyond the path's own time, and an approach that gets nearer; then the task fails and lifts",
     )
 
     def __post_init__(self) -> None:
