@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Command(NamedTuple):
-    """One subcommand: the module whose main(argv) runs it, and a line of help."""
+    """One subcommand: module and function(argv) that run it, and a line of help."""
 
     name: str
     module: str

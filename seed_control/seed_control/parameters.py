@@ -87,7 +87,13 @@ class ControllerParameters(MotionLimits):
     )
     max_deflection: float = field(0.03, unit="m", low=0.002, high=0.1, doc="of the grasp, against slip")
     max_rotation: float = field(30.0, unit="deg", low=2.0, high=60.0, doc="of the grasp, against slip")
-    max_drift: float = field(20.0, unit="deg", low=1.0, high=90.0, doc="of torque-controlled axes from the reference")
+    max_drift: float = field(
+        20.0,
+        unit="deg",
+        low=1.0,
+        high=90.0,
+        doc="of torque-controlled axes from the reference, beyond max_rotation; the command is clamped",
+    )
     friction: float = field(
         0.4, low=0.0, high=2.0, doc="of the tool on what it presses, against which the grasp must not tip"
     )
@@ -109,7 +115,7 @@ class ControllerParameters(MotionLimits):
     setpoint_max_age: float = field(0.5, unit="s", low=0.02, high=60.0, doc="oldest stamp of a set-point when it comes")
     # filters and observer
     servo_lag: float = field(0.015, unit="s", low=0.0, high=0.5, doc="first guess of the arm's lag; then measured")
-    force_filter: float = field(0.08, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's pose (plain law)")
+    force_filter: float = field(0.08, unit="s", low=0.0, high=2.0, doc="low-pass of the tip's place (plain law)")
     rotation_filter: float = field(
         0.1, unit="s", low=0.0, high=2.0, doc="low-pass of the tool's rotation at 0.5 deg of noise"
     )

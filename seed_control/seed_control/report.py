@@ -4,7 +4,7 @@
 from math import inf
 
 from seed_control.law.published import PublishedLaw
-from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint
+from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, Counting, Mode
 from seed_control.supervisor import Supervisor
 
@@ -38,7 +38,6 @@ def describe(
         covariance=supervisor.known.covariance,
         contradictions=supervisor.references.contradictions,
         doubt=m.doubt if m is not None else "",
-        desired_X_TC=setpoint.X_TC if isinstance(setpoint, RelativePoseSetpoint) else plan.X_TC if hybrid else None,
         measured_X_CT=m.X_CT if m is not None else None,
         X_W_tip=law.X_W_tip,
         lean=law.lean if hybrid is not None else None,

@@ -73,7 +73,7 @@ class ControllerState(NamedTuple):
         covariance: (6, 6) of the same wrench's (torque, force), about the tip in W.
         doubt: what the wrench model finds doubtful of it.
         contradictions: what else is known and does not agree with the wrench, each in words.
-        desired_X_TC, measured_X_CT: displacement that is asked for, and the newest estimate (4, 4).
+        measured_X_CT: displacement of the newest estimate (4, 4).
         X_W_tip: measured pose of the tip at the newest image (4, 4).
         lean: [rad] of the tool at the newest image, by which its tip trails along the path, but for what torque turns;
             None where the law does not bring the tool upright, or nothing is followed.
@@ -97,7 +97,6 @@ class ControllerState(NamedTuple):
     covariance: Array | None = None
     contradictions: tuple[str, ...] = ()
     doubt: str = ""
-    desired_X_TC: Array | None = None
     measured_X_CT: Array | None = None
     X_W_tip: Array | None = None
     lean: float | None = None

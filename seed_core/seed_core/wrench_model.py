@@ -43,7 +43,7 @@ class WrenchModel(Protocol):
     """A model of one grasp.
 
     Attributes:
-        name: as `WrenchEstimate.msg` tells it: 'bushing', 'membrane'.
+        name: as `WrenchEstimate.msg` tells it: 'bushing', 'hysteretic', 'membrane'.
         stiffness: about the present deflection; the control law takes the deflection to command from it.
     """
 

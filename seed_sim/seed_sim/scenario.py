@@ -52,7 +52,7 @@ class GraspSection:
         unit="N",
         low=-100.0,
         high=100.0,
-        doc="what the grasp bore when it was initialised: force on the tool in C; its weight if it hung, 0 if carried",
+        doc="what the grasp bore when it was initialized: force on the tool in C; its weight if it hung, 0 if carried",
     )
     nominal_width: float = field(0.02, unit="m", low=0.0, high=0.2, doc="distance of the fingers at which K holds")
     stiffening: float = field(

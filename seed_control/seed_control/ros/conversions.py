@@ -26,7 +26,7 @@ def hybrid_setpoint(message: HybridMsg, frames: FrameNames) -> HybridSetpoint:
     R = _task_orientation(message.task_orientation)
     if frame == HybridMsg.TASK_FRAME_TOOL and np.abs(R - np.eye(3)).max() > 1e-6:
         raise SetpointError(
-            "SP01", "task_orientation is for task_frame 'surface'; 'tool' has the axes of the tip frame"
+            "SP01", "task_orientation is for task_frame 'surface' or 'found'; 'tool' has the axes of the tip frame"
         )
     return HybridSetpoint(
         X_W_tip=pose_to_matrix(message.pose, "setpoint.pose"),

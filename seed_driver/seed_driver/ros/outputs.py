@@ -16,11 +16,10 @@ from tf2_msgs.msg import TFMessage
 from seed_core.arm.quaternion import inverse, rotate
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Sample, Stage, State
-from seed_ros import LATCHED, TF, Diagnostics, SeedNode, diagnostics
+from seed_ros import LATCHED, QUEUE, TF, Diagnostics, SeedNode, diagnostics
 from seed_ros.conversions import fill, stamp_from_seconds, stamped
 from seed_ur.models import JOINT_NAMES
 
-STATE_QOS = QoSProfile(depth=10)
 DIAGNOSTICS_EVERY = 1.0  # [s], and at once when something changes
 
 
@@ -56,7 +55,7 @@ class Outputs:
         self._diagnosed = 0.0
         self._told = State(), 0, 0, 0  # state, targets accepted and refused, restarts of the servo process
 
-    def _publisher(self, kind: Any, topic: str, qos: QoSProfile = STATE_QOS) -> Publisher:
+    def _publisher(self, kind: Any, topic: str, qos: QoSProfile | int = QUEUE) -> Publisher:
         publisher = self.node.publisher(kind, topic, qos)
         self._publishers.append(publisher)
         return publisher

@@ -44,13 +44,11 @@ class Dragged(NamedTuple):
     Attributes:
         motion: (2,) [m] along x and z of C, and twist: about y [rad].
         deviation: of each component of the motion [m].
-        alike: correlation of the dots, 0 to 1.
     """
 
     motion: Array
     twist: float
     deviation: float
-    alike: float
 
 
 def dragged(membrane: Membrane, free: Image, depth: Image, ir: Image, patch: Mask) -> Dragged | None:
@@ -79,7 +77,7 @@ def dragged(membrane: Membrane, free: Image, depth: Image, ir: Image, patch: Mas
         x, deviation, alike = max((x, deviation, alike), _refined(seen, pictures, (broad, fine), start), key=_alike)
     if alike < ALIKE or float(np.abs(x[:2]).max()) > REACH:
         return None
-    return Dragged(x[:2].copy(), float(x[2]), float(np.hypot(deviation, TRUST)), alike)
+    return Dragged(x[:2].copy(), float(x[2]), float(np.hypot(deviation, TRUST)))
 
 
 class GraspZero(NamedTuple):

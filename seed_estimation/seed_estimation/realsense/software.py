@@ -41,7 +41,7 @@ class SoftwareCamera:
             shift: of the infrared image's principal point [px], as of a camera whose calibration is damaged.
         """
         rs = library()
-        self._rs, self.shown, self._size = rs, 0, (camera.height, camera.width)
+        self._rs, self.shown = rs, 0
         self.device = rs.software_device()
         usual = {"name": NAME, "firmware_version": "5.16.0.1", "usb_type_descriptor": "3.2"}
         for name, value in {**usual, **(told or {}), "serial_number": serial}.items():

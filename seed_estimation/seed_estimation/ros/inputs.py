@@ -108,7 +108,7 @@ class ImageInputs:
             "lost": self._both.missing,
             "images_unpaired": sum(p.unpaired for p in pairings),
             "images_out_of_order": sum(p.backwards for p in pairings),
-            "finger_skew_ms": 1e3 * self._both.skew,
+            "stamps_apart_ms": 1e3 * self._both.skew,
         }
 
     def _on_info(self, finger: str, message: CameraInfo) -> None:

@@ -29,7 +29,7 @@ _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5
 
 
 def taken_at(scenario: Scenario, hold: MembraneHold | None = None) -> Array:
-    """X_CT (4, 4) of the tool where the grasp is initialised: deflected by what the grasp bears then.
+    """X_CT (4, 4) of the tool where the grasp is initialized: deflected by what the grasp bears then.
 
     hold: the membranes, where the grasp is one of membranes; they are left there.
     """
@@ -58,7 +58,7 @@ class PoseSource:
     """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay."""
 
     def __init__(self, scenario: Scenario, rate: float, delay: float, X_taken: Array | None = None) -> None:
-        """rate [Hz], delay [s]; X_taken (4, 4): X_CT where the grasp is initialised, default: as of a bushing."""
+        """rate [Hz], delay [s]; X_taken (4, 4): X_CT where the grasp is initialized, default: as of a bushing."""
         given = scenario.measurement.delay
         self.delay = delay if given is None else given
         self.period = 1.0 / rate

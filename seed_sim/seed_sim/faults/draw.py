@@ -14,7 +14,7 @@ KINDS = (
     "cliff",
     "missing wall",
     "moving table",
-    "initialised while pressing",
+    "initialized while pressing",
     "wrong masks",
     "arm holds",
 )
@@ -73,7 +73,7 @@ def draw(kind: str, seed: int) -> Fault:
         torque_x=bool(rng.random() < 0.5) and kind != "missing wall",
         speed=speed,
         since=float(rng.uniform(0.6, 3.5)),
-        again=bool(rng.random() < 0.5) or kind == "initialised while pressing",
+        again=bool(rng.random() < 0.5) or kind == "initialized while pressing",
         axes=_AXES[rng.integers(len(_AXES))],
         told=bool(rng.random() < 0.5),
         shift=float(rng.uniform(0.03, 0.25)) * (1.0 if rng.random() < 0.5 else -1.0),

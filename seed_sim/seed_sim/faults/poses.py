@@ -40,7 +40,7 @@ class FaultyPoses(NoisyPoses):
             return self._lost(estimate)
         if fault.kind == "wrong masks" and self._chance.random() < fault.share:
             return self._off(estimate)
-        if fault.kind == "initialised while pressing":
+        if fault.kind == "initialized while pressing":
             return self._regrasped(plant, estimate)
         return estimate
 

@@ -85,8 +85,6 @@ Franka's data sheet: relative force accuracy 0.8 N and 0.15 N m, taken as bounds
 and 0.005 N m rms.
 """
 
-SENSORS = {s.name: s for s in (IDEAL, UR_E_SERIES, WRIST, JOINT_TORQUES)}
-
 
 class Reader:
     """One sensor, drawn from a seed. `read` at each of its ticks gives the newest reading that is at hand."""

@@ -19,7 +19,7 @@ class Case:
     """One demonstration.
 
     Attributes:
-        path: (n, 2) [m] of the tip in the work frame. force: (n,) [N] at each point. speed: [m/s].
+        path: (n, 2) [m] of the tip in the work frame. forces: (n,) [N] at each point. speed: [m/s].
     """
 
     kind: str

@@ -18,7 +18,7 @@ KINDS: tuple[Kind, ...] = ("spring", "membrane")
 
 @dataclass(frozen=True)
 class SpringWorld:
-    """How the grasp's spring differs from the scenario's linear one. Full scale: `full_translation`, `full_turn`."""
+    """How the spring differs from the linear one of the scenario; full scale: `full_translation`, `full_turn_deg`."""
 
     scale: Vector6 = field((1.0,) * 6, low=0.1, high=10.0, doc="of roll, pitch, yaw, x, y, z of the stiffness")
     stiffening: float = field(0.0, low=0.0, high=2.0, doc="rise of load over deflection at full scale")

@@ -3,7 +3,6 @@
 
 import gc
 import os
-import resource
 import sys
 import time
 import traceback
@@ -154,8 +153,3 @@ def _memory() -> tuple[int, float]:
     gc.collect()
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return sys.getallocatedblocks(), pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def peak() -> float:
-    """Largest size of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

@@ -86,7 +86,7 @@ class HoleContact:
         Args:
             V: (6,) of the tool: angular velocity [rad/s], then that of T's origin [m/s], in the world.
         """
-        X = self._to_hole @ X_WT @ self._X_Ttip
+        X = self.place_of(X_WT)
         R, p = X[:3, :3], X[:3, 3]
         end = self._end @ R.T + p
         self.deepest = max(self.deepest, -float(p[2]))
