@@ -167,6 +167,27 @@ def test_an_approach_may_take_longer_than_the_timeout_while_it_gets_nearer() -> 
     assert_allclose(bench.force, 1.0, atol=0.1)
 
 
+def test_a_force_goes_by_its_profile_along_the_path() -> None:
+    phases = load_task("squeegee").phases
+    wipe = next(p for p in phases if p.name == "wipe")
+    assert wipe.control is not None
+    changes = replace(wipe, control=replace(wipe.control, profile=(1.0, 0.6, 1.2)))
+    task = replace(load_task("squeegee"), phases=tuple(changes if p.name == "wipe" else p for p in phases))
+    bench, _ = bench_at("squeegee")
+    player = TaskPlayer(task)
+    play(bench, player, 30.0, until="wipe")
+    start, off = bench.X_WE[0, 3], list[float]()
+    while (status := play(bench, player, 0.1)).phase == "wipe":
+        way = (bench.X_WE[0, 3] - start) / 0.25
+        wanted = 10.0 * np.interp(way, (0.0, 0.5, 1.0), (1.0, 0.6, 1.2))
+        off.append(bench.force - wanted)
+    assert not status.failed
+    assert len(off) > 40
+    assert max(map(abs, off)) < 0.3
+    with pytest.raises(TaskError, match=r"phase 'wipe' asks for a force of 12 N, beyond .* max_force = 11 N"):
+        check_fits(task, Tool(name="squeegee"), ControllerParameters(max_force=11.0))
+
+
 def test_force_can_be_given_and_keeps_its_direction() -> None:
     task = load_task("squeegee", force=5.0)
     assert [p.control.force for p in task.phases if p.control] == [(0.0, 0.0, -5.0)] * 2
@@ -231,6 +252,8 @@ def test_route_keeps_speed_and_acceleration_and_arrives() -> None:
         ("force: 0 0 -10 N", "force: 0 0 .nan N", r":17: .*must be numbers with their unit, N"),
         ("until: settled", "until: done", r":22: .*until = 'done' must be one of: arrived, contact, settled"),
         ("contact_resists: [x]", "contact_resists: [y]", "nothing would stop the rotation"),
+        ("[z]", "[z]\n      profile: [1.0]", "profile has one share: give the force itself"),
+        ("[z]", "[z]\n      profile: [1.0, 20.0]", r"profile.* = 20 must be within 0.1 and 10"),
         ("[z]", "[w]", "force_directions has 'w'; known: x, y, z"),
         ("tip_rpy: 180 0 0 deg", "tip_rpy: 3.14 0 0 rad", r":7: tip_rpy = .* with their unit, deg"),
     ],

@@ -79,6 +79,23 @@ def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_
     assert np.linalg.norm(tip[:, 2] + SURFACE[:3, 2]) < 0.02  # the tool points into the surface
 
 
+def test_a_force_that_wavers_is_taught_as_it_was_pressed() -> None:
+    even = shown()
+    times = even.stamps - even.stamps[0]
+    waver = 1.0 + 0.08 * np.sin(2.0 * np.pi * 0.6 * (times - 1.4))  # from the start of the first leg on
+    made = taught(replace(even, forces=even.forces * waver[:, None]), "mine", "squeegee", TeachSettings(force=1.0))
+    first = next(p for p in made.task.phases if p.name.startswith("wipe"))
+    assert first.control is not None
+    leg = np.linspace(0.05, 0.55, 11)  # of the path of both legs: the first alone
+    pressed = [-first.control.force[2] * first.control.share_at(s) for s in leg]
+    true = FORCES[0] * (1.0 + 0.08 * np.sin(2.0 * np.pi * 0.6 * leg * 0.16 / SPEED))
+    off = np.sqrt(np.mean(np.square(pressed - true)))
+    assert off < 0.2, pressed  # 0.45 N with one force
+    text = task_text(made.task)
+    assert "profile:" in text
+    assert load_text(text, Task, "mine.yaml") == made.task
+
+
 def _away(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
     s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     return float(np.linalg.norm(q - a - s * (b - a)))

@@ -120,6 +120,14 @@ class HybridSetpoint:
         out._put_place(X_W_tip, velocity)
         return out
 
+    def loaded(self, times: float) -> HybridSetpoint:
+        """The same set-point with its force so many times as large."""
+        out = object.__new__(HybridSetpoint)
+        vars(out).update(vars(self))
+        wrench = Wrench(self.wrench.torque, times * self.wrench.force)
+        object.__setattr__(out, "wrench", _checked_wrench(wrench))
+        return out
+
     def differs_in_place_only(self, other: HybridSetpoint | None) -> bool:
         """Whether the other asks for the same load and rotation, so that neither need be judged again."""
         if other is None or not np.array_equal(self.X_W_tip[:3, :3], other.X_W_tip[:3, :3]):
@@ -215,5 +223,7 @@ def _checked_rotation(R: Array, frame: str) -> Array:
     X[:3, :3] = out
     _checked_pose(X, "R_W_task")
     if frame == "world" and np.abs(out - np.eye(3)).max() > _PROJECTOR_TOLERANCE:
-        raise SetpointError("SP01", "task_frame 'world' has the axes of the world; use 'surface' to give R_W_task")
+        raise SetpointError(
+            "SP01", "task_frame 'world' has the axes of the world; use 'surface' or 'found' to give R_W_task"
+        )
     return _frozen(out)

@@ -23,6 +23,8 @@ def check_fits(task: Task, tool: Tool, parameters: ControllerParameters) -> None
             ("torque", control.torque, p.max_torque, "N m"),
         ):
             size = sqrt(sum(v * v for v in vector))
+            if what == "force" and control.profile:
+                size *= max(control.profile)
             if size > bound * (1 + 1e-9):
                 raise TaskError(
                     f"task '{task.name}': {name} asks for a {what} of {size:.3g} {unit}, beyond the controller's "

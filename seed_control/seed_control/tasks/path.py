@@ -29,18 +29,25 @@ class Path:
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] at t [s] after the start; at rest before and after."""
-        a, left = self.acceleration, self.duration - max(t, 0.0)
-        if left <= 0.0:
-            return self._place(self.length)[0], np.zeros(3)
-        t = self.duration - left
-        if t < self._ramp:
-            s, v = 0.5 * a * t * t, a * t
-        elif left < self._ramp:
-            s, v = self.length - 0.5 * a * left * left, a * left
-        else:
-            s, v = self.speed * (t - 0.5 * self._ramp), self.speed
+        s, v = self._gone(t)
         position, direction = self._place(s)
         return position, v * direction
+
+    def share(self, t: float) -> float:
+        """Of its length that it has gone at t [s] after the start."""
+        return self._gone(t)[0] / self.length if self.length else 1.0
+
+    def _gone(self, t: float) -> tuple[float, float]:
+        """Way [m] and speed [m/s] at t [s] after the start."""
+        a, left = self.acceleration, self.duration - max(t, 0.0)
+        if left <= 0.0:
+            return self.length, 0.0
+        t = self.duration - left
+        if t < self._ramp:
+            return 0.5 * a * t * t, a * t
+        if left < self._ramp:
+            return self.length - 0.5 * a * left * left, a * left
+        return self.speed * (t - 0.5 * self._ramp), self.speed
 
     def _place(self, s: float) -> tuple[Array, Array]:
         """Position (3,) [m] and direction (3,) at s [m] from the start."""

@@ -17,6 +17,7 @@ _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 _LEAST = 0.1  # [s] that any phase counts for
+_LOADS = 1e-3  # of the force by which it changes at least: each change is judged anew
 _NEARER = 5e-4  # [m] by which an approach gets on; less may be noise
 
 
@@ -57,7 +58,7 @@ def _drawing(drawing: Drawing) -> list[Step]:
         line: tuple[Vector, ...] = tuple((x, y, 0.0) for x, y in stroke)
         out += [
             Step(Phase(f"{name} over", over, speed=travel), (over,)),
-            Step(Phase(f"{name} touch", control=control, until="settled", dwell=0.15)),
+            Step(Phase(f"{name} touch", control=control.at_start(), until="settled", dwell=0.15)),
             Step(Phase(f"{name} draw", line[-1], speed=drawing.speed, control=control), line),
             Step(Phase(f"{name} raise", raised, speed=travel), (raised,)),
         ]
@@ -94,6 +95,7 @@ class StepRun:
         self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
+        self._loaded = 1.0  # share of the phase's force that it asks for
         P = self._first.force_projector
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
         force = self._first.wrench.force
@@ -150,12 +152,22 @@ class StepRun:
         self.position, velocity = self.path.at(self._t)
         self.velocity = self.pace * velocity
 
+    def _load(self) -> HybridSetpoint:
+        """The first set-point, with the force at this place of the path."""
+        control = self.step.phase.control
+        if control is not None and control.profile:
+            share = control.share_at(self.path.share(self._t))
+            if abs(share - self._loaded) > _LOADS:
+                self._first = self._first.loaded(share / self._loaded)
+                self._loaded = share
+        return self._first
+
     def setpoint(self) -> HybridSetpoint:
         """The set-point of this moment."""
         share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
         R = self.R_end if share >= 1.0 else self._R_start @ so3_exp(share * self._turn)
         X_W_tip = self._X_W @ make_pose(R, self.position)
-        return self._first.moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
+        return self._load().moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
 
 
 def first_setpoint(control: Control | None, X_W: Array, X_tip: Array, frame: TaskFrame = "surface") -> HybridSetpoint:

@@ -14,6 +14,8 @@ from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
 
 Vector = tuple[float, float, float]
+Shares = tuple[float, ...]
+SHARES = 0.1, 10.0  # of a force, at least and at most, along a path
 WAYS = ("x", "-x", "y", "-y", "z", "-z")
 CONDITIONS = ("arrived", "contact", "settled")
 _NO_VECTOR: Vector = (0.0, 0.0, 0.0)
@@ -42,6 +44,9 @@ class Control:
     """Which directions carry force and which axes torque; the rest follow the path."""
 
     force: Vector = field(unit="N", quantity=True, low=-200, high=200, doc="of the tool on the environment, work frame")
+    profile: Shares = field(
+        (), low=SHARES[0], high=SHARES[1], doc="shares of the force at places evenly apart along the path"
+    )
     torque: Vector = field(_NO_VECTOR, unit="N m", quantity=True, low=-20, high=20, doc="about the tip, work frame")
     force_directions: tuple[str, ...] = field(("z",), doc="axes of the work frame (or of the tool) that carry force")
     torque_axes: tuple[str, ...] = field((), doc="axes of T that carry torque")
@@ -61,6 +66,8 @@ class Control:
                     f"force has {self.force[i]:g} N along {axis}, which is not among force_directions: a direction "
                     "carries force or position"
                 )
+        if len(self.profile) == 1:
+            raise ConfigError("profile has one share: give the force itself, or two shares or more")
         for axis in self.torque_axes:
             if axis not in self.contact_resists:
                 raise ConfigError(
@@ -74,6 +81,19 @@ class Control:
             return self
         x, y, z = (v * size / norm for v in self.force)
         return replace(self, force=(x, y, z))
+
+    def share_at(self, way: float) -> float:
+        """Share of the force at a share of the path, 0 to 1."""
+        n = len(self.profile) - 1
+        if n < 1:
+            return 1.0
+        i = min(max(int(n * way), 0), n - 1)
+        return self.profile[i] + (n * way - i) * (self.profile[i + 1] - self.profile[i])
+
+    def at_start(self) -> Control:
+        """The same control with the force at the start of its profile, and no profile."""
+        x, y, z = (v * self.share_at(0.0) for v in self.force)
+        return replace(self, force=(x, y, z), profile=())
 
     def flags(self, axes: tuple[str, ...]) -> tuple[bool, bool, bool]:
         """Which of x, y, z are among the axes."""
@@ -148,6 +168,8 @@ class Phase:
             raise ConfigError("contact_stop ends where something is found: leave out until and dwell")
         if self.along != "work" and (self.contact_stop or self.search or self.insert):
             raise ConfigError("contact_stop, search and insert go along the work frame: leave out along")
+        if self.control is not None and self.control.profile and self.to is None:
+            raise ConfigError("profile goes along the path: say where it ends, by to")
         if self.search is not None and self.search.pattern == "here" and self.until == "arrived":
             raise ConfigError("a search with pattern: here stays where it is: say until: settled, or contact")
         if self.through and self.to is None:
@@ -214,7 +236,7 @@ class Task:
     )
     lift: float = field(0.05, unit="m", quantity=True, low=0.005, high=0.3, doc="along the work frame's z on cancel")
     phases: tuple[Phase, ...] = field((), doc="what to do, in order")
-    draw: Drawing | None = field(None, doc="strokes or text; played between the first and the last phase")
+    draw: Drawing | None = field(None, doc="strokes or text; played before the last phase")
 
     def __post_init__(self) -> None:
         if not self.phases:

@@ -43,7 +43,7 @@ class Recorder:
     def demonstration(self) -> Demonstration:
         """All of them. Raises TeachError: nothing has come."""
         if not self._rows:
-            raise TeachError("nothing was measured: does the estimator see the tool, and was the grasp initialised?")
+            raise TeachError("nothing was measured: does the estimator see the tool, and was the grasp initialized?")
         stamps, poses, forces = zip(*self._rows, strict=True)
         return Demonstration(np.array(stamps), np.stack(poses), np.stack(forces))
 

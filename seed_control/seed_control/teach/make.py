@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A task made of a demonstration: free ways, presses until the force is there, and pieces of path with one force."""
+"""A task made of a demonstration: free ways, presses until the force is there, and paths with the force along them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from seed_control.parameters import ControllerParameters
-from seed_control.tasks.task import Control, Phase, Task, Vector, WorkFrame
+from seed_control.tasks.task import SHARES, Control, Phase, Task, Vector, WorkFrame
 from seed_control.teach.demonstration import STEP, TURNING, Demonstration, TeachError
 from seed_control.teach.frame import MOVING, work_frame
 from seed_control.teach.pieces import Level, Span, corners, levels, moves, rested, speed_of, touches
@@ -28,6 +28,8 @@ PAUSE = 0.8  # [s] from which standing is a part of what was shown
 LEVEL = 0.5  # [s] from which a force is one that was meant
 SHORTEST = 0.3  # [s] of a touch
 ACCELERATION = 0.2  # [m/s^2]
+KNOT = 0.25  # [s] between places at which a force is told
+EVEN = 0.1  # [N], rms, below which a force that wavers is even: noise of the estimates leaves 0.07 N
 STANDS = 0.0015  # [m] around their mean, within which what is left of noise leaves the samples of a tip that stands
 STAYED = 0.003  # [m] between touching and pressing, within which a tip has come down in one place
 LEVER = 0.5  # length of a torque axis that lies across both tool and normal, from which on it counts as a lever's
@@ -149,7 +151,7 @@ class _Maker:
             yield self._phase("begin", (a, a + 1), _vector(self._p[a]), FREE)
         if b - a < 2:
             return
-        way = list(self._way((a, b), name, None, self._settings.path))
+        way = list(self._free_paths((a, b), name))
         if landing is not None and way and (end := way[-1].to) is not None:  # friction keeps a tip where it lands
             over = _vector(np.array((*landing, CLEAR)))
             way[-1] = replace(way[-1], through=(*way[-1].through, end), to=over)
@@ -162,51 +164,84 @@ class _Maker:
         return there if np.linalg.norm(there - touch) < STAYED else touch
 
     def _contact(self, a: int, pieces: list[Level], suffix: str) -> Iterator[Phase]:
-        for number, (i, there, j, size) in enumerate(pieces, start=1):
-            if size <= 0.0:
+        """A press, then paths with the force that was shown along them, and what is done where the tip stands."""
+        for piece in pieces:
+            if piece.size <= 0.0:
                 raise TeachError(
-                    f"the force pulls {-size:.1f} N away from the surface {self._time(a + i):.1f} s after the start: "
-                    "only pressing can be taught"
+                    f"the force pulls {-piece.size:.1f} N away from the surface {self._time(a + piece.start):.1f} s "
+                    "after the start: only pressing can be taught"
                 )
-            control = self._control(size)
-            self._forces.append(round(size, 2))
-            word = f"{suffix} {number}" if len(pieces) > 1 else suffix
-            yield from self._press_to((a + i, a + there), f"press{word}", control)
-            yield from self._way((a + there, a + j), f"wipe{word}", control, self._settings.path)
+            self._forces.append(round(piece.size, 2))
+        start, end = a + pieces[0].there, a + pieces[-1].end
+        points = self._aim[start:end] * (1.0, 1.0, 0.0)
+        yield self._press_to((a, start), f"press{suffix}", self._control(pieces[0].size))
+        stretches = moves(points, STEP, SLOW, round(PAUSE / STEP))
+        for number, ((i, j), moving) in enumerate(stretches, start=1):
+            word = f"{suffix} {number}" if len(stretches) > 1 else suffix
+            if moving:
+                yield from self._path((start + i, start + j), points[i:j], f"wipe{word}", True)
+                continue
+            for piece in pieces:
+                first, there = max(start + i, a + piece.start), max(start + i, a + piece.there)
+                last = min(start + j, a + piece.end)
+                if last <= there:
+                    continue
+                if there > first:
+                    yield self._press_to((first, there), f"press{word}", self._control(piece.size))
+                stay = Phase(f"stay{word}", control=self._control(piece.size), dwell=round((last - there) * STEP, 2))
+                yield stay
 
-    def _press_to(self, span: Span, name: str, control: Control) -> Iterator[Phase]:
-        """On from the touch until the force is there."""
+    def _press_to(self, span: Span, name: str, control: Control) -> Phase:
+        """On until the force is there."""
         a, b = span
         b = max(b, a + 1)
         path = self._aim[a:b] * (1.0, 1.0, 0.0)
         speed = self._speed(path, PRESSING)
-        yield replace(self._phase(name, (a, b), _vector(path[-1]), speed), control=control, until="settled", dwell=0.15)
+        return replace(
+            self._phase(name, (a, b), _vector(path[-1]), speed), control=control, until="settled", dwell=0.15
+        )
 
     def _control(self, size: float) -> Control:
         axes = self._settings.resists
         return Control((0.0, 0.0, -round(size, 2)), torque_axes=axes, contact_resists=axes)
 
     # ways
-    def _way(self, span: Span, name: str, control: Control | None, tolerance: float) -> Iterator[Phase]:
-        """A path with its pauses, cut where the tip turns."""
-        points = self._p[span[0] : span[1]] if control is None else self._aim[span[0] : span[1]] * (1.0, 1.0, 0.0)
-        for (i, j), moving in moves(points, STEP, SLOW, round(PAUSE / STEP)):
-            a, b = span[0] + i, span[0] + j
-            if not moving:
-                if control is not None:
-                    yield Phase(f"{name} stay", control=control, dwell=round((b - a) * STEP, 2))
-                continue
-            turns = self._R[a:b].as_rotvec()
-            cuts = corners(turns, np.deg2rad(self._settings.turn))
-            for k, m in pairwise(cuts):
-                part = points[i + k : i + m + 1]
-                kept = part[corners(part, tolerance)]
-                phase = self._phase(name, (a + k, a + m + 1), _vector(kept[-1]), self._speed(part, 1e-4))
-                through = tuple(_vector(point) for point in kept[1:-1])
-                yield replace(phase, through=through, control=control, acceleration=ACCELERATION)
-                if control is not None:
-                    self._length += _length(part)
-                    self._corners += len(kept)
+    def _free_paths(self, span: Span, name: str) -> Iterator[Phase]:
+        a, b = span
+        for (i, j), moving in moves(self._p[a:b], STEP, SLOW, round(PAUSE / STEP)):
+            if moving:
+                yield from self._path((a + i, a + j), self._p[a + i : a + j], name, False)
+
+    def _path(self, span: Span, points: Array, name: str, pressed: bool) -> Iterator[Phase]:
+        """Along points (n, 3) [m], those of a span, cut where the tip turns; pressed: with the force that was shown."""
+        turns = self._R[span[0] : span[1]].as_rotvec()
+        cuts = corners(turns, np.deg2rad(self._settings.turn))
+        for k, m in pairwise(cuts):
+            a, b, part = span[0] + k, span[0] + m + 1, points[k : m + 1]
+            kept = part[corners(part, self._settings.path)]
+            phase = self._phase(name, (a, b), _vector(kept[-1]), self._speed(part, 1e-4))
+            control = self._pressing((a, b), part) if pressed else None
+            through = tuple(_vector(point) for point in kept[1:-1])
+            yield replace(phase, through=through, control=control, acceleration=ACCELERATION)
+            if pressed:
+                self._length += _length(part)
+                self._corners += len(kept)
+
+    def _pressing(self, span: Span, way: Array) -> Control:
+        """The force that was shown along a way (n, 3): its mean, and its shares of that where it is not even."""
+        press = self._press[span[0] : span[1]]
+        control = self._control(float(np.mean(press)))
+        gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))))
+        count = round(len(way) * STEP / KNOT) + 1
+        if count < 2 or gone[-1] <= 0.0:
+            return control
+        knots = np.linspace(0.0, 1.0, count)
+        near = np.column_stack([np.interp(gone / gone[-1], knots, row) for row in np.eye(count)])  # 1 at its knot
+        told = near.sum(axis=0) > 0.0  # means, since a curve of least squares swings beside a step
+        shares = np.interp(knots, knots[told], (press @ near)[told] / near.sum(axis=0)[told]) / -control.force[2]
+        if np.std(shares) * -control.force[2] < EVEN:
+            return control
+        return replace(control, profile=tuple(np.round(np.clip(shares, *SHARES), 3).tolist()))
 
     def _phase(self, name: str, span: Span, to: Vector, speed: float) -> Phase:
         """A phase of samples, which ends with the tip's rotation of the last, if that is another."""

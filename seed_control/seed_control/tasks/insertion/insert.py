@@ -51,7 +51,6 @@ class InsertRun(StepRun):
         self._since = 0.0  # [s] of the retreat
         self._push: Push | None = None  # the newest
         self._tries = 0
-        self._deepest = 0.0
         self._told = ""
         self.force_projector = np.zeros((3, 3))  # `position` is where the tip is, over some images
 
