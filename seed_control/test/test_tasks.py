@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
 from seed_control.parameters import ControllerParameters
+from seed_control.state import ControllerState
 from seed_control.tasks import (
     Task,
     TaskError,
@@ -24,6 +25,7 @@ from seed_control.tasks import (
 from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
+from seed_control.tasks.task import WorkFrame
 from seed_core.config import ConfigError, load_text
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import pose_from_rpy, so3_log
@@ -186,6 +188,32 @@ def test_a_force_goes_by_its_profile_along_the_path() -> None:
     assert max(map(abs, off)) < 0.3
     with pytest.raises(TaskError, match=r"phase 'wipe' asks for a force of 12 N, beyond .* max_force = 11 N"):
         check_fits(task, Tool(name="squeegee"), ControllerParameters(max_force=11.0))
+
+
+def test_a_tip_that_lands_beside_its_place_stays_there_and_comes_back_along_the_path() -> None:
+    """As `press` and `wipe` without the drag: nothing is pushed for against friction while the tip stands."""
+    phases = {p.name: p for p in load_task("squeegee").phases}
+    touch, wipe = replace(phases["press"], to=None, dwell=1.0), replace(phases["wipe"], to=(0.1, 0.0, 0.0))
+    task = replace(load_task("squeegee"), frame=WorkFrame(), phases=(touch, wipe))
+    player, start = TaskPlayer(task), pose_from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.01))
+    state = ControllerState(0.0, "approach", enabled=True, X_W_tip=start)
+    landed = pose_from_rpy((np.pi, 0.0, 0.0), (0.001, -0.002, 0.0))
+    rng, asked = np.random.default_rng(0), list[np.ndarray]()
+    for i in range(1000):
+        if i > 100:
+            X = landed.copy()
+            X[:3, 3] += 1e-3 * rng.standard_normal(3) * (1.0, 1.0, 0.0)
+            state = state._replace(mode="contact", in_contact=True, settled=True, X_W_tip=X)
+        status = player.step(i * 0.02, state)
+        if status.setpoint is None:
+            break
+        asked.append(status.setpoint.X_W_tip[:2, 3])
+    stood = np.array(asked[130:150])
+    assert_allclose(stood[-1], landed[:2, 3], atol=6e-4)
+    assert np.ptp(stood, axis=0).max() == 0.0
+    way = np.array(asked[155:])
+    assert np.abs(way[way[:, 0] > 0.0101, 1]).max() < 1e-9
+    assert_allclose(way[-1], (0.1, 0.0), atol=1e-4)  # of the step before the end
 
 
 def test_force_can_be_given_and_keeps_its_direction() -> None:

@@ -18,6 +18,9 @@ _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 _LEAST = 0.1  # [s] that any phase counts for
 _LOADS = 1e-3  # of the force by which it changes at least: each change is judged anew
+_STANDS = 1e-3  # [m] of a path across the force that is none
+_LANDING, _FEWEST = 0.5, 8  # [s] of contact, images, in which a tip that stands is seen where it has landed
+_BESIDE = 5e-3  # [m] at most that it lands beside its place
 _NEARER = 5e-4  # [m] by which an approach gets on; less may be noise
 
 
@@ -77,6 +80,7 @@ class StepRun:
         why: it failed.
         R_seen, p_seen: (3, 3), (3,) [m] of the tip where torque rules, smoothed over the images; None elsewhere.
         axes: (3, 3) of the surface, z out of it, as a step along it has found them.
+        beside: (3,) [m] in the work frame by which the tip landed beside its place, and so the reference.
     """
 
     axes = np.eye(3)
@@ -94,10 +98,17 @@ class StepRun:
         self.p_seen: Array | None = None
         self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
+        self.beside = np.zeros(3)
+        self._landing: list[Array] = []  # places of the tip (3,) [m] in the images since it landed
+        self._since = 0.0  # [s] that it touches
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
         self._loaded = 1.0  # share of the phase's force that it asks for
         P = self._first.force_projector
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
+        over = np.array(step.points).reshape(-1, 3) - self.position
+        over = over - over @ self.force_projector
+        stands = step.phase.control is not None and bool(np.all(np.sum(over**2, axis=1) < _STANDS**2))
+        self._lands: bool | None = None if stands else False
         force = self._first.wrench.force
         self._towards = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)
         self._nearest = -np.inf  # along it, of an approach [N m]
@@ -106,8 +117,18 @@ class StepRun:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
         phase = self.step.phase
         self._t += dt * self.pace
-        if phase.control is not None and phase.control.torque_axes:
-            self._see(state.X_W_tip)
+        if self._lands is None:
+            self._lands = not state.in_contact
+        if self._lands and state.in_contact:
+            self._since += dt
+            self._lands = self._since < _LANDING
+        if state.X_W_tip is not None and state.X_W_tip is not self._image:
+            self._image = state.X_W_tip
+            X = inverse_pose(self._X_W) @ state.X_W_tip
+            if self._lands and state.in_contact:
+                self._land(X[:3, 3])
+            if phase.control is not None and phase.control.torque_axes:
+                self._see(X)
         self._go(dt, state)
         self.share = min(self._t / max(self.duration, _TYPICAL if phase.until != "arrived" else 1e-9), 1.0)
         if self.finish:
@@ -131,11 +152,21 @@ class StepRun:
         self._nearest = way
         return True
 
-    def _see(self, X_W_tip: Array | None) -> None:
-        """Take in the tip of a new image (4, 4)."""
-        if X_W_tip is None or X_W_tip is self._image:
+    def _land(self, place: Array) -> None:
+        """Stay where the tip lands, at `place` (3,) [m] in a new image.
+
+        Friction holds it there: a reference beside it would be pushed for in vain, and what a gripper presses sideways
+        against friction moves the tip all at once as soon as it slides.
+        """
+        self._landing.append(place)
+        if len(self._landing) < _FEWEST:
             return
-        self._image, X = X_W_tip, inverse_pose(self._X_W) @ X_W_tip
+        beside = np.mean(self._landing, axis=0) - self.path.at(0.0)[0]
+        beside = beside - self.force_projector @ beside
+        self.beside = beside * min(_BESIDE / max(float(np.sqrt(beside @ beside)), 1e-12), 1.0)
+
+    def _see(self, X: Array) -> None:
+        """Take in the tip of a new image (4, 4), in the work frame."""
         R, p = X[:3, :3], X[:3, 3]
         if self.R_seen is None or self.p_seen is None:
             self.R_seen, self.p_seen = R, p
@@ -149,7 +180,8 @@ class StepRun:
             return
         if self.step.phase.control is not None and self.step.phase.search is None:  # a search may lean as it likes
             self.pace = self._pace.update(dt, state)
-        self.position, velocity = self.path.at(self._t)
+        place, velocity = self.path.at(self._t)
+        self.position = place + self.beside
         self.velocity = self.pace * velocity
 
     def _load(self) -> HybridSetpoint:
