@@ -177,6 +177,7 @@ class Controller:
         """Decelerate to rest and ignore set-points until enabled again."""
         self._setpoint = None
         self.law.release()
+        self.supervisor.bend(None)
         self._guard.enable(False, reason or "disabled")
         self._state = self._describe(t)  # whoever plays something sees it at once
 
@@ -191,17 +192,31 @@ class Controller:
         self.law.set_limits(p)
         self.supervisor.set_limits(p)
         self._command.set_speeds(p.max_speed, p.max_angular_speed)
-        if self.law.setpoint is not None:
-            try:
+        try:
+            if self.law.setpoint is not None:
                 self.checks.size(self.law.setpoint.wrench)
-            except SetpointError as error:
-                self.hold(t, f"the limits were lowered: {error}")
+            elif self.supervisor.bends is not None and self.law.measured is not None:
+                self.checks.displaced(self.supervisor.bends, self.law.measured.X_WT[:3, :3])
+        except SetpointError as error:
+            self.hold(t, f"the limits were lowered: {error}")
 
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
-        """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump."""
-        self.wrench_estimator.set_stiffness(
-            stiffness, t, self.parameters.stiffness_blend if self._guard.enabled else 0.0
-        )
+        """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump.
+
+        A set-point that cannot be followed with it ends in a hold.
+        """
+        blend = self.parameters.stiffness_blend if self._guard.enabled else 0.0
+        law, bends, estimate = self.law, self.supervisor.bends, self._inputs.estimate
+        m, bushing = law.measured, Bushing(stiffness, self.wrench_estimator.bushing.model)
+        if not self.wrench_estimator.set_stiffness(stiffness, t, blend) or m is None or estimate is None:
+            return
+        try:
+            if law.setpoint is not None:
+                self.checks.load(law.setpoint, estimate, m.X_WC[:3, :3], bushing)
+            elif bends is not None:
+                self.checks.displaced(bends, m.X_WT[:3, :3], bushing)
+        except SetpointError as error:
+            self.hold(t, f"the stiffness was changed: {error}")
 
     def set_setpoint(self, setpoint: Setpoint, t: float) -> None:
         """Follow a set-point from now on; the latest wins.
@@ -226,8 +241,9 @@ class Controller:
         assert estimate is not None
         checks.stamp(setpoint.stamp, t)
         if isinstance(setpoint, RelativePoseSetpoint):
-            checks.displacement(setpoint, estimate)
+            checks.displacement(setpoint, estimate, m.X_WT[:3, :3])
             law.release()
+            self.supervisor.bend(setpoint)
             return
         hybrid = checks.as_hybrid(setpoint, m)
         if hybrid.differs_in_place_only(law.setpoint):
@@ -236,6 +252,7 @@ class Controller:
             return
         checks.load(hybrid, estimate, m.X_WC[:3, :3])
         checks.place(hybrid.X_W_tip)
+        self.supervisor.bend(None)
         law.adopt(hybrid, self._command.p_WC)
         self._command.turn_to(law.plan.X_WC[:3, :3])
 

@@ -17,6 +17,7 @@ from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
 from seed_control.monitor.stamp_step import StampStep
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import RelativePoseSetpoint
 from seed_control.state import Counting
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.inputs import MOST_BAD, Inputs
@@ -40,7 +41,10 @@ class Supervisor:
         watch: what the contact says about clocks and swings.
         stamps: whether the images' clock was set back.
         known: how well the wrench is known.
+        bends: the displacement of the grasp that is followed, if one is.
     """
+
+    bends: RelativePoseSetpoint | None = None
 
     def __init__(
         self,
@@ -82,7 +86,19 @@ class Supervisor:
         self._relief.restart()
         self._still.restart()
         self._jumped.restart()
+        self.bend(None)
         self.guard.enable(True)
+
+    def bend(self, setpoint: RelativePoseSetpoint | None) -> None:
+        """A displacement of the grasp is followed from now on, or none."""
+        if setpoint is None:
+            self.guard.bending.restart()
+        self.bends = setpoint
+
+    @property
+    def _loads(self) -> bool:
+        """Whether what is followed is to load the grasp."""
+        return self._law.regulates_force or self.bends is not None
 
     @property
     def warning(self) -> str:
@@ -101,7 +117,7 @@ class Supervisor:
         unknown = unobserved or still or self._wrench_estimator.why_unknown(estimate)
         jump = "" if unknown else self._jump(estimate)
         self.stamps.update(estimate.stamp, t)
-        if self._law.regulates_force:  # no force while images are dated by a clock that was set back
+        if self._loads:  # no force while images are dated by a clock that was set back
             self.guard.hold(self.stamps.reason)
         good = inputs.add_estimate(estimate, unknown or jump)
         if good:
@@ -133,8 +149,10 @@ class Supervisor:
         guard.hold(self.watch.reason)
         self.grasp_check.doubt(self.watch.stepped)
         self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
-        if guard.following and law.regulates_force:
+        if guard.following and self._loads:
             guard.hold(self.grasp_check.reason)
+        if self.bends is not None:
+            guard.bending.image(self.bends.X_TC, m.X_TC, self._wrench_estimator.bushing.stiffness)
 
     def check_motion(self, t: float, dt: float) -> None:
         """Per step at t [s], before it moves: inputs that went stale, and the motion of the last step, of dt [s]."""
@@ -142,6 +160,8 @@ class Supervisor:
         if guard.following:
             guard.hold(self._inputs.staleness(t))
             guard.check_motion(command.p_WC, self._law.plan, command.behind(self._inputs.history.newest()), dt)
+            if self.bends is not None:
+                guard.hold(guard.bending.step(command.p_WC, command.q_WE))
 
     def retreat(self, p_WC: Vector3) -> Vector3 | None:
         """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""
@@ -167,8 +187,8 @@ class Supervisor:
 
     def _jump(self, estimate: RelativePoseEstimate) -> str:
         """Why an estimate does not go on from the last one, while force is controlled; '' if it does."""
-        law, m = self._law, self._law.measured
-        if m is None or not (estimate.valid and self.guard.following and law.regulates_force):
+        m = self._law.measured
+        if m is None or not (estimate.valid and self.guard.following and self._loads):
             return ""
         known = self._wrench_estimator
         why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)

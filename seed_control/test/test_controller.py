@@ -14,7 +14,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
-from seed_core.spatial import Wrench, make_pose, pose_from_rpy
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy, so3_log
 from seed_testing.bench.control import growth
 
 TIGHT = 0.02  # [N]: what the servo's lag and the filter leave after three seconds
@@ -360,6 +360,73 @@ def test_relative_pose_setpoint_deflects_the_grasp_as_told() -> None:
     assert bench.state.mode == "position"
     assert_allclose(np.linalg.inv(bench.state.measured_X_CT)[2, 3], 0.008, atol=1e-4)
     assert_allclose(bench.force, 800.0 * 0.008 + 0.2 * 9.81, atol=0.1)
+
+
+BENDS = {
+    "aside": make_pose(p=(0.006, 0.0, 0.0)),
+    "down": make_pose(p=(0.0, 0.0, 0.006)),
+    "yaw": pose_from_rpy((0.0, 0.0, 0.14), (0.0, 0.0, 0.0)),
+    "none, while the tool hangs": np.eye(4),
+}
+
+
+@pytest.mark.parametrize("name", BENDS)
+def test_a_displacement_that_nothing_resists_ends_in_a_hold(name: str) -> None:
+    """A free tool goes with the gripper, which would follow it for ever."""
+    bench = Bench(table=-0.5).enabled()
+    start = bench.X_WE.copy()
+    for _ in range(400):  # sent again and again, as a program does
+        bench.controller.set_setpoint(RelativePoseSetpoint(BENDS[name]), bench.t)
+        if bench.run(0.1).mode == "holding":
+            break
+    assert "nothing resists the tool there" in bench.state.reason
+    bench.run(0.5)
+    assert np.linalg.norm(bench.X_WE[:3, 3] - start[:3, 3]) < 0.07
+    assert np.rad2deg(np.linalg.norm(so3_log(start[:3, :3].T @ bench.X_WE[:3, :3]))) < 25.0
+
+
+def test_a_displacement_that_is_reached_may_go_on_with_what_moves() -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    bench.run(2.0)
+    for _ in range(2000):  # up by 120 mm, at 15 mm/s
+        bench.table += 0.00006
+        bench.step()
+    assert bench.state.mode == "position"
+    assert bench.force == pytest.approx(800.0 * 0.008 + 0.2 * 9.81, abs=2.5)
+
+
+def test_a_displacement_asks_for_no_more_than_a_set_point_with_force_may() -> None:
+    stiff = Bench(stiffness=DEFAULT_STIFFNESS.scaled(10.0)).enabled()
+    refused(stiff, "SP11", RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.0045))))  # 36 N
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    bench.run(2.0)
+    bench.controller.set_limits(replace(bench.controller.parameters, max_force=3.0), bench.t)
+    assert "the limits were lowered: SP11" in bench.run(0.1).reason
+    late = Bench().enabled()
+    late.controller.checks.clock_problem = "0 comparisons"
+    refused(late, "SP18", RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.004))))
+
+
+def test_a_pose_that_jumps_while_a_displacement_presses_holds() -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    bench.run(2.0)
+    force = bench.force
+    bench.told = lambda e: replace(e, X_CT=e.X_CT @ make_pose(p=(0.0, 0.0, 0.008)))
+    state = bench.run(1.0)
+    assert state.mode == "holding"
+    assert bench.force < force + 2.0
+
+
+def test_a_stiffness_with_which_the_set_point_cannot_be_followed_holds() -> None:
+    bench = Bench().enabled()
+    bench.press(10.0)
+    bench.run(2.0)
+    bench.controller.set_stiffness(Stiffness(DEFAULT_STIFFNESS.rotation, (0.8, 1.2, 0.8)), bench.t)  # N/mm
+    assert "the stiffness was changed: SP13" in bench.run(3.0).reason
+    assert bench.force < 10.5
 
 
 def test_wrench_setpoint_is_algorithm_two_along_all_directions() -> None:

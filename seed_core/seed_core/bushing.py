@@ -28,6 +28,7 @@ from seed_core.vector3 import Vector3
 
 Model = Literal["midpoint", "plain"]
 MODELS = ("midpoint", "plain")
+ROTATIONS, TRANSLATIONS = (1e-6, 1e6), (1e-3, 1e9)  # [N m/rad], [N/m] that a stiffness may have
 _ITERATIONS = 50  # the fixed point contracts by |p x f| / (2 k): a dozen steps reach rounding within 30 degrees
 _CONVERGED = 1e-14  # [m]
 
@@ -40,14 +41,18 @@ class BushingError(SeedError):
 class Stiffness:
     """Diagonal, positive stiffness of the grasp: Assumption 2 of the paper, checked here."""
 
-    rotation: Vector3 = field(unit="N m/rad", doc="about the gimbal's roll, pitch and yaw axes")
-    translation: Vector3 = field(unit="N/m", doc="along x, y and z")
+    rotation: Vector3 = field(
+        unit="N m/rad", low=ROTATIONS[0], high=ROTATIONS[1], doc="about the gimbal's roll, pitch and yaw axes"
+    )
+    translation: Vector3 = field(unit="N/m", low=TRANSLATIONS[0], high=TRANSLATIONS[1], doc="along x, y and z")
 
     def __post_init__(self) -> None:
-        for name, unit in (("rotation", "N m/rad"), ("translation", "N/m")):
+        for name, unit, (low, high) in (("rotation", "N m/rad", ROTATIONS), ("translation", "N/m", TRANSLATIONS)):
             for i, value in enumerate(getattr(self, name)):
-                if not (np.isfinite(value) and value > 0.0):
-                    raise ConfigError(f"stiffness.{name}[{i}] = {value} {unit} must be finite and > 0")
+                if not low <= value <= high:
+                    raise ConfigError(
+                        f"stiffness.{name}[{i}] = {value} {unit} must be within {low:g} and {high:g} {unit}"
+                    )
 
     @classmethod
     def from_vector(cls, vector: Array) -> Stiffness:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.bushing import MODELS, Stiffness
+from seed_core.bushing import MODELS, ROTATIONS, TRANSLATIONS, Stiffness
 from seed_core.config import ConfigError, checked, field, load_file, save_file
 from seed_core.vector3 import Vector3
 
@@ -28,8 +28,8 @@ class Grip:
         unit="hPa", low=0.0, high=MOST_PRESSURE, doc="mean absolute pressure of both bubbles; 0: unknown"
     )
     width_m: float = field(unit="m", low=0.0, high=MOST_WIDTH, doc="gripper width")
-    rotation: Vector3 = field(unit="N m/rad", low=1e-6, high=1e6, doc="about roll, pitch and yaw")
-    translation: Vector3 = field(unit="N/m", low=1e-3, high=1e9, doc="along x, y and z")
+    rotation: Vector3 = field(unit="N m/rad", low=ROTATIONS[0], high=ROTATIONS[1], doc="about roll, pitch and yaw")
+    translation: Vector3 = field(unit="N/m", low=TRANSLATIONS[0], high=TRANSLATIONS[1], doc="along x, y and z")
     rotation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N m/rad", low=0.0, high=1e6, doc="standard deviations")
     translation_std: Vector3 = field((0.0, 0.0, 0.0), unit="N/m", low=0.0, high=1e9, doc="standard deviations")
 

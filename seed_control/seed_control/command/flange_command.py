@@ -51,6 +51,11 @@ class FlangeCommand:
         return self._limiter.p
 
     @property
+    def q_WE(self) -> Quaternion:
+        """The commanded rotation of the flange."""
+        return self._limiter.q
+
+    @property
     def lead(self) -> float:
         """By how long the arm trails what is asked for [s]: its own lag, and the smoothing."""
         return self._lag.lag + TRAIL

@@ -12,7 +12,7 @@ from seed_control.algorithm2 import wrench_about_T
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import Flags, HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
-from seed_core.bushing import BushingError
+from seed_core.bushing import Bushing, BushingError, Stiffness
 from seed_core.estimate import AXES, RelativePoseEstimate
 from seed_core.hand import Hand
 from seed_core.spatial import Array, Wrench, inverse_pose, rpy_from_rotation, so3_log
@@ -51,10 +51,26 @@ class SetpointChecks:
                 f"set-point is stamped {now - stamp:.3f} s ago; at most {oldest:g} s is accepted: check the clocks",
             )
 
-    def displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate) -> None:
-        """SP13, SP15: whether the grasp endures the displacement asked for, and the estimate observes it."""
+    def displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate, R_WT: Array) -> None:
+        """SP11, SP13, SP15, SP18: whether grasp, estimator and clocks bear the displacement asked for, and its load.
+
+        Args:
+            R_WT: (3, 3) of the tool.
+        """
+        if self.why_no_force:
+            raise SetpointError("SP18", f"a displacement of the grasp waits for the clocks: {self.why_no_force}")
         _check_observed(unobserved_displacement(s.X_TC, estimate))
         self._check_deflection(s.X_TC)
+        self.displaced(s, R_WT)
+
+    def displaced(self, s: RelativePoseSetpoint, R_WT: Array, bushing: Bushing | None = None) -> None:
+        """SP11: the load of a displacement, on the environment, is beyond what may be asked for.
+
+        Args:
+            R_WT: (3, 3) of the tool. bushing: None for the one in use.
+        """
+        known = self._wrench_estimator
+        self.size((bushing or known.bushing).wrench(s.X_TC).plus(known.weight(R_WT)).about(known.p_Ttip))
 
     def as_hybrid(self, s: HybridSetpoint | WrenchSetpoint, m: Measurement) -> HybridSetpoint:
         """The form that the law follows.
@@ -82,12 +98,15 @@ class SetpointChecks:
             contact_resists=s.contact_resists,
         )
 
-    def load(self, s: HybridSetpoint, estimate: RelativePoseEstimate, R_WC: Array) -> None:
+    def load(
+        self, s: HybridSetpoint, estimate: RelativePoseEstimate, R_WC: Array, bushing: Bushing | None = None
+    ) -> None:
         """SP11 to SP15, SP18: whether grasp, contact, estimator and clocks bear the force and torque asked for.
 
         Args:
-            R_WC: (3, 3) of the gripper at the estimate.
+            R_WC: (3, 3) of the gripper at the estimate. bushing: of the grasp; None for the one in use.
         """
+        bushing = bushing or self._wrench_estimator.bushing
         if self.why_no_force and (s.force_projector.any() or any(s.torque_axes)):
             raise SetpointError("SP18", f"force and torque wait for the clocks: {self.why_no_force}")
         self.size(s.wrench)
@@ -98,11 +117,11 @@ class SetpointChecks:
         _check_torque_axes(s.torque_axes, load_T.torque)
         spring = wrench_about_T(load_W, R_WT, wrench_estimator.p_Ttip).minus(wrench_estimator.weight(R_WT))
         try:
-            X_TC = wrench_estimator.bushing.pose(spring)
+            X_TC = bushing.pose(spring)
         except BushingError as error:
             raise SetpointError("SP13", str(error)) from error
         self._check_deflection(X_TC)
-        self._check_tipping(load_T.force, s.torque_axes)
+        self._check_tipping(load_T.force, s.torque_axes, bushing.stiffness)
         P = R_W_task @ s.force_projector @ R_W_task.T
         directions = np.array([v for v in P if v @ v > 0.1])
         _check_observed(unobserved_load(directions, s.torque_axes, estimate, R_WC))
@@ -144,7 +163,7 @@ class SetpointChecks:
                 "against slip: ask for less torque or a stiffer grip",
             )
 
-    def _check_tipping(self, force_T: Array, torque_axes: Flags) -> None:
+    def _check_tipping(self, force_T: Array, torque_axes: Flags, stiffness: Stiffness) -> None:
         """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are too soft for it.
 
         A lean a is at rest where k a = F H (sin a + mu cos a), with the friction mu F across the tip; there is such a
@@ -155,7 +174,7 @@ class SetpointChecks:
             return
         most, mu = radians(self.parameters.max_rotation), self.parameters.friction
         needed = (sin(most) + mu * cos(most)) / most * moment
-        for i, k in enumerate(self._wrench_estimator.bushing.stiffness.rotation):
+        for i, k in enumerate(stiffness.rotation):
             if torque_axes[i] or abs(force_T[i]) > 0.9 * size:  # about the force's own axis nothing tips
                 continue
             if k < needed:

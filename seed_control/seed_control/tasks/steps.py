@@ -107,7 +107,8 @@ class StepRun:
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
         over = np.array(step.points).reshape(-1, 3) - self.position
         over = over - over @ self.force_projector
-        stands = step.phase.control is not None and bool(np.all(np.sum(over**2, axis=1) < _STANDS**2))
+        stands = type(self) is StepRun and step.phase.control is not None
+        stands = stands and bool(np.all(np.sum(over**2, axis=1) < _STANDS**2))
         self._lands: bool | None = None if stands else False
         force = self._first.wrench.force
         self._towards = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)

@@ -120,13 +120,14 @@ class WrenchEstimator:
         lever = float(np.sqrt(self.p_Ttip @ self.p_Ttip))
         return min(self.bushing.stiffness.rotation) / max(lever, _LEAST_LEVER)
 
-    def set_stiffness(self, stiffness: Stiffness, t: float, duration: float) -> None:
-        """Take over another stiffness from time t [s] on, within duration [s]; a model of its own has its own."""
+    def set_stiffness(self, stiffness: Stiffness, t: float, duration: float) -> bool:
+        """Take over another stiffness from time t [s] on, within duration [s]. False: the model has one of its own."""
         if self._of_bushing is None:
-            return
+            return False
         self._blend = StiffnessBlend(self.bushing.stiffness, stiffness, t, duration)
         if duration == 0.0:
             self.advance(t)
+        return True
 
     def advance(self, t: float) -> None:
         """Go on with taking over a stiffness, if one is being taken over."""
