@@ -358,6 +358,29 @@ def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.M
     assert cell.state.mode != "holding"
 
 
+def test_a_task_that_is_being_read_can_be_cancelled(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell.enabled()
+    may_end = threading.Event()
+
+    def slow(*arguments: str) -> Task:
+        assert may_end.wait(20.0)
+        return read_task(*arguments)
+
+    monkeypatch.setattr(follow_setpoints, "read_task", slow)
+    handle = cell.play(FREE)
+    handle.cancel_goal_async()
+    ended = cell.bench.result(handle)
+    may_end.set()
+    assert ended.status == GoalStatus.STATUS_CANCELED
+    assert ended.result.message == "cancelled while it was being read; nothing has moved"
+    monkeypatch.undo()
+    assert cell.bench.until(lambda: not cell.node.follow.busy)
+    again = cell.play(FREE)
+    assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+    again.cancel_goal_async()
+    assert cell.bench.result(again).status == GoalStatus.STATUS_CANCELED
+
+
 def disabled_while(cell: Cell, busy: Callable[[], bool]) -> None:
     """Disable as soon as it is busy: the command stays where it came to rest, and target_frame stays on it."""
     assert cell.bench.until(busy)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from seed_core.config import ConfigError, field, load_file, save_file
+from seed_core.config import ConfigError, field, load_saved, save_file
 
 ONE, SIMULATED = "one", "simulated"
 DOC = "whether images and robot are dated by one clock: '' unknown, a clocks.yaml, 'one' or 'simulated'"
@@ -63,7 +63,7 @@ def clocks(given: str) -> Clocks:
         return Clocks(problem=UNKNOWN, remark="never compared")
     if not given.endswith((".yaml", ".yml")):
         raise ConfigError(f"clocks = '{given}' must be empty, '{ONE}', '{SIMULATED}' or name a .yaml file")
-    known = load_file(given, ClockComparison)
+    known = load_saved(given, ClockComparison)
     remark = f"offset {1e3 * known.offset:+.1f} +- {1e3 * known.deviation:.1f} ms of {known.date}"
     problem = ""
     if known.host != socket.gethostname():

@@ -11,6 +11,7 @@ import math
 import sys
 import types
 import typing
+import unicodedata
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,6 +29,7 @@ RENAMED = {  # parameters of former releases, refused with the name that they ha
     "max_turning_step": "max_angular_step",
 }
 MAX_BYTES = 10_000_000  # a configuration file larger than this is not one
+SPARE_VALUES = 100_000  # that aliases may add to a text, which has at most one value for each of its characters
 
 
 class ConfigError(SeedError):
@@ -86,21 +88,46 @@ def _wrap(value: Any) -> Any:
     return _Node(value, 0)
 
 
-def _parse(node: yaml.Node | None, loader: yaml.SafeLoader, source: str) -> _Node:
-    if node is None:
-        return _Node({}, 1)
-    line = node.start_mark.line + 1
-    if isinstance(node, yaml.MappingNode):
-        out: dict[str, _Node] = {}
-        for key_node, value_node in node.value:
-            key = str(loader.construct_object(key_node))
-            if key in out:
-                raise ConfigError(f"{source}:{key_node.start_mark.line + 1}: key '{key}' stands twice")
-            out[key] = _parse(value_node, loader, source)
-        return _Node(out, line)
-    if isinstance(node, yaml.SequenceNode):
-        return _Node([_parse(n, loader, source) for n in node.value], line)
-    return _Node(loader.construct_object(node), line)
+class _Parser:
+    """Nodes of a YAML text, with what repeats written out as often as it is named."""
+
+    def __init__(self, loader: yaml.SafeLoader, source: str, most: int) -> None:
+        """most: values that there may be."""
+        self._loader, self._source, self._most, self._count = loader, source, most, 0
+
+    def parse(self, node: yaml.Node | None) -> _Node:
+        """Raises ConfigError: a key stands twice, a text cannot be written, or aliases make too many values."""
+        if node is None:
+            return _Node({}, 1)
+        line = node.start_mark.line + 1
+        self._count += 1
+        if self._count > self._most:
+            raise ConfigError(f"{self._source}:{line}: aliases (*name) make more than {self._most} values of this text")
+        if isinstance(node, yaml.MappingNode):
+            out: dict[str, _Node] = {}
+            for key_node, value_node in node.value:
+                key = str(self._scalar(key_node))
+                if key in out:
+                    raise ConfigError(f"{self._source}:{key_node.start_mark.line + 1}: key '{key}' stands twice")
+                out[key] = self.parse(value_node)
+            return _Node(out, line)
+        if isinstance(node, yaml.SequenceNode):
+            return _Node([self.parse(n) for n in node.value], line)
+        return _Node(self._scalar(node), line)
+
+    def _scalar(self, node: yaml.Node) -> Any:
+        value = self._loader.construct_object(node)
+        if isinstance(value, str) and (wrong := [c for c in value if _is_no_text(c)]):
+            raise ConfigError(
+                f"{self._source}:{node.start_mark.line + 1}: a text has the character {wrong[0]!a}, which cannot "
+                "be written or sent: leave it out"
+            )
+        return value
+
+
+def _is_no_text(character: str) -> bool:
+    """A lone surrogate, or a control character but for tab and end of line."""
+    return unicodedata.category(character) in ("Cs", "Cc") and character not in "\t\n\r"
 
 
 def parse_yaml(text: str, source: str = "<text>") -> _Node:
@@ -115,7 +142,7 @@ def parse_yaml(text: str, source: str = "<text>") -> _Node:
     loader = None
     try:
         loader = yaml.SafeLoader(text)  # reads the text's characters already
-        return _parse(loader.get_single_node(), loader, source)
+        return _Parser(loader, source, len(text) + SPARE_VALUES).parse(loader.get_single_node())
     except ConfigError:
         raise
     except Exception as error:  # besides YAMLError whatever the constructors of numbers and dates trip over
@@ -141,6 +168,18 @@ def load_text(text: str, cls: type[T], source: str = "<text>") -> T:
 def load_file(path: str | Path, cls: type[T]) -> T:
     """An instance of the dataclass cls from a YAML file. Raises ConfigError with file and line."""
     return load_text(read_text(path), cls, str(path))
+
+
+def load_saved(path: str | Path, cls: type[T]) -> T:
+    """The same of a file that `save_file` has written, which ends with `version`.
+
+    Raises:
+        ConfigError: as `load_file`; or the file ends before, and would be read as another one.
+    """
+    node = parse_yaml(read_text(path), str(path))
+    if isinstance(node.value, dict) and "version" not in node.value:
+        raise ConfigError(f"{path}: its last key, version, is missing: the file was cut short; make it anew")
+    return _build(node, cls, "", str(path))
 
 
 def read_text(path: str | Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from seed_core.bushing import MODELS, ROTATIONS, TRANSLATIONS, Stiffness
-from seed_core.config import ConfigError, checked, field, load_file, save_file
+from seed_core.config import ConfigError, checked, field, load_saved, save_file
 from seed_core.vector3 import Vector3
 
 HEADER = (
@@ -100,7 +100,7 @@ class GripStiffness:
 
 def load_stiffness(path: str | Path) -> StiffnessFile:
     """A stiffness.yaml. Raises ConfigError with file and line."""
-    return load_file(path, StiffnessFile)
+    return load_saved(path, StiffnessFile)
 
 
 def save_stiffness(path: str | Path, file: StiffnessFile) -> None:

@@ -2,6 +2,7 @@
 """The strict loader: every mistake in a file is refused with file, line, value, bound and remedy."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,9 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
     assert to_mapping(value)["inner"] == {"gain": 2.0, "names": ["x", "y"]}
 
 
+BOMB = "\n".join(f"{b}: &{b} [{', '.join(['*' + a] * 10)}]" for a, b in pairwise("_abcdefgh")).replace("*_", "x")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -65,6 +69,12 @@ def test_file_becomes_a_frozen_dataclass_and_plain_data_again(tmp_path: Path) ->
         ("speed: 0.5\nwidth: 7.5 px", "f.yaml:2: width = 7.5 must be a whole number"),
         ("speed: 0.5\nwidth: 51 px", "f.yaml:2: width = 51 px must be within 0 and 50 px"),
         ("speed: [1", "f.yaml: not readable as YAML"),
+        (BOMB, "f.yaml:.: aliases .*name. make more than 100[0-9]+ values of this text"),
+        (
+            'speed: 0.5\nmode: "\\ud800"',
+            r"f.yaml:2: a text has the character '\\ud800', which cannot be written or sent",
+        ),
+        ('speed: 0.5\n"mo\\0de": x', r"f.yaml:2: a text has the character '\\x00'"),
         ("speed: " + 50_000 * "[" + 50_000 * "]", "f.yaml: not readable as YAML"),  # an error, and no crash
         ("speed: !!python/object/apply:os.system ['true']", r"speed = \['true'\] must be a number"),
     ],

@@ -83,3 +83,13 @@ def test_a_file_that_could_not_be_loaded_is_not_written(tmp_path: Path) -> None:
         save_stiffness(path, pascal)
     assert load_stiffness(path) == FILE
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path: Path) -> None:
+    path = tmp_path / "stiffness.yaml"
+    save_stiffness(path, FILE)
+    text = path.read_text()
+    for end in range(len(text) - 1):  # without its last line feed it is whole
+        path.write_text(text[:end])
+        with pytest.raises(ConfigError):
+            load_stiffness(path)

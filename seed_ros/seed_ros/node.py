@@ -61,12 +61,19 @@ class SeedNode(Node):
         self.ranges: dict[str, Any] = {}  # fields of the parameters, by name
         self._actions: list[ActionServer] = []
         super().__init__(name, **arguments)
+        self.add_on_set_parameters_callback(parameters.checking(self._keep_clock))
         withstand(self)
         self.counters = Counters(self)
         self.beats = Beats()
 
     declare = parameters.declare
     refuse_unknown = parameters.refuse_unknown
+
+    def _keep_clock(self, changes: list[Parameter]) -> None:
+        """Raises SeedError: the clock is to be another one, which no stamp so far was of."""
+        for change in changes:
+            if change.name == "use_sim_time" and change.value != self.get_parameter("use_sim_time").value:
+                raise SeedError("use_sim_time cannot be changed while the node runs: give it at its start")
 
     def describe_parameters(self, names: list[str]) -> list[ParameterDescriptor]:
         """As rclpy does, with the range that each parameter is checked against."""

@@ -16,6 +16,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 from std_msgs.msg import String
@@ -74,6 +75,16 @@ def test_a_service_answers_with_what_its_method_returns_or_with_the_words_of_its
     assert (answer.success, answer.message) == (True, "on")
     answer = bench.call(SetBool, "answering/set", SetBool.Request(data=False))
     assert (answer.success, answer.message) == (False, "it stays on")
+
+
+@pytest.mark.parametrize("sim_time", [False, True])
+def test_a_running_node_keeps_its_clock(bench: Bench, sim_time: bool) -> None:
+    node = bench.add(Answering, use_sim_time=sim_time)
+    (other,) = node.set_parameters([Parameter("use_sim_time", value=not sim_time)])
+    assert not other.successful
+    assert "use_sim_time cannot be changed while the node runs" in other.reason
+    assert node.get_parameter("use_sim_time").value is sim_time
+    assert node.set_parameters([Parameter("use_sim_time", value=sim_time)])[0].successful
 
 
 def test_a_service_that_waits_lets_others_be_served(bench: Bench) -> None:

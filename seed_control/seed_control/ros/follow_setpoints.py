@@ -53,13 +53,18 @@ class _Reading:
         player: future of its player.
     """
 
-    def __init__(self, worker: ThreadPoolExecutor, request: FollowSetpoints.Goal) -> None:
-        self.player = Future()
-        self._job = worker.submit(_player, request.task, request.overrides)
+    def __init__(self, worker: ThreadPoolExecutor, goal: ServerGoalHandle) -> None:
+        self.player, self._goal = Future(), goal
+        self._job = worker.submit(_player, goal.request.task, goal.request.overrides)
 
     def look(self) -> None:
         """Pass on what has become of it."""
-        if not self._job.done() or self.player.done():
+        if self.player.done():
+            return
+        if self._goal.is_cancel_requested:
+            self.player.set_exception(SeedError("cancelled while it was being read; nothing has moved"))
+            return
+        if not self._job.done():
             return
         if error := self._job.exception():
             self.player.set_exception(error)
@@ -105,7 +110,10 @@ class FollowServer:
             run = self._run = await self._start(goal)
         except SeedError as error:
             self._node.get_logger().error(f"follow_setpoints refused: {error}")
-            goal.abort()
+            if goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
             return _result(False, str(error))
         return self._finish(run, await run.done)
 
@@ -116,7 +124,7 @@ class FollowServer:
             )
         if self._reading is not None:
             raise SeedError("another task is being read, and is played then: cancel it first, as ./seed cancel does")
-        self._reading = _Reading(self._worker, goal.request)
+        self._reading = _Reading(self._worker, goal)
         try:
             player: TaskPlayer = await self._reading.player
         finally:

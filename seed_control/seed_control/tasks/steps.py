@@ -107,7 +107,8 @@ class StepRun:
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
         over = np.array(step.points).reshape(-1, 3) - self.position
         over = over - over @ self.force_projector
-        stands = type(self) is StepRun and step.phase.control is not None
+        p = step.phase
+        stands = p.control is not None and p.along == "work" and not (p.search or p.insert or p.contact_stop)
         stands = stands and bool(np.all(np.sum(over**2, axis=1) < _STANDS**2))
         self._lands: bool | None = None if stands else False
         force = self._first.wrench.force

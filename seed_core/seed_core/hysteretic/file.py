@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.config import ConfigError, field, load_file, save_file
+from seed_core.config import ConfigError, field, load_saved, save_file
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.vector3 import Vector3
 
@@ -98,7 +98,7 @@ def hysteretic_file(
 
 def load_hysteretic(path: str | Path) -> HystereticFile:
     """A hysteretic_spring.yaml. Raises ConfigError with file and line."""
-    return load_file(path, HystereticFile)
+    return load_saved(path, HystereticFile)
 
 
 def save_hysteretic(path: str | Path, file: HystereticFile) -> None:

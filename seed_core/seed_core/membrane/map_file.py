@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seed_core.config import ConfigError, field, load_file, save_file
+from seed_core.config import ConfigError, field, load_saved, save_file
 from seed_core.membrane.features import COUNT, NAMES, SCALES
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
@@ -174,7 +174,7 @@ def term_names(products: np.ndarray) -> tuple[str, ...]:
 
 def load_membrane_map(path: str | Path) -> MembraneMapFile:
     """A membrane_map.yaml. Raises ConfigError with file and line."""
-    return load_file(path, MembraneMapFile)
+    return load_saved(path, MembraneMapFile)
 
 
 def save_membrane_map(path: str | Path, file: MembraneMapFile) -> None:
