@@ -197,9 +197,24 @@ def _pushed(*arrays: np.ndarray) -> None:
     arrays[2][:] = np.abs(arrays[2][:, 2:]) * SURFACE[:3, 0]  # along the first leg
 
 
+def _pulled(*arrays: np.ndarray) -> None:
+    arrays[2][:] *= -1.0
+
+
+def _collapsed(_: np.ndarray, X: np.ndarray, *__: np.ndarray) -> None:
+    X[70, :3, :3] = 0.0
+
+
+def _in_millinewtons(*arrays: np.ndarray) -> None:
+    arrays[2][:] *= 1e3
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        (_pulled, r"the force of \d\.\d N pulls towards where the tool came from: only pressing can be taught"),
+        (_collapsed, "the pose of measurement 71 has no rotation"),
+        (_in_millinewtons, r"is \d\.\d+e\+03 N, at most 200 N can be taught: is it in newtons"),
         (_gap, r"gap of 0\.8\d s after 1\.9\d s, at most 0\.3 s: the estimator lost the tool"),
         (_back, "time goes backwards after 1.97 s"),
         (_slip, r"the tip jumps by 4\d\.\d mm within 0\.033 s, 2\.30 s after the start"),
@@ -218,6 +233,9 @@ def test_too_little_is_no_demonstration() -> None:
     d = shown()
     with pytest.raises(TeachError, match=r"lasts 0\.\d s; at least 1 s"):
         taught(Demonstration(d.stamps[:20], d.X_W_tip[:20], d.forces[:20]), "mine", "")
+    for few in (0, 3):
+        with pytest.raises(TeachError, match=f"has {few} measurements; at least 10"):
+            taught(Demonstration(d.stamps[:few], d.X_W_tip[:few], d.forces[:few]), "mine", "")
     with pytest.raises(TeachError, match="nothing was measured"):
         Recorder().demonstration()
     with pytest.raises(ConfigError, match="resists has 'q'"):

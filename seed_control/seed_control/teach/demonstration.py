@@ -19,6 +19,8 @@ SMOOTH = 0.2  # [s] over which forces are averaged: a hand trembles at 8 to 12 H
 TURNING = 0.5  # [s] likewise for rotations, in which a soft grasp swings
 SAME = 1e-4  # [s] within which stamps are of one image
 FEWEST = 10  # measurements
+NO_ROTATION = 0.01  # by which columns of a rotation are not orthonormal
+MOST_FORCE = 200.0  # [N]
 LEAST = 1.0  # [s] of a demonstration
 
 
@@ -63,12 +65,23 @@ class Demonstration:
 
     def check(self, settings: TeachSettings) -> None:
         """Raises TeachError: too short, not finite, with a gap or a jump; which, when, and what to do."""
+        if len(self.stamps) < FEWEST:
+            raise TeachError(f"the demonstration has {len(self.stamps)} measurements; at least {FEWEST} are needed")
         t = self.stamps - self.stamps[0]
         for name, values in (("time", t), ("pose", self.X_W_tip), ("force", self.forces)):
             bad = np.flatnonzero(~np.isfinite(values.reshape(len(t), -1)).all(axis=1))
             if len(bad):
                 raise TeachError(f"the {name} of measurement {bad[0] + 1} is not a number: teach again")
-        if len(t) < FEWEST or t[-1] < LEAST:
+        off = np.abs(np.swapaxes(self.X_W_tip[:, :3, :3], 1, 2) @ self.X_W_tip[:, :3, :3] - np.eye(3)).max(axis=(1, 2))
+        if off.max() > NO_ROTATION:
+            raise TeachError(f"the pose of measurement {int(np.argmax(off)) + 1} has no rotation: teach again")
+        size = np.linalg.norm(np.clip(self.forces, -1e9, 1e9), axis=1)
+        if size.max() > MOST_FORCE:
+            raise TeachError(
+                f"the force of measurement {int(np.argmax(size)) + 1} is {size.max():.3g} N, at most {MOST_FORCE:g} N "
+                "can be taught: is it in newtons?"
+            )
+        if t[-1] < LEAST:
             raise TeachError(f"the demonstration lasts {max(t[-1], 0.0):.1f} s; at least {LEAST:g} s are needed")
         dt = np.diff(t)
         if (dt <= 0.0).any():

@@ -9,6 +9,7 @@ from seed_core.spatial import Array, make_pose
 
 MOVING = 0.005  # [m/s] above which friction points against the path
 WIDE = 0.02  # [m] that the touched points must spread, across their main direction too, for them to tell the plane
+BEHIND = 0.004  # [m] by which a tool that is not touching is behind what it pulls at
 STEEP = 0.7  # share of the force that must press, or else it is no pressing
 
 
@@ -18,7 +19,7 @@ def work_frame(demonstration: Demonstration, touched: list[Span]) -> tuple[Array
     demonstration: in even steps. z is against the pressing force: what friction takes of the force lies along the path.
 
     Raises:
-        TeachError: the force lies along the path rather than across it.
+        TeachError: the force lies along the path rather than across it, or pulls.
     """
     p, f = demonstration.X_W_tip[:, :3, 3], demonstration.forces
     if not touched:
@@ -41,6 +42,15 @@ def work_frame(demonstration: Demonstration, touched: list[Span]) -> tuple[Array
     _, spread, axes = np.linalg.svd(every - every.mean(axis=0), full_matrices=False)
     if spread[1] * np.sqrt(12.0 / len(every)) > WIDE:  # of points that are spread evenly
         normal = axes[2] * np.sign(axes[2] @ normal)
+    free = np.ones(len(p), dtype=bool)
+    for a, b in touched:
+        free[a:b] = False
+    away = p[free] @ normal - np.median(every @ normal)
+    if len(away) and np.median(away) < -BEHIND:
+        raise TeachError(
+            f"the force of {size:.1f} N pulls towards where the tool came from: only pressing can be taught; is the "
+            "force that of the tool on the environment?"
+        )
     x = np.eye(3)[int(np.argmin(np.abs(normal)))] if abs(normal[0]) > 0.9 else np.array((1.0, 0.0, 0.0))
     x = x - (x @ normal) * normal
     x /= np.linalg.norm(x)

@@ -25,6 +25,7 @@ PRESSING = 0.005  # [m/s] at least along the surface while the force comes
 FREE = 0.1  # [m/s] at most on the way to the start
 SLOW = 0.003  # [m/s] below which the tip stands
 PAUSE = 0.8  # [s] from which standing is a part of what was shown
+LONGEST = 600.0  # [s] of a pause: the longest dwell of a task
 LEVEL = 0.5  # [s] from which a force is one that was meant
 SHORTEST = 0.3  # [s] of a touch
 ACCELERATION = 0.2  # [m/s^2]
@@ -184,6 +185,11 @@ class _Maker:
             for piece in pieces:
                 first, there = max(start + i, a + piece.start), max(start + i, a + piece.there)
                 last = min(start + j, a + piece.end)
+                if (last - there) * STEP > LONGEST:
+                    raise TeachError(
+                        f"the tip stands for {(last - there) * STEP:.0f} s, {self._time(there):.0f} s after the start, "
+                        f"at most {LONGEST:g} s can be taught: lead the arm on sooner"
+                    )
                 if last <= there:
                     continue
                 if there > first:
