@@ -16,6 +16,7 @@ from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.history import PoseHistory
 from seed_core.spatial import Array
 
+_ROCKS = 2  # torque axes, from which on a tool lies with a face, or is in a hole
 _EVERY = 0.1  # [s] between two looks at the motion
 _NOISE = 6.0  # deviations of the estimated force that a swing must stand out by
 _LEAST_FORCE, _LEAST_SHARE = 0.5, 0.1  # [N], and of the wanted force, that counts as a swing
@@ -87,7 +88,8 @@ class ContactWatch:
             swing.update(m.stamp, force, max(_LEAST_SHARE * least, _LEAST_FORCE, _NOISE * deviation))
         if m.stamp >= self._looked + _EVERY or m.stamp < self._looked:
             self._looked = m.stamp
-            self._look(plan.normals, history)
+            rocks = law.setpoint is not None and sum(law.setpoint.torque_axes) >= _ROCKS
+            self._look(plan.normals, history, rocks)
 
     def _look_for_steps(self, m: Measurement, law: PublishedLaw) -> None:
         plan, stiffness = law.plan, law.wrench_estimator.mean_stiffness
@@ -100,8 +102,10 @@ class ContactWatch:
             else:
                 step.clear()
 
-    def _look(self, normals: Array, history: PoseHistory) -> None:
+    def _look(self, normals: Array, history: PoseHistory, rocks: bool) -> None:
+        """rocks: the tool may turn about its rim, where its deflection follows no gripper."""
         for n, swing in zip(normals, self._swings, strict=True):
-            self.late.update(self._motion.followed(n, history), partial(self._motion.sure, n, history))
+            if not rocks:
+                self.late.update(self._motion.followed(n, history), partial(self._motion.sure, n, history))
             if swing.suspected and not self.late.reason:
                 swing.judge(self._motion.followed(n, history, self.late.error or 0.0))
