@@ -85,7 +85,7 @@ class Controller:
         self._counting = Counting("not enabled yet")
         self._inputs = Inputs(p, law.synchronised, self._counting)
         self.wrench_estimator = WrenchEstimator(
-            tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model
+            tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model, hand.up
         )
         self.checks = SetpointChecks(p, self.wrench_estimator, hand)
         self.law = law(p, self.wrench_estimator)

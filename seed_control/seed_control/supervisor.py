@@ -67,7 +67,7 @@ class Supervisor:
             settings = replace(settings, correct=False)
         self.references = References(settings, hand, tool, self._wrench_estimator)
         self.pressure = pressure or PressureCheck()
-        self.grasp_check = GraspCheck(tool, p.max_unloaded_force)
+        self.grasp_check = GraspCheck(tool, p.max_unloaded_force, hand.up)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self.stamps = StampStep(p.max_stamp_error)
         self.known = WrenchKnowledge(self._wrench_estimator)

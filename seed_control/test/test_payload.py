@@ -6,8 +6,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.payload.identify import PayloadError, PayloadFit
+from seed_control.wrench.estimate import WrenchEstimator
 from seed_core.bushing import Bushing
-from seed_core.hand import DEFAULT_STIFFNESS, weight_about_T
+from seed_core.config import ConfigError
+from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool, weight_about_T
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy
 
 RNG = np.random.default_rng(9)
@@ -67,3 +70,27 @@ def test_weighing_nothing_or_too_little_is_refused() -> None:
         weighing.add(np.eye(4), make_pose(p=1e-4 * RNG.normal(size=3)))
     with pytest.raises(PayloadError, match=r"not distinguishable from nothing"):
         weighing.result()
+
+
+def test_an_arm_on_a_wall_weighs_the_same_and_tells_the_same_wrench() -> None:
+    """All that is turned with the base: the force in it turns along, and the weight stays where gravity has it."""
+    R = rotation_from_rpy((0.4, -1.2, 2.0))
+    turned, up = make_pose(R), tuple((R @ (0.0, 0.0, 1.0)).tolist())
+    tool, bushing = Tool(), Bushing(DEFAULT_STIFFNESS)
+    on_stand = WrenchEstimator(tool, bushing, True, 1e-4)
+    on_wall = WrenchEstimator(tool, bushing, True, 1e-4, up=up)
+    stand, wall = PayloadFit(bushing), PayloadFit(bushing, up)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        X_WT = make_pose(rotation_from_rpy(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-0.5, 0.5, 3))
+        X_CT = hanging(X_WT[:3, :3], tool.mass, np.array(tool.center_of_mass), bushing)[1]
+        estimate, X_WC = RelativePoseEstimate(0.0, X_CT), X_WT @ inverse_pose(X_CT)
+        a, b = on_stand.measure(estimate, X_WC), on_wall.measure(estimate, turned @ X_WC)
+        assert_allclose(b.on_environment.force, R @ a.on_environment.force, atol=1e-9)
+        assert np.abs(b.on_environment.force).max() < 1e-6  # it hangs
+        stand.add(X_WT, X_CT)
+        wall.add(turned @ X_WT, X_CT)
+    assert wall.result().mass == pytest.approx(tool.mass, abs=1e-6)
+    assert wall.result().mass == pytest.approx(stand.result().mass)
+    with pytest.raises(ConfigError, match=r"up = \(0.0, 0.0, 0.5\) has length 0.5; give a unit vector"):
+        Hand(up=(0.0, 0.0, 0.5))

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, from_mapping, load_text, plain_yaml
 from seed_core.spatial import Array, Wrench, cross, pose_from_rpy
-from seed_core.vector3 import Vector3
+from seed_core.vector3 import Vector3, norm
 
 FloatOrArray = TypeVar("FloatOrArray", float, Array)
 FINGERS = ("left", "right")  # as they are named everywhere; the left one is on the side of +y of C
 FINGERS_OF = {"both": FINGERS, "left": ("left",), "right": ("right",)}  # by what a parameter `fingers` may be
+UPRIGHT: Vector3 = (0.0, 0.0, 1.0)  # against gravity, in the base of an arm that stands
 GRAVITY = 9.81  # [m/s^2]
 DEFAULT_STIFFNESS = Stiffness(rotation=(4.0, 3.0, 4.0), translation=(800.0, 1200.0, 800.0))
 
@@ -48,6 +49,14 @@ class Hand:
     E_C: Frame = field(Frame((0.0, 0.0, 0.15)), doc="compliance frame C in the flange E (tool0)")
     C_L: Frame = field(Frame((0.0, 0.105, 0.0), (90.0, 0.0, 0.0)), doc="left optical frame in C; looks along -y_C")
     C_R: Frame = field(Frame((0.0, -0.105, 0.0), (-90.0, 0.0, 0.0)), doc="right optical frame in C; looks along +y_C")
+    up: Vector3 = field(
+        UPRIGHT, low=-1.0, high=1.0, doc="unit vector against gravity, in base; 0 0 -1 for an arm on a ceiling"
+    )
+
+    def __post_init__(self) -> None:
+        size = norm(self.up)
+        if abs(size - 1.0) > 1e-3:
+            raise ConfigError(f"up = {self.up} has length {size:g}; give a unit vector")
 
     @property
     def X_EC(self) -> Array:
@@ -110,15 +119,15 @@ def _mapping(parameters: dict[str, object], name: str, path: str) -> dict[str, o
     return value
 
 
-def weight_about_T(mass: float, center_of_mass: ArrayLike, R_WT: Array) -> Wrench:
+def weight_about_T(mass: float, center_of_mass: ArrayLike, R_WT: Array, up: ArrayLike = UPRIGHT) -> Wrench:
     """Load of gravity on the tool about T's origin, written in T; what the paper left out is m g of the force.
 
     Args:
         mass: [kg].
         center_of_mass: (3,) [m] in T.
-        R_WT: (3, 3) orientation of the tool; W's z axis points up.
+        R_WT: (3, 3) orientation of the tool. up: (3,) against gravity, in W.
     """
-    force = R_WT[2] * (-mass * GRAVITY)  # R_TW (0, 0, -m g): the last row of R_WT
+    force = np.asarray(up) @ R_WT * (-mass * GRAVITY)
     return Wrench(cross(np.asarray(center_of_mass), force), force)
 
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from seed_control.wrench.estimate import Measurement
 from seed_core.estimate import NEW_GRASP
-from seed_core.hand import GRAVITY, Tool
+from seed_core.hand import GRAVITY, UPRIGHT, Tool
 from seed_core.spatial import Array, so3_log
+from seed_core.vector3 import Vector3
 
 SOFTEST = 100.0  # [N/m] of a surface that is told from free air
 _CERTAIN = 2.0  # deviations of the force's rise per way, for either
@@ -42,9 +43,9 @@ class GraspCheck:
         weight: of the tool [N].
     """
 
-    def __init__(self, tool: Tool, most: float) -> None:
-        """most: [N] that a tool in free air may seem to press."""
-        self.weight, self._most = tool.mass * GRAVITY, most
+    def __init__(self, tool: Tool, most: float, up: Vector3 = UPRIGHT) -> None:
+        """most: [N] that a tool in free air may seem to press. up: against gravity, in W."""
+        self.weight, self._most, self._up = tool.mass * GRAVITY, most, np.array(up)
         self._anew = self._loaded = self._doubted = ""
         self._doubt = ""  # that the zero is right, since the tool last hung free
         self._pressed: Array | None = None  # direction (3,) of the last force that was wanted
@@ -191,7 +192,7 @@ class GraspCheck:
             self._doubt = self._doubted = ""
             self._free = True
             return
-        hung = float(np.abs(force + np.array((0.0, 0.0, self.weight))).max()) < _ALIKE * self.weight
+        hung = float(np.abs(force + self.weight * self._up).max()) < _ALIKE * self.weight
         why = f"the grasp was taken while the tool hung ({self.weight:.1f} N)" if hung else "the grasp was loaded then"
         self._loaded = (
             f"in free air the tool seems to press with {size:.1f} N, more than {self._most:g} N: {why}, or weight or "

@@ -12,10 +12,11 @@ wrong mass in proportion. A known mass turns that around and checks the vertical
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seed_core.bushing import Bushing
 from seed_core.errors import SeedError
-from seed_core.hand import GRAVITY
+from seed_core.hand import GRAVITY, UPRIGHT
 from seed_core.spatial import Array, Wrench, inverse_pose, skew
 
 _LEAST_TURN = np.deg2rad(10.0)  # between orientations, for the whole centre of mass
@@ -49,8 +50,9 @@ class Payload:
 class PayloadFit:
     """Collects samples (X_WT, X_CT) of a tool at rest in free space; `result` fits them."""
 
-    def __init__(self, bushing: Bushing) -> None:
-        self._bushing = bushing
+    def __init__(self, bushing: Bushing, up: ArrayLike = UPRIGHT) -> None:
+        """up: (3,) against gravity, in W."""
+        self._bushing, self._up = bushing, np.asarray(up)
         self._g: list[Array] = []  # of each sample, in T [m/s^2]
         self._springs: list[Wrench] = []
 
@@ -59,7 +61,7 @@ class PayloadFit:
 
         spring: load on the tool about T's origin, in T, by another model than the bushing.
         """
-        self._g.append(-GRAVITY * X_WT[2, :3])
+        self._g.append(-GRAVITY * (self._up @ X_WT[:3, :3]))
         self._springs.append(self._bushing.wrench(inverse_pose(X_CT)) if spring is None else spring)
 
     def result(self, known_mass: float | None = None) -> Payload:

@@ -63,7 +63,7 @@ class PayloadRun:
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
         self._player = TaskPlayer(payload_task(state.X_W_tip), waits=False)
-        self._fit = PayloadFit(wrench_estimator.bushing)
+        self._fit = PayloadFit(wrench_estimator.bushing, wrench_estimator.up)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
 

@@ -9,8 +9,9 @@ import numpy as np
 from seed_control.wrench.stiffness_schedule import StiffnessBlend
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import Tool, weight_about_T
+from seed_core.hand import UPRIGHT, Tool, weight_about_T
 from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.vector3 import Vector3
 from seed_core.wrench_model import BushingModel, SpringWrench, WrenchModel, observed_part, pose_covariance
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
@@ -85,14 +86,16 @@ class WrenchEstimator:
         gravity: bool,
         default_deviation: float,
         model: WrenchModel | None = None,
+        up: Vector3 = UPRIGHT,
     ) -> None:
         """Start with a bushing.
 
         Args:
             default_deviation: [m] of a position of an estimate that states no covariance.
             model: of the wrench; None: the bushing itself. A BushingModel takes over this bushing.
+            up: against gravity, in W.
         """
-        self.tool, self.bushing = tool, bushing
+        self.tool, self.bushing, self.up = tool, bushing, np.array(up)
         self.correction: WrenchCorrection | None = None
         self._told: tuple[RelativePoseEstimate | None, SpringWrench | None] = None, None
         self._followed = -inf  # [s]
@@ -144,11 +147,11 @@ class WrenchEstimator:
 
     def weight(self, R_WT: Array) -> Wrench:
         """Weight about T's origin in T, of the tool at R_WT (3, 3); zero for a law without gravity."""
-        return weight_about_T(self._mass, self._com, R_WT)
+        return weight_about_T(self._mass, self._com, R_WT, self.up)
 
     def true_weight(self, R_WT: Array) -> Wrench:
         """The same whatever the law."""
-        return weight_about_T(self.tool.mass, self._com, R_WT)
+        return weight_about_T(self.tool.mass, self._com, R_WT, self.up)
 
     def why_unknown(self, estimate: RelativePoseEstimate) -> str:
         """Why the model cannot tell the wrench of a valid estimate; '' if it can."""
