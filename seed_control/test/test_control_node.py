@@ -208,6 +208,7 @@ def test_a_bad_setpoint_is_refused_with_its_reason_and_counted_and_the_arm_holds
 def test_the_tip_goes_where_a_good_setpoint_says(cell: Cell) -> None:
     cell.enabled()
     message = cell.hold_here()
+    message.velocity.x = 0.01
     message.pose.position.x += 0.01
 
     def reached() -> bool:
@@ -217,6 +218,9 @@ def test_the_tip_goes_where_a_good_setpoint_says(cell: Cell) -> None:
 
     assert cell.bench.until(reached), cell.state
     assert cell.state.setpoint_kind == "hybrid"
+    followed = cell.node.core.law.setpoint
+    assert followed is not None
+    np.testing.assert_allclose(followed.velocity, (0.01, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("stream", ["current_pose", "relative_pose"])

@@ -39,6 +39,7 @@ def test_the_default_is_all_position() -> None:
         ("SP06", {"wrench": load((1.0, 0.0, -5.0)), "force_projector": Z}),
         ("SP07", {"torque_axes": (True, False, False)}),
         ("SP08", {"approach_speed": -0.1}),
+        ("SP08", {"velocity": np.array((50.0, 0.0, 0.0))}),  # in mm/s
     ],
 )
 def test_contradictions_are_refused(code: str, values: dict[str, Any]) -> None:

@@ -117,6 +117,20 @@ def test_the_command_never_leaves_the_workspace() -> None:
     assert min(p[2] for p in run.p) >= LIMITS.workspace_low[2]
 
 
+@pytest.mark.parametrize("stop", [0.95, 0.98, 0.995, 1.0, 1.2])
+@pytest.mark.parametrize("speed", [0.1, 0.25])
+def test_at_the_workspaces_side_it_brakes_within_its_bounds(stop: float, speed: float) -> None:
+    """A stream that goes on to the side, ends near it, or holds there; it was stopped by the side at 27 m/s^2."""
+    run, x = Run(), HERE[0]
+    while x < stop:
+        x += speed * DT
+        run.target((x, *HERE[1:]))
+        run.steps(1)
+    run.steps(1000, hold=True)
+    run.check()
+    assert np.array(run.p)[:, 0].max() <= 1.0 + 1e-9
+
+
 def test_starting_outside_the_workspace_only_leads_inwards() -> None:
     run = Run(replace(LIMITS, workspace_low=(-1.0, -1.0, 0.35)))
     run.target((HERE[0], HERE[1], 0.2))

@@ -36,6 +36,7 @@ def hybrid_setpoint(message: HybridMsg, frames: FrameNames) -> HybridSetpoint:
         task_frame=frame,
         R_W_task=R,
         contact_resists=_flags(message.contact_resists),
+        velocity=np.array((message.velocity.x, message.velocity.y, message.velocity.z)),
         stamp=_stamp(message.header.stamp),
     )
 

@@ -20,6 +20,7 @@ TASK_FRAMES = ("world", "tool", "surface", "found")
 Flags = tuple[bool, bool, bool]
 NONE: Flags = (False, False, False)
 _PROJECTOR_TOLERANCE = 1e-6
+_FASTEST = 0.5  # [m/s] of a set-point along its path
 _FORCE_TOLERANCE = 1e-6  # [N]
 
 
@@ -145,6 +146,9 @@ class HybridSetpoint:
     def _put_place(self, X_W_tip: Array, velocity: Array) -> None:
         object.__setattr__(self, "X_W_tip", _checked_pose(X_W_tip, "X_W_tip"))
         object.__setattr__(self, "velocity", _checked_vector(velocity, "velocity", "m/s"))
+        if float(velocity @ velocity) > _FASTEST**2:
+            speed = float(np.linalg.norm(velocity))
+            raise SetpointError("SP08", f"velocity = {speed:.3g} m/s must be at most {_FASTEST:g}: is it in m/s?")
 
     def _check_selection(self) -> None:
         stray = self.wrench.force - self.force_projector @ self.wrench.force

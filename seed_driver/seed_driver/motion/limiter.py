@@ -97,8 +97,17 @@ class CommandLimiter:
             gap, turn = minus(self.reference.p, self.inner_p), turn_between(self.reference.q, self.inner_q)
             goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration)
             angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
-        self.velocity = _towards(self.velocity, goal, limits.max_acceleration * change)
+        self.velocity = self._inside(_towards(self.velocity, self._inside(goal), limits.max_acceleration * change))
         self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * change)
+
+    def _inside(self, v: Vector3) -> Vector3:
+        """A velocity from which it comes to rest before each side of the workspace that it goes towards."""
+        limits, p = self.limits, self.inner_p
+        x, y, z = (
+            _before(v[i], p[i] - limits.workspace_low[i], limits.workspace_high[i] - p[i], limits.max_acceleration)
+            for i in range(3)
+        )
+        return x, y, z
 
     def slow(self, share: float) -> None:
         """Scale this step's velocity, e.g. because a joint would be too fast."""
@@ -143,6 +152,13 @@ class CommandLimiter:
             turn = plus_scaled(turn, -weight, angular_step)
         self.p = minus(self.inner_p, back)
         self.q = turned(self.inner_q, turn)
+
+
+def _before(v: float, below: float, above: float, acceleration: float) -> float:
+    """Speed v along an axis, no faster than braking needs before the side that is so far below, or above [m]."""
+    distance = max(above if v > 0.0 else below, 0.0)
+    most = sqrt(2.0 * BRAKE_SHARE * acceleration * distance)
+    return min(max(v, -most), most)
 
 
 def _chase(error: Vector3, feed: Vector3, top: float, acceleration: float) -> Vector3:
