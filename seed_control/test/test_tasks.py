@@ -136,6 +136,20 @@ def test_cancel_before_the_first_step_does_not_start_the_task() -> None:
     assert bench.force == 0.0
 
 
+def test_a_table_that_falls_away_is_named_as_that() -> None:
+    bench, player = bench_at("squeegee")
+    play(bench, player, 30.0, until="wipe")
+    play(bench, player, 1.0)
+    for _ in range(4000):
+        bench.table -= 0.15 * DT  # [m/s]
+        status = play(bench, player, DT)
+        if status.done:
+            break
+    assert status.failed
+    assert "contact is lost, and there is none within max_free_travel" in status.message
+    assert "the surface has ended or fallen away" in status.message
+
+
 def test_missing_table_fails_the_task_and_says_why() -> None:
     bench, player = bench_at("squeegee")
     bench.table = -0.5

@@ -20,7 +20,16 @@ from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import Motion
 from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
 from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above
-from seed_driver.process.shared_memory import CRASHED, LOST, ORPHANED, SharedMemory, Stage, State, TargetSlot
+from seed_driver.process.shared_memory import (
+    CRASHED,
+    LARGEST_MESSAGE,
+    LOST,
+    ORPHANED,
+    SharedMemory,
+    Stage,
+    State,
+    TargetSlot,
+)
 from seed_driver.robot.connection import Robot, load_ur_rtde
 from seed_driver.robot.link import LinkError
 from seed_driver.session import WAITING, Session
@@ -28,7 +37,6 @@ from seed_driver.session import WAITING, Session
 RETRY = 0.5  # [s] between looks at an address where nobody is
 CHECK_EVERY = 5  # cycles between looks at messages
 PUBLISH_EVERY = 2  # cycles between states for the node, where it wants no more
-LARGEST_MESSAGE = 65_536  # [byte]
 
 
 class ServoProcess:

@@ -58,6 +58,7 @@ REMEDIES = (
     ("protective", "Look at the arm, clear the cause, call driver/recover. Then Enable."),
     ("no target_frame", "The controller was silent for a moment: is this computer too busy? Press Enable."),
     ("target_frame", "The arm refused where it was sent: see the task's positions and the workspace. Then Enable."),
+    ("the surface has ended or fallen away", "The surface ends before the path does: shorten the path. Then Enable."),
     ("no contact within", "The surface is not where the task expects it: correct the task's frame. Then Enable."),
     ("in its way", "Clear the way of the tool, then press Enable."),
     ("beyond", "A bound was reached: clear the cause, then Enable. The arm begins from where it is."),

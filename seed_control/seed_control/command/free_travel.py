@@ -34,6 +34,7 @@ class _Way:
         self.starts = start, start  # the two ends of where the command was when the force was last there
         self.best, self.last, self.along = 0.0, start, along
         self.share = 0.0  # of the wanted force, in the last image
+        self.touched = False  # the force has been there at all
         self.reached, self.stays = False, 0.0  # whether that is the wanted force, and for which part of `_STAYS` it was
         self.time = 0.0  # [s] without the wanted force: friction of a tip that slips reaches it for a moment
         self.tip: Vector3 | None = None  # [m] from the gripper to the tip, at the start
@@ -107,6 +108,7 @@ class FreeTravel:
             if risen:
                 way.best = share
             way.reached = risen or (there and share >= _REACHED)
+            way.touched |= way.reached
             if way.reached:  # below 0.6 N no force at all is near the wanted one
                 way.begin([place for _, place in self._recent], self._tip)
 
@@ -137,7 +139,7 @@ class FreeTravel:
                 tip, lets_go = (dot(along, minus(p, way.tip)) for p in (self._tip, self._relaxed))
             bound, pressed = self._bound, self._bound + way.deflection
             if not all(abs(g + lets_go) <= pressed and abs(g + tip) <= bound for g in reached):  # nor what is no number
-                return self._reason(_words(along), way.share)
+                return self._reason(_words(along), way)
             way.wait(dt)
             if way.time > _LONG:
                 self.warning = (
@@ -146,9 +148,12 @@ class FreeTravel:
                 )
         return ""
 
-    def _reason(self, along: str, share: float) -> str:
-        """Why to hold at the bound, with that share of the wanted force."""
+    def _reason(self, along: str, way: _Way) -> str:
+        """Why to hold at the bound."""
+        share = way.share
         bound = f"max_free_travel = {1e3 * self._bound:.0f} mm along {along} of the base"
+        if share < _PRESSES and way.touched:
+            return f"contact is lost, and there is none within {bound}: the surface has ended or fallen away"
         if share < _PRESSES:
             start = "start nearer to the surface, or check the force's sign (what the tool does to it) and the estimate"
             return f"no contact within {bound}: {start}"

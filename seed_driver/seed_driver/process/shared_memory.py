@@ -24,6 +24,7 @@ _STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s512s")  # the
 _NUMBER = struct.Struct("<Q")  # the first field of TargetSlot
 _CHECK = struct.Struct("<I")
 _HALF = 4096
+LARGEST_MESSAGE = 65_536  # [byte] of what node and servo process send each other beside it
 LOST, CRASHED, ORPHANED = 3, 4, 5  # exit codes of the servo process
 
 

@@ -19,11 +19,10 @@ from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.heartbeat import Heartbeat
 from seed_driver.process.realtime import raise_niceness
-from seed_driver.process.shared_memory import CRASHED, LOST, SharedMemory, Stage, State, TargetSlot
+from seed_driver.process.shared_memory import CRASHED, LARGEST_MESSAGE, LOST, SharedMemory, Stage, State, TargetSlot
 
 ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
-LARGEST_MESSAGE = 65_536  # [byte]
 MOST_REPLIES = 200  # kept for those who ask
 
 

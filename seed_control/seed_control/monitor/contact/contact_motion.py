@@ -26,6 +26,7 @@ REACH = 0.15  # [s] of stamp errors that are looked for
 _STEP = 0.0125  # [s] between those that are tried
 SHIFTS = np.arange(-REACH, REACH + 0.5 * _STEP, _STEP)  # [s] by which stamps might be ahead
 _SLOPE, _SHARE = 0.05, 0.4  # deviations of the surface's slope, and of 1 - beta from one
+SHARES = 0.1, 1.4  # of the gripper's motion that a deflection may follow
 _FEW = 8  # images that tell nothing yet
 _LEAST_MOTION = 1e-3  # [m] of the deflection
 _LEAST_DEVIATION = 5e-5  # [m] of a deflection, whatever is stated

@@ -9,12 +9,11 @@ itself, as it slides or stiffens: it is told, but does not hold.
 
 from collections.abc import Callable
 
-from seed_control.monitor.contact.contact_motion import Followed
+from seed_control.monitor.contact.contact_motion import SHARES, Followed
 from seed_control.parameters import ControllerParameters
 
 _KNOWN = 0.012  # [s] of deviation, from which on the stamp error counts as told
 _EXPLAINED = 0.9  # of the deflection's variance, at least
-_SHARES = 0.1, 1.4  # of the gripper's motion that a deflection may follow
 _SURE = 9.0  # chi-square by which a lag must be better than the best of a grasp's own
 _STEEP = 0.03  # standard deviation of the deflection per way across
 
@@ -65,6 +64,6 @@ def _tells(seen: Followed) -> bool:
     return (
         seen.deviation <= _KNOWN
         and seen.explained >= _EXPLAINED
-        and _SHARES[0] <= seen.share <= _SHARES[1]
+        and SHARES[0] <= seen.share <= SHARES[1]
         and seen.steepness >= _STEEP
     )

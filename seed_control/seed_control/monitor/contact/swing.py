@@ -8,14 +8,13 @@ the surface moves first and the gripper follows late, so that the deflection is 
 from collections import deque
 from itertools import pairwise
 
-from seed_control.monitor.contact.contact_motion import Followed
+from seed_control.monitor.contact.contact_motion import SHARES, Followed
 
 LEGS = 4  # from one turn to the next
 _SHORTEST, _LONGEST = 0.05, 0.6  # [s] of a leg
 _UNEVEN = 2.5  # times as long as the shortest
 _FADING = 0.6  # of the largest; one that is left alone becomes smaller
 _EXPLAINED = 0.75  # by the gripper, of the deflection's variance
-_SHARES = 0.1, 1.4  # of the gripper's motion that a deflection may follow
 
 
 class Swing:
@@ -53,7 +52,7 @@ class Swing:
 
     def judge(self, seen: Followed | None) -> None:
         """Whether the gripper explains what is suspected; `seen` at the shift of the clocks that is known."""
-        if seen is None or seen.explained < _EXPLAINED or not _SHARES[0] <= seen.share <= _SHARES[1]:
+        if seen is None or seen.explained < _EXPLAINED or not SHARES[0] <= seen.share <= SHARES[1]:
             return
         (t0, _), (t1, _) = self._turns[0], self._turns[-1]
         sizes = self._legs()[1]

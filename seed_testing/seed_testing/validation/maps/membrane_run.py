@@ -12,6 +12,7 @@ import numpy as np
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.membrane.material import around, deformation, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, skew, so3_exp
+from seed_sim.identification.truth import direction
 from seed_sim.membrane import BubbleState, GraspState, MembraneGrasp, random_membrane
 from seed_sim.tactile.parameters import ToolShape
 from seed_sysid.data.dataset import Dataset, Header, Sample, flat_pose
@@ -195,9 +196,3 @@ def combined_motion(rng: np.random.Generator, frames: int, rate: float = RATE) -
 def poses(motion: Array, size: float) -> list[Array]:
     """X_CT (4, 4) of a motion (n, 6) times size."""
     return [pose_from_rpy(v[:3], v[3:]) for v in size * motion]
-
-
-def direction(rng: np.random.Generator) -> Array:
-    """A random unit vector (3,)."""
-    v = rng.normal(size=3)
-    return np.asarray(v / np.linalg.norm(v))
