@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from seed_control.state import ControllerState
 from seed_control.tasks import load_task
 from seed_core.bushing import Stiffness
+from seed_core.hand import Frame
 from seed_sim import evaluate
 from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
@@ -164,6 +165,28 @@ def test_sweep_reports_every_seed_and_summaries(swept):
     assert_allclose(swept["force_z_rmse"]["mean"], np.mean(rmse))
     assert_allclose(swept["force_z_rmse"]["max"], max(rmse))
     assert set(swept["lean_deg_max"]) == {"mean", "p95", "max"}
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+def test_an_arm_on_a_ceiling_or_a_wall_holds_the_force(up, short):
+    cell = load_scenario("nominal")
+    done = evaluate(short, scenario=replace(cell, hand=replace(cell.hand, up=up)), seed=3)
+    assert done.result["finished"]
+    assert done.result["force_z"]["rmse"] < 0.01  # [N]; 4 N with gravity along -z
+
+
+@pytest.mark.parametrize(("aside", "force", "most"), [(0.05, 6.0, 0.3), (0.1, 6.0, 0.4), (0.15, 4.0, 0.6)])
+def test_a_tip_beside_the_axis_of_the_grasp_is_pressed_without_overshoot(aside, force, most):
+    """The press turns the grasp; where the gripper turns back, the tip must not be pressed on by that."""
+    cell = load_scenario("pen")
+    cell = replace(cell, tool=replace(cell.tool, T_tip=Frame((aside, 0.0, 0.05))))
+    exact, noisy = (evaluate("pen", scenario=cell, force=force, seed=3, estimator=e) for e in ("truth", "noisy"))
+    rows = exact.recording.rows
+    touching = [exact.recording.phases[i].endswith("touch") for i in rows["phase"]]
+    assert -np.array(rows["force"])[touching, 2].min() < 1.02 * force  # was 1.24 times it at 150 mm
+    assert exact.result["finished"]
+    assert noisy.result["finished"]  # the arm held at 150 mm
+    assert noisy.result["force_z"]["rmse"] < most
 
 
 def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_path):

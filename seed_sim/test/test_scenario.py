@@ -73,7 +73,10 @@ def test_unknown_name_lists_what_there_is():
         ("name: x\ntable: {friction: -1}", r"mine\.yaml:2: table\.friction = -1 must be within 0 and 2"),
         ("grasp:\n  damping_ratio: .nan", r"mine\.yaml:2: grasp\.damping_ratio = nan must be finite"),
         ("servo: {lag: 15 ms}", r"servo\.lag = '15 ms' must be a number \(s; first-order lag"),
-        ("grasp: {stiffness: {rotation: [4, 3, 0], translation: [1, 1, 1]}}", r"rotation\[2\] = 0\.0 N m/rad must be"),
+        (
+            "grasp: {stiffness: {rotation: [4, 3, 0], translation: [1, 1, 1]}}",
+            r"rotation\[2\] = 0 N m/rad must be within",
+        ),
         ("servo: {arm: panda}", r"servo\.arm = 'panda' must be one of: cartesian, ur5e, ur10e"),
     ],
 )

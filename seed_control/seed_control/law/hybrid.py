@@ -71,6 +71,8 @@ class HybridLaw(PublishedLaw):
         self._upright = 1.0  # share of the grasp's turn that is fed forward
         self._ahead = 0.0  # [s] from an image to when the arm begins to answer it
         self._off_path = ZERO  # [m] from where the path was at the newest image to the tip, which trails, or sticks
+        self._turns: deque[tuple[float, Array]] = deque(maxlen=100)  # stamps [s], rpy in the grasp given with them
+        self._loop_time = inf  # [s]
         self._friction = 0.0  # of the tool on the surface, the most of lately
         self._changes: list[ForceChange] = []  # one per force direction, since the force was there after contact
         self._asked: deque[tuple[float, list[float]]] = deque(maxlen=500)  # newest stamp [s], forces wanted [N]
@@ -92,6 +94,8 @@ class HybridLaw(PublishedLaw):
         self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
         pressing = self._pressing_T if self.contact.made else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z), pressing)
+        self._loop_time = loop_time
+        self._turns.append((m.stamp, self._upright * self.deflection.q))
         if self._finds(s) and self.touches(0):
             gives = float(self.observers[0].x[4]) if self.observers else 0.0
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
@@ -147,6 +151,7 @@ class HybridLaw(PublishedLaw):
         super().release()
         self._tipping_gain, self._changes, self._friction = 1.0, [], 0.0
         self._asked.clear()
+        self._turns.clear()
         self.normal.release()
 
     def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
@@ -196,10 +201,22 @@ class HybridLaw(PublishedLaw):
             self._asked.clear()
         if self.measured is not None and (not self._asked or self._asked[-1][1] != wanted):
             self._asked.append((self.measured.stamp, wanted))
-        if self._finds(s):  # a tool that leans moves its tip along the force as it turns
+        # A tool that turns moves its tip along the force.
+        turn = self.deflection.turned[1] if self._finds(s) else self._to_come(s) if self.contact.anywhere else None
+        if turn is not None:
             before = self.plan.lever
-            lever = self.deflection.turned[1] @ before
+            lever = turn @ before
             self.plan = self.plan._replace(lever=lever, to_undeflected=self.plan.to_undeflected + lever - before)
+
+    def _to_come(self, s: HybridSetpoint) -> Array | None:
+        """Turn (3, 3) in W that the gripper was given, and no image shows yet; None for none."""
+        now, loop_time = self._turns[-1][0] if self._turns else 0.0, self._loop_time
+        seen = next((q for stamp, q in reversed(self._turns) if stamp <= now - loop_time), None)
+        if seen is None:
+            return None
+        R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T
+        given = rotation_from_rpy(self._upright * self.deflection.q) @ rotation_from_rpy(seen).T
+        return np.asarray(R_WT_des @ given @ R_WT_des.T)
 
     def _held(self, R_WT_des: Array) -> tuple[Array, Array]:
         """The tool is where and how it is wanted: the gripper leads by the slowly filtered deflection."""

@@ -67,7 +67,7 @@ class Cell:
         self._surface, self._dissipation = surface, scenario.table.dissipation
         self.bushing: Any = None
         self._walls: list[Any] = []
-        self._inertia = inertia
+        self._inertia, self._up = inertia, np.array(scenario.hand.up)
         builder = DiagramBuilder()
         self.plant, scene = dp.AddMultibodyPlantSceneGraph(builder, step)
         self.plant.SetUseSampledOutputPorts(False)
@@ -156,7 +156,7 @@ class Cell:
         weight = dp.ExternallyAppliedSpatialForce()
         weight.body_index = self.tool.index()
         weight.p_BoBq_B = inertia.com
-        weight.F_Bq_W = dm.SpatialForce(np.zeros(3), np.array((0.0, 0.0, -share * inertia.mass * GRAVITY)))
+        weight.F_Bq_W = dm.SpatialForce(np.zeros(3), -share * inertia.mass * GRAVITY * self._up)
         self.plant.get_applied_spatial_force_input_port().FixValue(self.context, [weight])
 
     def _add_contact(self, body: Any, X: Any, shape: Any, name: str, stiffness: float) -> Any:
