@@ -40,6 +40,7 @@ from seed_core.wrench_settings import ReferenceSettings
 LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 
 
+DOUBTED = 1.25  # times a new stiffness, with which what is followed must be possible: one that follows the grip varies
 AWAY = 0.02, 0.2  # [m], [rad] beyond its trailing: such an arm was moved, or held, by something else
 
 
@@ -203,11 +204,11 @@ class Controller:
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump.
 
-        A set-point that cannot be followed with it ends in a hold.
+        A set-point that cannot be followed with it, nor with a quarter more, ends in a hold.
         """
         blend = self.parameters.stiffness_blend if self._guard.enabled else 0.0
         law, bends, estimate = self.law, self.supervisor.bends, self._inputs.estimate
-        m, bushing = law.measured, Bushing(stiffness, self.wrench_estimator.bushing.model)
+        m, bushing = law.measured, Bushing(stiffness.scaled(DOUBTED), self.wrench_estimator.bushing.model)
         if not self.wrench_estimator.set_stiffness(stiffness, t, blend) or m is None or estimate is None:
             return
         try:

@@ -145,9 +145,10 @@ class HybridSetpoint:
 
     def _put_place(self, X_W_tip: Array, velocity: Array) -> None:
         object.__setattr__(self, "X_W_tip", _checked_pose(X_W_tip, "X_W_tip"))
-        object.__setattr__(self, "velocity", _checked_vector(velocity, "velocity", "m/s"))
-        if float(velocity @ velocity) > _FASTEST**2:
-            speed = float(np.linalg.norm(velocity))
+        checked = _checked_vector(velocity, "velocity", "m/s")
+        object.__setattr__(self, "velocity", checked)
+        if float(checked @ checked) > _FASTEST**2:
+            speed = float(np.linalg.norm(checked))
             raise SetpointError("SP08", f"velocity = {speed:.3g} m/s must be at most {_FASTEST:g}: is it in m/s?")
 
     def _check_selection(self) -> None:
