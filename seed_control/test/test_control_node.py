@@ -340,9 +340,8 @@ def test_cancelling_lifts_the_tool_and_holds(cell: Cell) -> None:
     assert not cell.node.follow.busy
 
 
-def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A long one takes longer than an arm waits for its target."""
-    cell.enabled()
+def tasks_are_read_late(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Not before the event that is returned."""
     may_end = threading.Event()
 
     def slow(*arguments: str) -> Task:
@@ -350,6 +349,13 @@ def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.M
         return read_task(*arguments)
 
     monkeypatch.setattr(follow_setpoints, "read_task", slow)
+    return may_end
+
+
+def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long one takes longer than an arm waits for its target."""
+    cell.enabled()
+    may_end = tasks_are_read_late(monkeypatch)
     handle, before = cell.play(FREE), cell.targets
     assert cell.bench.until(lambda: cell.targets > before + 20, 10.0)
     assert not cell.node.follow.busy
@@ -364,13 +370,7 @@ def test_the_loop_goes_on_while_a_task_is_read(cell: Cell, monkeypatch: pytest.M
 
 def test_a_task_that_is_being_read_can_be_cancelled(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     cell.enabled()
-    may_end = threading.Event()
-
-    def slow(*arguments: str) -> Task:
-        assert may_end.wait(20.0)
-        return read_task(*arguments)
-
-    monkeypatch.setattr(follow_setpoints, "read_task", slow)
+    may_end = tasks_are_read_late(monkeypatch)
     handle = cell.play(FREE)
     handle.cancel_goal_async()
     ended = cell.bench.result(handle)
