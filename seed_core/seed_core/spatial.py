@@ -78,6 +78,27 @@ def skew(v: ArrayLike) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def both(R: Array) -> Array:
+    """(6, 6) that turns both halves of a motion or a wrench by R (3, 3)."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = R
+    return out
+
+
+def motion_adjoint(X: Array) -> Array:
+    """(6, 6) that takes a small motion [rotation, translation] from a frame of pose X (4, 4) into its parent."""
+    out = both(X[:3, :3])
+    out[3:, :3] = skew(X[:3, 3]) @ X[:3, :3]
+    return out
+
+
+def wrench_adjoint(X: Array) -> Array:
+    """(6, 6) that takes a wrench [torque, force] about the origin of a frame of pose X (4, 4) to its parent's."""
+    out = both(X[:3, :3])
+    out[:3, 3:] = skew(X[:3, 3]) @ X[:3, :3]
+    return out
+
+
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
     """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll) of rpy (3,) [rad]."""
     r, p, y = np.asarray(rpy, dtype=float).tolist()

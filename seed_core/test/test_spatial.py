@@ -9,11 +9,13 @@ from scipy.spatial.transform import Rotation
 from seed_core.spatial import (
     SpatialError,
     Wrench,
+    both,
     check_pose,
     cross,
     interpolate_pose,
     inverse_pose,
     make_pose,
+    motion_adjoint,
     pose_from_quaternion,
     pose_from_rpy,
     quaternion_from_rotation,
@@ -23,6 +25,7 @@ from seed_core.spatial import (
     skew,
     so3_exp,
     so3_log,
+    wrench_adjoint,
 )
 
 RNG = np.random.default_rng(2)
@@ -140,3 +143,13 @@ def test_rotations_are_poses_and_mirrored_ones_are_not() -> None:
 def test_what_is_no_pose_is_refused(X: np.ndarray, message: str) -> None:
     with pytest.raises(SpatialError, match=message):
         check_pose(X)
+
+
+def test_a_wrench_does_the_same_work_in_either_frame() -> None:
+    for X in random_poses(20):
+        motion, load = RNG.normal(size=(2, 6))
+        there, about = motion_adjoint(X) @ motion, wrench_adjoint(X) @ load
+        assert_allclose(there @ about, motion @ load, atol=1e-12)
+        wrench = Wrench.from_vector(load)
+        assert_allclose(about, wrench.rotated(X[:3, :3]).about(-X[:3, 3]).vector(), atol=1e-12)
+        assert_allclose(both(X[:3, :3]) @ load, wrench.rotated(X[:3, :3]).vector(), atol=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import NO_TOUCH, MembraneMotion, RelativePoseEstimate
-from seed_core.spatial import Array, inverse_pose, make_pose
+from seed_core.spatial import Array, both, inverse_pose, make_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
@@ -79,8 +79,7 @@ def slid(estimate: RelativePoseEstimate, X_PT: Array, covariance: Array) -> Rela
 
     X_PT: (4, 4); covariance: (6, 6) of [rotation, translation] in the tool's frame.
     """
-    R = np.zeros((6, 6))
-    R[:3, :3] = R[3:, 3:] = estimate.X_CT[:3, :3]
+    R = both(estimate.X_CT[:3, :3])
     in_C = R @ covariance @ R.T
     turn, way = np.sqrt(in_C.diagonal()[:3].max()), np.sqrt(in_C.diagonal()[3:].max())
     reason = estimate.reason

@@ -8,11 +8,11 @@ import pytest
 from rendered import PERIOD
 
 from seed_core.hand import Hand
-from seed_core.spatial import Array, inverse_pose, make_pose, pose_from_rpy, so3_exp, so3_log
+from seed_core.spatial import Array, inverse_pose, make_pose, motion_adjoint, pose_from_rpy, so3_exp, so3_log
 from seed_estimation import Estimator, EstimatorParameters, PinholeCamera, TactileImages
 from seed_estimation.calibration.file import frame_of
 from seed_estimation.rigid_fit.fit import Fit
-from seed_estimation.rigid_fit.systematic import COUNT, Systematic, adjoint, gradients
+from seed_estimation.rigid_fit.systematic import COUNT, Systematic, gradients
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -92,7 +92,7 @@ def test_mounts_that_are_calibrated_to_each_other_are_known_so_well_and_their_mi
     mutual = np.repeat((0.001, 0.0001), 3)
     P, before = Systematic(p, X_CX, mutual).covariance, Systematic(p, X_CX).covariance
     left, right = (np.eye(2 * COUNT)[i * COUNT : i * COUNT + 6] for i in range(2))
-    apart = adjoint(hand.X_CL) @ left - adjoint(hand.X_CR) @ right
+    apart = motion_adjoint(hand.X_CL) @ left - motion_adjoint(hand.X_CR) @ right
     assert np.all(np.sqrt(np.diag(apart @ P @ apart.T)) < 1.01 * mutual)
     unseen = np.linalg.inv(P) - np.linalg.inv(before)
     assert np.linalg.matrix_rank(unseen, tol=1e-6 * np.linalg.norm(unseen)) == 6

@@ -17,7 +17,7 @@ from seed_control.monitor.weight_check import Sample
 from seed_control.wrench.estimate import Measurement
 from seed_core.errors import SeedError
 from seed_core.hand import GRAVITY, Tool
-from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.spatial import Array, Wrench, inverse_pose, wrench_adjoint
 from seed_core.wrench_settings import ReferenceSettings
 
 _SPAN = 0.03  # [s] around an image within which readings are averaged
@@ -181,9 +181,7 @@ class ArmCheck:
         X_TE = inverse_pose(self._X_EC @ m.X_CT)
         R, p = X_TE[:3, :3], X_TE[:3, 3]
         wrench = Wrench.from_vector(-reading).about(-R.T @ p).rotated(R).vector() - carried
-        A = np.zeros((6, 6))
-        A[:3, :3] = A[3:, 3:] = R
-        A[:3, 3:] = skew(p) @ R
+        A = wrench_adjoint(X_TE)
         n = max(1, len(self._zeros))
         random = A @ np.diag(noise) @ A.T + np.diag((_MATCH * rate) ** 2)
         gain = self._settings.arm_gain * wrench

@@ -10,6 +10,7 @@ from std_msgs.msg import Float64
 from seed_control.controller import Controller
 from seed_control.grip import GripControl, GripSettings, KeptLoad, Margin, SlipMargin, signs_of
 from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
+from seed_core.spatial import both
 from seed_ros import COMMAND, QUEUE, SeedNode, diagnostics
 
 SEND = 0.01  # [s] between commands
@@ -71,8 +72,7 @@ class GripAnswer:
                 load = self._kept.update(load, estimator.bushing.stiffness, m.X_TC)
             C = estimator.covariance(m)[1] + np.diag((_SHARE * load.vector()) ** 2)
             R = m.X_CT[:3, :3]
-            A = np.zeros((6, 6))
-            A[:3, :3] = A[3:, 3:] = R
+            A = both(R)
             margin = self._margin.update(m.stamp, load.rotated(R), A @ C @ A.T, self._force, signs_of(m.estimate))
             self._control.image(margin, now)
             if 0.0 <= now - self._force_heard <= self._settings.answer_time:  # a margin of an old grip is none

@@ -10,7 +10,7 @@ from seed_control.wrench.stiffness_schedule import StiffnessBlend
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import UPRIGHT, Tool, weight_about_T
-from seed_core.spatial import Array, Wrench, inverse_pose, skew
+from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, wrench_adjoint
 from seed_core.vector3 import Vector3
 from seed_core.wrench_model import BushingModel, SpringWrench, WrenchModel, observed_part, pose_covariance
 
@@ -243,9 +243,7 @@ class WrenchEstimator:
         if self.correction is not None and self.correction.active:
             C = by_pose + self.correction.mismatch(m.told.vector())[1]
         R = m.X_WT[:3, :3]
-        A = np.zeros((6, 6))
-        A[:3, :3] = A[3:, 3:] = R
-        A[:3, 3:] = -R @ skew(self.p_Ttip)
+        A = wrench_adjoint(make_pose(R, -R @ self.p_Ttip))
         return A @ C @ A.T, by_pose
 
 

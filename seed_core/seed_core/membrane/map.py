@@ -35,7 +35,7 @@ from seed_core.membrane.features import (
     of_finger,
 )
 from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, load_membrane_map, texts
-from seed_core.spatial import Array, Wrench, inverse_pose, skew, so3_log
+from seed_core.spatial import Array, Wrench, both, inverse_pose, skew, so3_log, wrench_adjoint
 from seed_core.wrench_model import SpringWrench, observed_part
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
@@ -126,7 +126,7 @@ class MembraneMap:
         covariance[_TORQUE] += LEVER**2 * float(w_C[3:] @ w_C[3:])
         X_TC = inverse_pose(observed_part(estimate))
         self._last = X_TC, w_C, slopes, motions
-        to_T = _wrench_to(X_TC)
+        to_T = wrench_adjoint(X_TC)
         doubt = max(1.0, self._growth(z) + squared)
         reason = self._beyond(z, squared) or self._of_pressure(motions, None if rises is None else z, terms, doubt)
         return SpringWrench(Wrench.from_vector(to_T @ w_C), to_T @ covariance @ to_T.T, reason)
@@ -186,10 +186,7 @@ class MembraneMap:
         rates = slopes[:6] @ moved  # (6, 6) in C, for C's motion in C
         rates[:3, :3] -= skew(w_C[:3])  # the gripper's turn turns the load with it
         rates[3:, :3] -= skew(w_C[3:])
-        R = X_TC[:3, :3]
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = R
-        return np.asarray(np.diag(_wrench_to(X_TC) @ rates @ turn.T))
+        return np.asarray(np.diag(wrench_adjoint(X_TC) @ rates @ both(X_TC[:3, :3]).T))
 
     def _beyond(self, z: Array, leverage: float) -> str:
         over = np.abs(z[RIGID_INDICES]) / np.maximum(self._largest[RIGID_INDICES], LEAST_RANGE)
@@ -253,15 +250,6 @@ def _tool_rates(X_CT: Array) -> Array:
     out = -np.eye(6)
     out[:3, :3] += 0.5 * skew(so3_log(X_CT[:3, :3]))  # inverse left Jacobian, up to angle^2 / 12
     out[3:, :3] = skew(X_CT[:3, 3])
-    return out
-
-
-def _wrench_to(X_TC: Array) -> Array:
-    """(6, 6) from a wrench about C's origin, in C, to one about T's, in T."""
-    out = np.zeros((6, 6))
-    R, p = X_TC[:3, :3], X_TC[:3, 3]
-    out[:3, :3] = out[3:, 3:] = R
-    out[:3, 3:] = skew(p) @ R
     return out
 
 

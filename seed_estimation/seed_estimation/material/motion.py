@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.material import Patch, of_field, patch_of, rigid_motion
-from seed_core.spatial import Array, inverse_pose, make_pose, skew, so3_exp, so3_log
+from seed_core.spatial import Array, both, inverse_pose, make_pose, skew, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, sample
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.rigid_fit.reference import FingerModel, Material
@@ -213,9 +213,7 @@ class MaterialTracker:
         H = self._prior + self._image.H + self._depth.H
         C = np.linalg.inv(H)
         C = C @ (OWN**2 * H + SCATTER**2 * (self._image.scatter() + self._depth.scatter())) @ C
-        R = np.zeros((6, 6))
-        R[:3, :3] = R[3:, 3:] = X[:3, :3]
-        J = R @ self._rigid_of
+        J = both(X[:3, :3]) @ self._rigid_of
         return np.asarray(J @ C @ J.T)
 
     def _unclear(self, size: float, X_CM: Array) -> Array:

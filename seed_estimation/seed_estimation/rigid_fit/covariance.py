@@ -15,7 +15,7 @@ on them is in `sliding.py`.
 
 import numpy as np
 
-from seed_core.spatial import Array, so3_log
+from seed_core.spatial import Array, both, so3_log
 from seed_estimation.rigid_fit.creep import Creep
 from seed_estimation.rigid_fit.fit import Fit
 from seed_estimation.rigid_fit.micro_slip import MicroSlip
@@ -69,8 +69,7 @@ class Covariance:
         by_error = self.systematic.gradients(fit)
         C += self.systematic.of_pose(fit, by_error) + timing.covariance
         self.sliding.update(fit, stamp, slip, of_depth, by_error, self.systematic.covariance)
-        R = np.zeros((6, 6))
-        R[:3, :3] = R[3:, 3:] = fit.X_CT[:3, :3]
+        R = both(fit.X_CT[:3, :3])
         C = R @ C @ R.T
         unknown = max(slip.variance - LEARNT**2, 0.0)
         turn, way = np.linalg.norm(so3_log(fit.X_CT[:3, :3])), np.linalg.norm(fit.X_CT[:3, 3])

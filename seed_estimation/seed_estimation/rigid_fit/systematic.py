@@ -17,7 +17,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose, skew
+from seed_core.spatial import Array, inverse_pose, motion_adjoint
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.rigid_fit.fit import Fit
@@ -32,14 +32,6 @@ def deviations(p: EstimatorParameters) -> Array:
     """(COUNT,) of one finger's errors, in their units."""
     turn, shift = [p.mount_rotation_std] * 3, [p.mount_position_std] * 3
     return np.array([*turn, *shift, p.focal_std, p.depth_scale_std, p.depth_offset_std])
-
-
-def adjoint(X: Array) -> Array:
-    """(6, 6) that takes a small motion [rotation, translation] from a frame of pose X (4, 4) into its parent."""
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = X[:3, :3]
-    out[3:, :3] = skew(X[:3, 3]) @ X[:3, :3]
-    return out
 
 
 class Systematic:
@@ -60,7 +52,7 @@ class Systematic:
             return
         B = np.zeros((6, self.covariance.shape[0]))
         for i, sign in enumerate((1.0, -1.0)):
-            B[:, i * COUNT : i * COUNT + MOUNT] = sign * adjoint(X_CX[self.fingers[i]])
+            B[:, i * COUNT : i * COUNT + MOUNT] = sign * motion_adjoint(X_CX[self.fingers[i]])
         P = self.covariance
         gain = np.linalg.solve(B @ P @ B.T + np.diag(np.square(mutual)), B @ P).T
         self.covariance = P - gain @ B @ P
@@ -88,7 +80,7 @@ def gradients(finger: FingerResiduals, X_CT: Array) -> tuple[Array, Array]:
     model = finger.model
     X_TX = inverse_pose(model.X_XC)  # at the grasp, T = C
     motion = model.X_XC @ X_CT @ X_TX  # in the optical frame
-    by_mount = adjoint(X_TX) @ (adjoint(inverse_pose(motion)) - np.eye(6))
+    by_mount = motion_adjoint(X_TX) @ (motion_adjoint(inverse_pose(motion)) - np.eye(6))
     R, t = motion[:3, :3].astype(np.float32), motion[:3, 3:].astype(np.float32)
     R_TX = (X_TX[:3, :3] @ motion[:3, :3].T).astype(np.float32)  # from the optical frame now to the tool
     R_XT, t_XT = model.X_XC[:3, :3].astype(np.float32), model.X_XC[:3, 3:].astype(np.float32)
