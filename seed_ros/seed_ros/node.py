@@ -172,17 +172,20 @@ class SeedNode(Node):
 class TransformBroadcaster:
     """Transforms on /tf and /tf_static, which are only topics of type tf2_msgs/TFMessage: tf2_ros is not needed."""
 
-    def __init__(self, node: Node) -> None:
-        self._moving = node.create_publisher(TFMessage, "/tf", TF, event_callbacks=QUIET)
-        self._fixed = node.create_publisher(TFMessage, "/tf_static", LATCHED, event_callbacks=QUIET)
+    def __init__(self, node: Node, moving: bool = True, fixed: bool = True) -> None:
+        """Which of both will be sent."""
+        self._moving = node.create_publisher(TFMessage, "/tf", TF, event_callbacks=QUIET) if moving else None
+        self._fixed = node.create_publisher(TFMessage, "/tf_static", LATCHED, event_callbacks=QUIET) if fixed else None
         self._kept: dict[str, TransformStamped] = {}
 
     def send(self, *transforms: TransformStamped) -> None:
         """Moving transforms."""
+        assert self._moving is not None
         self._moving.publish(TFMessage(transforms=list(transforms)))
 
     def send_static(self, *transforms: TransformStamped) -> None:
         """Fixed transforms; those sent before stay."""
+        assert self._fixed is not None
         self._kept.update({t.child_frame_id: t for t in transforms})
         self._fixed.publish(TFMessage(transforms=list(self._kept.values())))
 

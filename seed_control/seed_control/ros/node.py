@@ -135,7 +135,7 @@ class ControllerNode(SeedNode):
         self._state = self.publisher(StateMsg, "~/state", COMMAND)
         self._state_every = max(1, round(self.parameters.rate / self.settings.state_rate))  # [steps]
         self._reference = self.publisher(PoseStamped, "~/reference", COMMAND)
-        transforms = TransformBroadcaster(self)
+        transforms = TransformBroadcaster(self, moving=False)
         if self.settings.publish_tf:
             tip = transform_stamped(self.tool.X_Ttip, self.now(), self.frames.tool, self.frames.tip)
             transforms.send_static(tip)

@@ -76,7 +76,7 @@ class Outputs:
         self._table = create(PoseStamped, "~/ground_truth/table_pose", LATCHED)
         self._shape = create(Marker, "~/ground_truth/table", LATCHED)
         self._factor = create(Float32, "~/real_time_factor", QUEUE)
-        self._tf = TransformBroadcaster(node)
+        self._tf = TransformBroadcaster(node, fixed=False)
         self._count, self._gripper_every = 0, Every(_GRIPPER_PERIOD)
         self._before: tuple[float, Array] | None = None
         X_WS = pose_stamped(plant.surface.X_WS, node.now(), frames.base)
