@@ -201,17 +201,23 @@ class HybridLaw(PublishedLaw):
             self._asked.clear()
         if self.measured is not None and (not self._asked or self._asked[-1][1] != wanted):
             self._asked.append((self.measured.stamp, wanted))
-        # A tool that turns moves its tip along the force.
-        turn = self.deflection.turned[1] if self._finds(s) else self._to_come(s) if self.contact.anywhere else None
-        if turn is not None:
+        turn = self._to_come(s)
+        if turn is not None:  # a tool that turns moves its tip along the force
             before = self.plan.lever
             lever = turn @ before
             self.plan = self.plan._replace(lever=lever, to_undeflected=self.plan.to_undeflected + lever - before)
 
     def _to_come(self, s: HybridSetpoint) -> Array | None:
-        """Turn (3, 3) in W that the gripper was given, and no image shows yet; None for none."""
-        now, loop_time = self._turns[-1][0] if self._turns else 0.0, self._loop_time
-        seen = next((q for stamp, q in reversed(self._turns) if stamp <= now - loop_time), None)
+        """Turn (3, 3) in W that the gripper was given, and no image shows yet; None where none counts.
+
+        Along a surface that is found: of the wanted rotation. Elsewhere, in contact: of the deflection fed forward.
+        """
+        if self._finds(s):
+            return self.deflection.turned[1]
+        if not (self._turns and self.contact.anywhere):
+            return None
+        newest = self._turns[-1][0]
+        seen = next((q for stamp, q in reversed(self._turns) if stamp <= newest - self._loop_time), None)
         if seen is None:
             return None
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T

@@ -72,8 +72,8 @@ class GripAnswer:
                 load = self._kept.update(load, estimator.bushing.stiffness, m.X_TC)
             C = estimator.covariance(m)[1] + np.diag((_SHARE * load.vector()) ** 2)
             R = m.X_CT[:3, :3]
-            A = both(R)
-            margin = self._margin.update(m.stamp, load.rotated(R), A @ C @ A.T, self._force, signs_of(m.estimate))
+            in_C = both(R) @ C @ both(R).T
+            margin = self._margin.update(m.stamp, load.rotated(R), in_C, self._force, signs_of(m.estimate))
             self._control.image(margin, now)
             if 0.0 <= now - self._force_heard <= self._settings.answer_time:  # a margin of an old grip is none
                 self._told.publish(Float64(data=margin.value))

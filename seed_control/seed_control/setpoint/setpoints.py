@@ -121,7 +121,7 @@ class HybridSetpoint:
         out._put_place(X_W_tip, velocity)
         return out
 
-    def loaded(self, times: float) -> HybridSetpoint:
+    def with_force_times(self, times: float) -> HybridSetpoint:
         """The same set-point with its force so many times as large."""
         out = object.__new__(HybridSetpoint)
         vars(out).update(vars(self))

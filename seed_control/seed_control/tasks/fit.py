@@ -19,12 +19,10 @@ def check_fits(task: Task, tool: Tool, parameters: ControllerParameters) -> None
     _check_reach(task, p.max_free_travel)
     for name, control in _controls(task):
         for what, vector, bound, unit in (
-            ("force", control.force, p.max_force, "N"),
+            ("force", control.at_most().force, p.max_force, "N"),
             ("torque", control.torque, p.max_torque, "N m"),
         ):
             size = sqrt(sum(v * v for v in vector))
-            if what == "force" and control.profile:
-                size *= max(control.profile)
             if size > bound * (1 + 1e-9):
                 raise TaskError(
                     f"task '{task.name}': {name} asks for a {what} of {size:.3g} {unit}, beyond the controller's "

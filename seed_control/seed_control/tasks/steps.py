@@ -8,6 +8,7 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint, TaskFrame
 from seed_control.state import ControllerState
 from seed_control.tasks.font import strokes_of_text
+from seed_control.tasks.landing import Landing
 from seed_control.tasks.pace import Pace
 from seed_control.tasks.path import Path
 from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
@@ -17,10 +18,7 @@ _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
 _LEAST = 0.1  # [s] that any phase counts for
-_LOADS = 1e-3  # of the force by which it changes at least: each change is judged anew
-_STANDS = 1e-3  # [m] of a path across the force that is none
-_LANDING, _FEWEST = 0.5, 8  # [s] of contact, images, in which a tip that stands is seen where it has landed
-_BESIDE = 5e-3  # [m] at most that it lands beside its place
+_FORCE_STEP = 1e-3  # share of the force by which it changes at least: each change is judged anew
 _NEARER = 5e-4  # [m] by which an approach gets on; less may be noise
 
 
@@ -80,7 +78,6 @@ class StepRun:
         why: it failed.
         R_seen, p_seen: (3, 3), (3,) [m] of the tip where torque rules, smoothed over the images; None elsewhere.
         axes: (3, 3) of the surface, z out of it, as a step along it has found them.
-        beside: (3,) [m] in the work frame by which the tip landed beside its place, and so the reference.
     """
 
     axes = np.eye(3)
@@ -98,37 +95,34 @@ class StepRun:
         self.p_seen: Array | None = None
         self._image: Array | None = None
         self.position, self.velocity = path.at(0.0)
-        self.beside = np.zeros(3)
-        self._landing: list[Array] = []  # places of the tip (3,) [m] in the images since it landed
-        self._since = 0.0  # [s] that it touches
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
-        self._loaded = 1.0  # share of the phase's force that it asks for
+        self._force_share = 1.0  # of the phase's force, that `_first` asks for
         P = self._first.force_projector
         self.force_projector = R_start @ P @ R_start.T if self._first.task_frame == "tool" else P
-        over = np.array(step.points).reshape(-1, 3) - self.position
-        over = over - over @ self.force_projector
-        p = step.phase
-        stands = p.control is not None and p.along == "work" and not (p.search or p.insert or p.contact_stop)
-        stands = stands and bool(np.all(np.sum(over**2, axis=1) < _STANDS**2))
-        self._lands: bool | None = None if stands else False
+        p, landing = step.phase, Landing(self.position, self.force_projector)
+        presses = p.control is not None and p.along == "work" and not (p.search or p.insert or p.contact_stop)
+        self._landing = landing if presses and landing.stands(np.array(step.points).reshape(-1, 3)) else None
         force = self._first.wrench.force
-        self._towards = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)
-        self._nearest = -np.inf  # along it, of an approach [N m]
+        force = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)
+        self._towards = force / max(float(np.sqrt(force @ force)), 1e-12)
+        self._nearest = -np.inf  # [m] along it, of the tip in an approach
+
+    @property
+    def beside(self) -> Array:
+        """By how much (3,) [m] the tip landed beside its place, and so the reference."""
+        return self._landing.beside if self._landing is not None else np.zeros(3)
 
     def advance(self, dt: float, state: ControllerState) -> str:
         """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
         phase = self.step.phase
         self._t += dt * self.pace
-        if self._lands is None:
-            self._lands = not state.in_contact
-        if self._lands and state.in_contact:
-            self._since += dt
-            self._lands = self._since < _LANDING
+        if self._landing is not None:
+            self._landing.step(dt, state.in_contact)
         if state.X_W_tip is not None and state.X_W_tip is not self._image:
             self._image = state.X_W_tip
             X = inverse_pose(self._X_W) @ state.X_W_tip
-            if self._lands and state.in_contact:
-                self._land(X[:3, 3])
+            if self._landing is not None:
+                self._landing.image(X[:3, 3], state.in_contact)
             if phase.control is not None and phase.control.torque_axes:
                 self._see(X)
         self._go(dt, state)
@@ -149,23 +143,10 @@ class StepRun:
         if state.mode != "approach" or state.X_W_tip is None:
             return False
         way = float(self._towards @ state.X_W_tip[:3, 3])
-        if way < self._nearest + _NEARER * float(np.sqrt(self._towards @ self._towards)):
+        if way < self._nearest + _NEARER:
             return False
         self._nearest = way
         return True
-
-    def _land(self, place: Array) -> None:
-        """Stay where the tip lands, at `place` (3,) [m] in a new image.
-
-        Friction holds it there: a reference beside it would be pushed for in vain, and what a gripper presses sideways
-        against friction moves the tip all at once as soon as it slides.
-        """
-        self._landing.append(place)
-        if len(self._landing) < _FEWEST:
-            return
-        beside = np.mean(self._landing, axis=0) - self.path.at(0.0)[0]
-        beside = beside - self.force_projector @ beside
-        self.beside = beside * min(_BESIDE / max(float(np.sqrt(beside @ beside)), 1e-12), 1.0)
 
     def _see(self, X: Array) -> None:
         """Take in the tip of a new image (4, 4), in the work frame."""
@@ -186,14 +167,14 @@ class StepRun:
         self.position = place + self.beside
         self.velocity = self.pace * velocity
 
-    def _load(self) -> HybridSetpoint:
-        """The first set-point, with the force at this place of the path."""
+    def _pressing(self) -> HybridSetpoint:
+        """The first set-point, with the force of this place of the path."""
         control = self.step.phase.control
         if control is not None and control.profile:
             share = control.share_at(self.path.share(self._t))
-            if abs(share - self._loaded) > _LOADS:
-                self._first = self._first.loaded(share / self._loaded)
-                self._loaded = share
+            if abs(share - self._force_share) > _FORCE_STEP:
+                self._first = self._first.with_force_times(share / self._force_share)
+                self._force_share = share
         return self._first
 
     def setpoint(self) -> HybridSetpoint:
@@ -201,7 +182,7 @@ class StepRun:
         share = min(self._t / self.duration, 1.0) if self.duration > 0.0 else 1.0
         R = self.R_end if share >= 1.0 else self._R_start @ so3_exp(share * self._turn)
         X_W_tip = self._X_W @ make_pose(R, self.position)
-        return self._load().moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
+        return self._pressing().moved(X_W_tip, self._X_W[:3, :3] @ self.velocity)
 
 
 def first_setpoint(control: Control | None, X_W: Array, X_tip: Array, frame: TaskFrame = "surface") -> HybridSetpoint:

@@ -66,7 +66,7 @@ class SurfaceRun(StepRun):
     def setpoint(self) -> HybridSetpoint:
         R_W = self._X_W[:3, :3]
         X_W_tip = self._X_W @ make_pose(self.R_end, self.position)
-        return self._load().moved(X_W_tip, R_W @ self.velocity, R_W @ self.axes)
+        return self._pressing().moved(X_W_tip, R_W @ self.velocity, R_W @ self.axes)
 
 
 def capped(v: Array, longest: float) -> Array:

@@ -45,7 +45,7 @@ class Control:
 
     force: Vector = field(unit="N", quantity=True, low=-200, high=200, doc="of the tool on the environment, work frame")
     profile: Shares = field(
-        (), low=SHARES[0], high=SHARES[1], doc="shares of the force at places evenly apart along the path"
+        (), low=SHARES[0], high=SHARES[1], doc="shares of the force at two or more places, evenly apart along the path"
     )
     torque: Vector = field(_NO_VECTOR, unit="N m", quantity=True, low=-20, high=20, doc="about the tip, work frame")
     force_directions: tuple[str, ...] = field(("z",), doc="axes of the work frame (or of the tool) that carry force")
@@ -92,7 +92,14 @@ class Control:
 
     def at_start(self) -> Control:
         """The same control with the force at the start of its profile, and no profile."""
-        x, y, z = (v * self.share_at(0.0) for v in self.force)
+        return self._times(self.share_at(0.0))
+
+    def at_most(self) -> Control:
+        """The same control with the largest force of its profile, and no profile."""
+        return self._times(max(self.profile, default=1.0))
+
+    def _times(self, share: float) -> Control:
+        x, y, z = (v * share for v in self.force)
         return replace(self, force=(x, y, z), profile=())
 
     def flags(self, axes: tuple[str, ...]) -> tuple[bool, bool, bool]:

@@ -194,8 +194,8 @@ class _Maker:
                     continue
                 if there > first:
                     yield self._press_to((first, there), f"press{word}", self._control(piece.size))
-                stay = Phase(f"stay{word}", control=self._control(piece.size), dwell=round((last - there) * STEP, 2))
-                yield stay
+                dwell = round((last - there) * STEP, 2)
+                yield Phase(f"stay{word}", control=self._control(piece.size), dwell=dwell)
 
     def _press_to(self, span: Span, name: str, control: Control) -> Phase:
         """On until the force is there."""
@@ -213,6 +213,7 @@ class _Maker:
 
     # ways
     def _free_paths(self, span: Span, name: str) -> Iterator[Phase]:
+        """Where the tip moves in a span without contact."""
         a, b = span
         for (i, j), moving in moves(self._p[a:b], STEP, SLOW, round(PAUSE / STEP)):
             if moving:

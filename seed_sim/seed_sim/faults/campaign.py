@@ -40,7 +40,8 @@ def _kept(file: Path, law: str) -> dict[tuple[str, int], Outcome]:
 
     def outcome(run: dict[str, Any]) -> tuple[str, Outcome]:
         figures = (run[name] for name in Outcome._fields[1:])
-        return run["law"], Outcome(draw(run["kind"].replace("initialised", "initialized"), run["seed"]), *figures)
+        kind = run["kind"].replace("initialised", "initialized")  # as files of before spell it
+        return run["law"], Outcome(draw(kind, run["seed"]), *figures)
 
     runs = kept_runs(file, outcome, "a run of ./seed validate faults")
     return {(o.fault.kind, o.fault.seed): o for of, o in runs if of == law}

@@ -19,9 +19,10 @@ def run_of(step: Step, start: Array, R_start: Array, R_end: Array, X_W: Array, b
     """
     phase = step.phase
     own = phase.search is not None or phase.insert is not None
-    if own and before is not None and before.R_seen is not None and before.p_seen is not None:
-        # torque has left the reference; a tip that landed beside its place searches about that place
-        start, R_start, R_end = before.p_seen - before.beside, before.R_seen, before.R_seen
+    if own and before is not None:
+        if before.R_seen is not None and before.p_seen is not None:
+            start, R_start, R_end = before.p_seen, before.R_seen, before.R_seen  # torque has left the reference
+        start = start - before.beside  # a tip that landed beside its place searches about that place
     if phase.search is not None:
         return SearchRun(step, start, R_start, R_end, X_W, before)
     if phase.insert is not None:
