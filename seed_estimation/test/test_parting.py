@@ -108,3 +108,17 @@ def test_a_tool_that_turns_parts_markers_by_what_is_mistaken_of_their_distance(s
         )
         is None
     )
+
+
+@pytest.mark.parametrize("back", [0.5, 5.0, 200.0])
+def test_a_clock_that_is_set_back_parts_nothing(back: float) -> None:
+    """As where a bag is played again and again, or a simulation is reset."""
+    parting = Parting()
+    fingers: list[Any] = [SimpleNamespace(seen=[], side=side, X_CT=np.eye(4)) for side in (SIDE, -SIDE)]
+    for start in (back, 0.0):
+        for t in (start + np.arange(PERIOD, BEGIN, PERIOD)).tolist():
+            for finger in fingers:
+                seen = [s for s in finger.seen[-4:] if s.stamp < t]
+                place = np.array((0.0, 0.0, handled(t)))
+                finger.seen = [*seen, Observation(t, place, abs(handled(t)), UNSEEN, 0.0, False, 0.0)]
+            assert not parting.parts(fingers, np.zeros(2), np.zeros(2), np.full(2, TURN_NOISE))

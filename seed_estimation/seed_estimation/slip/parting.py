@@ -81,6 +81,8 @@ class UsualGap:
         side = math.copysign(1.0, off) if parted else 0.0
         self._count = self._count + 1 if side and side == self._side else int(side != 0.0)
         self._side = side
+        if self._waiting and gap.stamp <= self._waiting[-1].stamp:
+            self._waiting.clear()  # the clock was set back: what drifts does not become surer by that
         self._waiting.append(gap)
         if len(self._waiting) > BEHIND:
             self._learn(self._waiting.popleft())
