@@ -168,7 +168,12 @@ def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     check_files(node)
     for name in given_parameters(node):
         if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
-            known = node.get_parameters_by_prefix("")
-            near = difflib.get_close_matches(name, known, n=3) or sorted(known)
-            hint = f"it is called {RENAMED[name]} now" if name in RENAMED else f"did you mean {', '.join(near)}?"
-            raise ConfigError(f"{node.get_name()} has no parameter '{name}'; {hint}")
+            raise ConfigError(no_such_parameter(node, name))
+
+
+def no_such_parameter(node: Node, name: str) -> str:
+    """That a node has none of this name, and which ones may be meant."""
+    known = node.get_parameters_by_prefix("")
+    near = difflib.get_close_matches(name, known, n=3) or sorted(known)
+    hint = f"it is called {RENAMED[name]} now" if name in RENAMED else f"did you mean {', '.join(near)}?"
+    return f"{node.get_name()} has no parameter '{name:.60}'; {hint}"

@@ -3,6 +3,7 @@
 
 A parameter of a type that there is not (`value.type = 77`), and a lifecycle transition that is none of the present
 state's (activating what is active), leave rclpy's own callbacks as exceptions, which end a node's loop.
+A parameter that nobody declared rclpy refuses without its name, or takes it where the name is empty.
 """
 
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from seed_ros.parameters import no_such_parameter
+
 KNOWN = {kind.value for kind in Parameter.Type}
 Answer = Callable[[Any, Any], Any]
 
@@ -23,19 +26,36 @@ def withstand(node: Node) -> None:
     """Have the node's standard services refuse what would end it."""
     for service in node.services:
         if service.srv_type in (SetParameters, SetParametersAtomically):
-            service.callback = partial(_set_parameters, service.callback)
+            service.callback = partial(_set_parameters, node, service.callback)
         elif service.srv_type is ChangeState:
             service.callback = partial(_change_state, node, service.callback)
 
 
-def _set_parameters(callback: Answer, request: Any, response: Any) -> Any:
+def _set_parameters(node: Node, callback: Answer, request: Any, response: Any) -> Any:
     unknown = [p for p in request.parameters if p.value.type not in KNOWN]
-    if not unknown:
+    if unknown:
+        first = unknown[0]
+        reason = (
+            f"'{first.name:.60}' is of type {first.value.type}; {min(KNOWN)} to {max(KNOWN)} are known: nothing changed"
+        )
+        return _refused(reason, request, response)
+    undeclared = {p.name: no_such_parameter(node, p.name) for p in request.parameters if not node.has_parameter(p.name)}
+    if not undeclared:
         return callback(request, response)
-    first = unknown[0]
-    reason = (
-        f"'{first.name:.60}' is of type {first.value.type}; {min(KNOWN)} to {max(KNOWN)} are known: nothing changed"
-    )
+    if not hasattr(response, "results"):
+        return _refused(f"{next(iter(undeclared.values()))} Nothing changed", request, response)
+    wanted = list(request.parameters)
+    request.parameters = [p for p in wanted if p.name not in undeclared]
+    done = iter(callback(request, response).results)
+    response.results = [
+        SetParametersResult(successful=False, reason=undeclared[p.name]) if p.name in undeclared else next(done)
+        for p in wanted
+    ]
+    return response
+
+
+def _refused(reason: str, request: Any, response: Any) -> Any:
+    """No parameter of a request was set."""
     refusal = SetParametersResult(successful=False, reason=reason)
     if hasattr(response, "results"):
         response.results = [refusal] * len(request.parameters)
