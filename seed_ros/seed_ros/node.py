@@ -32,6 +32,7 @@ from seed_core.errors import SeedError
 from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
+from seed_ros.mismatch import Mismatch
 from seed_ros.qos import LATCHED, TF
 from seed_ros.services.answers import insist
 from seed_ros.services.standard import withstand
@@ -160,8 +161,17 @@ class SeedNode(Node):
 
     # health
     def diagnose(self, hardware_id: str, report: Callable[[], Report]) -> None:
-        """Publish level, message and values that `report()` returns on /diagnostics, once a second."""
-        self._diagnostics = Diagnostics(self, hardware_id, report, self.beats, self.counters)
+        """Publish level, message and values that `report()` returns on /diagnostics, once a second.
+
+        Publishers that cannot be heard are told of as often.
+        """
+        mismatch = Mismatch(self, self.counters)
+
+        def looked() -> Report:
+            mismatch.look()
+            return report()
+
+        self._diagnostics = Diagnostics(self, hardware_id, looked, self.beats, self.counters)
 
     @classmethod
     def main(cls) -> int:

@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from seed_msgs.action import FollowSetpoints
 from std_msgs.msg import String
@@ -235,3 +236,23 @@ def test_an_action_is_gone_with_its_node_though_somebody_still_holds_it(bench: B
 def test_an_arm_that_holds_is_told_with_what_resumes_it(topic: str, reason: str, told: str) -> None:
     node = SimpleNamespace(resolve_topic_name=lambda _: topic)
     assert arm_holds(node, reason) == told  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("reliability", [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE])
+def test_a_publisher_that_cannot_be_heard_is_told_of_once(reliability: ReliabilityPolicy) -> None:
+    bench = Bench()
+    try:
+        node = bench.add(Answering)
+        qos = QoSProfile(depth=1, reliability=reliability, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        words = bench.client.create_publisher(String, "words", qos)
+        assert bench.until(lambda: node.get_publishers_info_by_topic("words"))
+        told = lambda: node.counters["qos_incompatible"]  # noqa: E731
+        assert bench.until(told, patience=3.0) == (reliability == ReliabilityPolicy.BEST_EFFORT)
+        bench.spin(1.5)
+        if told():
+            assert told() == 1
+            assert node.counters.last.startswith("/words: nothing that /client publishes comes here")
+            assert "Best effort publisher and reliable subscription" in node.counters.last
+        bench.client.destroy_publisher(words)
+    finally:
+        bench.close()
