@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -337,15 +338,37 @@ def mute(finger: str, kind: str, message: Image) -> Image | None:
     return None if (finger, kind) == ("right", "ir") else message
 
 
+def left_alone(finger: str, _: str, message: Image) -> Image | None:
+    return message if finger == "left" else None
+
+
+def undated(_: str, __: str, message: Image) -> Image:
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    return message
+
+
 @pytest.mark.parametrize(
     ("hook", "words"),
-    [(out_of_step, "are 10.0"), (mute, "no images on bubble_right/ir/image_rect_raw")],
+    [
+        (out_of_step, "are 10.0"),
+        (mute, "no images on bubble_right/ir/image_rect_raw"),
+        (left_alone, "no images on bubble_right/depth/image_rect_raw"),
+        (undated, "images on bubble_left/depth/image_rect_raw are all stamped 0.000 s"),
+    ],
     ids=lambda v: getattr(v, "__name__", ""),
 )
 def test_images_that_never_find_partners_are_explained(bench: Bench, renderer: Any, hook: Any, words: str) -> None:
     rig = Rig(bench, renderer, **QUICK)
     rig.hooks.append(hook)
     assert rig.reason(words), [p.reason for p in rig.poses[-3:]]
+
+
+def test_a_finger_whose_partner_is_on_its_way_is_not_told_to_be_apart(bench: Bench, renderer: Any) -> None:
+    """Depth of an image comes before its infrared: in between, the newest are one period apart."""
+    inputs = Rig(bench, renderer, **QUICK).node.inputs
+    inputs._latest = {("left", k): deque([1.0, 1.05, 1.1]) for k in ("depth", "ir")}
+    inputs._latest["left", "depth"].append(1.15)
+    assert inputs._why_unpaired().startswith("no images on bubble_right/depth/image_rect_raw")
 
 
 def test_cameras_that_never_come_are_told_by_the_names_that_they_should_have() -> None:

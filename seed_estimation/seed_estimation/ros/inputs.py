@@ -2,6 +2,7 @@
 """The image streams of the fingers: subscriptions, pairing by stamp, calibration, conversion."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +29,7 @@ from seed_ros.images import (
     read_image,
 )
 
+LATEST = 3  # images of each stream that are looked at for why none has a partner
 NO_IMAGES = 3.0  # [s] without any, after which that is told
 
 
@@ -85,7 +87,7 @@ class ImageInputs:
         self._images = {f: Pairing[SerializedImage](tuple(IMAGES), settings.pair_tolerance) for f in self.fingers}
         self._both = Pairing[dict[str, SerializedImage]](self.fingers, settings.finger_tolerance)
         self._heard: dict[str, float] = {}
-        self._latest: dict[tuple[str, str], float] = {}  # [s] stamp of the newest image of finger and kind
+        self._latest: dict[tuple[str, str], deque[float]] = {}  # [s] stamps of the newest images of finger and kind
         self._unanswered = 0  # images since anything was said about one
         self._answered = time.monotonic()
         self._calibrations: dict[str, tuple[object, ...]] = {}  # camera_info comes with every image
@@ -144,23 +146,36 @@ class ImageInputs:
             )
         if self._unanswered and time.monotonic() - self._answered > self.settings.silence:
             self._unanswered = 0
-            self._no_images("images_without_partner", max(self._latest.values()), self._why_unpaired())
+            newest = max(stamps[-1] for stamps in self._latest.values())
+            self._no_images("images_without_partner", newest, self._why_unpaired())
 
     def _why_unpaired(self) -> str:
-        most = self.settings.pair_tolerance
         for finger in self.fingers:
             for kind in IMAGES:
-                if (finger, kind) not in self._latest:
+                stamps = self._latest.get((finger, kind))
+                if stamps is None:
                     return f"no images on {self._topics[finger, kind]}: is the camera running?"
-            apart = abs(self._latest[finger, "depth"] - self._latest[finger, "ir"])
+                if len(stamps) == LATEST and stamps[0] == stamps[-1]:
+                    return (
+                        f"images on {self._topics[finger, kind]} are all stamped {stamps[0]:.3f} s: each must be "
+                        "stamped by its exposure"
+                    )
+        most = self.settings.pair_tolerance
+        for finger in self.fingers:
+            apart = self._apart((finger, "depth"), (finger, "ir"), most)
             if apart > most:
                 return f"depth and infrared images of bubble_{finger} are {apart:.3f} s apart (at most {most:g} s)"
         if len(self.fingers) > 1:
-            apart = abs(self._latest["left", "depth"] - self._latest["right", "depth"])
-            if apart > self.settings.finger_tolerance:
-                most = self.settings.finger_tolerance
+            most = self.settings.finger_tolerance
+            apart = self._apart(("left", "depth"), ("right", "depth"), most)
+            if apart > most:
                 return f"images of bubble_left and bubble_right are {apart:.3f} s apart (at most {most:g} s)"
         return "images have no partners with the same stamps: are the cameras' clocks and rates the same?"
+
+    def _apart(self, one: tuple[str, str], other: tuple[str, str], most: float) -> float:
+        """[s] between the newest images of two streams; 0 where a partner has come to one of the newest."""
+        a, b = self._latest[one], self._latest[other]
+        return 0.0 if min(abs(s - t) for s in a for t in b) <= most else abs(a[-1] - b[-1])
 
     def _on_image(self, finger: str, kind: str, serialized: bytes, _: Any) -> None:
         try:
@@ -169,7 +184,8 @@ class ImageInputs:
             self._counters.add("images_refused", f"{self._topics[finger, kind]}: {error}")
             return
         stamp = message.stamp - self._ahead
-        self._latest[finger, kind], self._unanswered = stamp, self._unanswered + 1
+        self._latest.setdefault((finger, kind), deque(maxlen=LATEST)).append(stamp)
+        self._unanswered += 1
         done = self._images[finger].add(kind, stamp, message)
         if done is None:
             return
