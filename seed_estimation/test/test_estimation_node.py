@@ -371,6 +371,18 @@ def test_a_finger_whose_partner_is_on_its_way_is_not_told_to_be_apart(bench: Ben
     assert inputs._why_unpaired().startswith("no images on bubble_right/depth/image_rect_raw")
 
 
+def test_a_service_answers_while_a_simulated_clock_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gathering, "TIMEOUT", 0.5)
+    bench = Bench()
+    try:
+        bench.add(EstimatorNode, use_sim_time=True)
+        answer = bench.call(Trigger, "estimator/initialize_grasp", Trigger.Request())
+        assert not answer.success
+        assert "0 of 15 images came" in answer.message
+    finally:
+        bench.close()
+
+
 def test_cameras_that_never_come_are_told_by_the_names_that_they_should_have() -> None:
     bench = Bench()
     try:

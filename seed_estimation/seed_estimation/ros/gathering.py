@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images gathered for a service that waits for them: those of a no-contact reference, or of a new grasp."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -27,7 +28,7 @@ class _Wanted:
     what: str
     count: int
     use: Callable[[list[Images]], str]
-    deadline: float  # [s] for the next images
+    deadline: float  # [s] for the next images, by the machine's clock: a simulated one may stand still
     images: list[Images] = field(default_factory=list)
     outcome: tuple[bool, str] | None = None
     answer: Future = field(default_factory=Future)
@@ -54,7 +55,7 @@ class Gathering:
         """
         if self._wanted is not None:
             raise GatheringError(f"still gathering images for the {self._wanted.what}")
-        self._wanted = wanted = _Wanted(what, count, use, self._node.now() + TIMEOUT)
+        self._wanted = wanted = _Wanted(what, count, use, time.monotonic() + TIMEOUT)
         self._regrasp.begin(what)  # already now: a controller that presses has to hold before T := C
         success, words = await wanted.answer
         self._node.tell(success, f"{what}: {words}")
@@ -68,7 +69,7 @@ class Gathering:
         if wanted is None or wanted.outcome is not None:
             return False
         wanted.images.append(images)
-        wanted.deadline = self._node.now() + TIMEOUT
+        wanted.deadline = time.monotonic() + TIMEOUT
         if len(wanted.images) < wanted.count:
             return False
         try:
@@ -87,7 +88,7 @@ class Gathering:
     def watch(self) -> None:
         """Give up on images that do not come."""
         wanted = self._wanted
-        if wanted is None or self._node.now() <= wanted.deadline:
+        if wanted is None or time.monotonic() <= wanted.deadline:
             return
         if wanted.outcome is None:
             why = self._node.counters.last or "no images arrive"

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from seed_msgs.msg import ContactPatch as PatchMsg
 from seed_msgs.msg import ContactPatches, RelativePose
 from sensor_msgs.msg import Image, TimeReference
@@ -92,7 +93,7 @@ class EstimatorNode(SeedNode):
         priority = self.settings.realtime_priority
         self.loop = FixedRateLoop(self, LOOP_RATE, lambda: None, steady=True, eager=True, priority=priority)
         self.inputs = ImageInputs(self, inputs, self.bubbles, self._on_images, self._publish_invalid, self._restart)
-        self.create_timer(0.1, self._watch)
+        self.create_timer(0.1, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._clock_answers = self.publisher(TimeReference, "clock_answer", COMMAND)
         self.loop.poll(TimeReference, "clock_question", self._on_clock_question, COMMAND)
 
