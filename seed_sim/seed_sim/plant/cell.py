@@ -29,8 +29,8 @@ from seed_sim.plant.tools import (
     SLOT_CLEARANCE,
     SLOT_DEPTH,
     WALL,
+    ContactShape,
     ToolInertia,
-    ToolShape,
 )
 from seed_sim.scenario import Scenario
 
@@ -59,7 +59,7 @@ class Cell:
         self,
         scenario: Scenario,
         surface: Surface,
-        shape: ToolShape,
+        shape: ContactShape,
         inertia: ToolInertia | None,
         grip: Grip | None,
         step: float,
@@ -171,7 +171,7 @@ class Cell:
         )
         return properties
 
-    def _add_contact_points(self, shape: ToolShape) -> list[Any]:
+    def _add_contact_points(self, shape: ContactShape) -> list[Any]:
         """Spheres whose lowest points are the contact points, hard compared with the table."""
         at = [RigidTransform(centre) for centre in self.centres]
         ball = dg.Sphere(shape.radius)

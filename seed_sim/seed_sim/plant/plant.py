@@ -19,7 +19,7 @@ from seed_sim.plant.grip import Grip, PlantError
 from seed_sim.plant.holes.contact import SUBSTEPS, HoleContact
 from seed_sim.plant.membrane_grip import MembraneGrip
 from seed_sim.plant.table import draw_surface
-from seed_sim.plant.tools import ToolInertia, ToolShape, inertia_of, shape_of
+from seed_sim.plant.tools import ContactShape, ToolInertia, inertia_of, shape_of
 from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario
 
@@ -95,7 +95,7 @@ class Plant:
         self._state = self._before = self._initial  # now, and before the last step: there contact forces are read
         self.reset(X_WE)
 
-    def _tool_inertia(self, shape: ToolShape) -> ToolInertia:
+    def _tool_inertia(self, shape: ContactShape) -> ToolInertia:
         g, mass = self.scenario.grasp, self.scenario.tool_mass
         if mass + g.pad_mass <= 0.0:
             raise PlantError("a tool without mass cannot be simulated: give the tool a mass or the grasp a pad_mass")

@@ -23,7 +23,7 @@ WALL = 0.02  # [m] thickness of a hole's or slot's wall
 
 
 @dataclass(frozen=True)
-class ToolShape:
+class ContactShape:
     """Contact points (n, 3) [m] in T, and gyration radii (3,) [m] about the centre of mass.
 
     Each is the lowest point of a sphere of that radius [m].
@@ -39,7 +39,7 @@ class ToolShape:
         return int(np.isclose(self.points[:, 2], self.points[:, 2].max()).sum())
 
 
-def shape_of(kind: str, tool: Tool, blade: float = BLADE) -> ToolShape:
+def shape_of(kind: str, tool: Tool, blade: float = BLADE) -> ContactShape:
     """Shape of a tool of the given kind whose tip frame is tool.T_tip; blade: [m] width of a squeegee's."""
     x, y, z = tool.T_tip.position
     along_blade = [(0.0, s * blade, 0.0) for s in np.linspace(-0.5, 0.5, POINTS)]
@@ -56,7 +56,7 @@ def shape_of(kind: str, tool: Tool, blade: float = BLADE) -> ToolShape:
         "plug": ([(0.0, 0.0, 0.0)], (0.04, 0.04, 0.01)),
     }[kind]
     radius = BALL_RADIUS if kind == "ball" else POINT_RADIUS
-    return ToolShape(np.array((x, y, z)) + np.array(points), np.array(gyration), radius)
+    return ContactShape(np.array((x, y, z)) + np.array(points), np.array(gyration), radius)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ToolInertia:
     about_T: Array
 
 
-def inertia_of(shape: ToolShape, mass: float, com: Array, pad_mass: float, pad_radius: float) -> ToolInertia:
+def inertia_of(shape: ContactShape, mass: float, com: Array, pad_mass: float, pad_radius: float) -> ToolInertia:
     """Inertia of a tool of that shape [kg, m], pads of pad_mass at T's origin with gyration radius pad_radius."""
     c = skew(com)
     about_T = np.diag(shape.gyration**2) * mass - mass * (c @ c) + np.eye(3) * pad_mass * pad_radius**2
