@@ -22,6 +22,7 @@ from seed_core.meshes import (
 )
 from seed_core.meshes.hand import BLADE
 
+TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug", "of one's own")
 INTRINSICS = (200.0, 200.0, 112.0, 85.0)
 
 
@@ -41,7 +42,7 @@ def assert_closed(mesh: Mesh) -> None:
 
 
 def test_every_part_of_the_hand_and_of_each_tool_is_closed() -> None:
-    for kind in ("squeegee", "pen", "torque_driver", "peg", "ball", "of one's own"):
+    for kind in TOOLS:
         for part in (*hand_parts(), *tool_parts(kind=kind)):
             assert_closed(part.mesh)
             assert part.frame in ("C", "T")
@@ -76,7 +77,7 @@ def test_the_hand_reaches_from_the_flange_to_the_bubbles() -> None:
     assert cases["right case"][:, 1].max() == pytest.approx(-0.0355)
 
 
-@pytest.mark.parametrize("kind", ["squeegee", "pen", "torque_driver", "peg", "ball", "other"])
+@pytest.mark.parametrize("kind", TOOLS)
 def test_a_tool_ends_at_its_tip(kind: str) -> None:
     tip = Tool().T_tip.position
     low = max(float(p.mesh.vertices[:, 2].max()) for p in tool_parts(kind=kind))

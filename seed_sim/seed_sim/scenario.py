@@ -19,7 +19,7 @@ from seed_sim.gripper.gripper import GripperSection
 from seed_sim.membrane.parameters import MembraneParameters, random_membrane, unlike_fingers
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
-from seed_sim.plant.tools import BLADE
+from seed_sim.plant.tools import BLADE, TOOLS
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection
 
@@ -29,7 +29,6 @@ HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
 SHIPPED: Folder = ("seed_sim", "config/scenarios")
-TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug")
 GRASPS = ("bushing", "membrane")
 PRESSURE_FAULTS = ("none", "silent", "stuck", "left_silent", "left_stuck", "pascal", "gauge")
 COLUMNS = ("nominal", "soft_environment", "slow_servo", "light_damping", "stiff_grip")

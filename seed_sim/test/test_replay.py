@@ -13,7 +13,7 @@ from seed_core import Hand, SeedError, Tool, Wrench, make_pose
 from seed_core.meshes import SheetBubble, box, tool_parts
 from seed_sim.membrane.mesh import ellipse_mesh, moulded_dome
 from seed_sim.membrane.parameters import MembraneParameters
-from seed_sim.plant.tools import shape_of
+from seed_sim.plant.tools import TOOLS, shape_of
 from seed_sim.replay import Film, Moment
 from seed_sim.replay.fixtures import fixtures
 from seed_sim.replay.page import replay_page
@@ -89,6 +89,12 @@ def test_the_drawn_tool_touches_where_the_simulated_one_does(kind: str) -> None:
     assert drawn[:, 2].max() == pytest.approx(lowest[0, 2], abs=1e-6)
     near = drawn[drawn[:, 2] > lowest[0, 2] - 1e-3]
     assert np.ptp(near[:, :2], axis=0).max() == pytest.approx(max(np.ptp(lowest[:, :2], axis=0).max(), 2e-3), abs=3e-3)
+
+
+@pytest.mark.parametrize("kind", TOOLS)
+def test_every_tool_has_a_drawing_of_its_own(kind: str) -> None:
+    rod = tool_parts(Tool(), "none that is known")
+    assert [len(p.mesh.faces) for p in tool_parts(Tool(), kind)] != [len(p.mesh.faces) for p in rod]
 
 
 def test_the_blade_is_drawn_as_wide_as_it_is_simulated() -> None:

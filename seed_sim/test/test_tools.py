@@ -7,16 +7,14 @@ from numpy.testing import assert_allclose
 
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
 from seed_sim.plant.grip import damping_of, fastest_rate
-from seed_sim.plant.tools import inertia_of, shape_of
-
-KINDS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug")
+from seed_sim.plant.tools import TOOLS, inertia_of, shape_of
 
 
 def inertia(kind: str, com=(0.0, 0.0, 0.06), mass=0.2, pad=0.0):
     return inertia_of(shape_of(kind, Tool()), mass, np.array(com), pad, 0.02)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TOOLS)
 def test_inertia_is_that_of_a_body(kind):
     about_T = inertia(kind).about_T
     assert_allclose(about_T, about_T.T)
@@ -25,7 +23,7 @@ def test_inertia_is_that_of_a_body(kind):
     assert principal[2] <= principal[0] + principal[1] + 1e-12  # triangle inequality
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TOOLS)
 def test_every_tool_touches_with_its_tip_first(kind):
     tool = Tool(T_tip=Frame((0.0, 0.0, 0.1)))
     assert_allclose(shape_of(kind, tool).points[:, 2].max(), 0.1)

@@ -9,6 +9,9 @@ import numpy as np
 from seed_core.hand import Tool
 from seed_core.spatial import Array, skew
 
+# Every tool of the plant. How each is drawn: `seed_core.meshes.tool_parts`; what stands on the table for it:
+# `plant.cell.Cell` and, to look at, `replay.fixtures`.
+TOOLS = ("squeegee", "pen", "torque_driver", "peg", "ball", "round_peg", "plug")
 BLADE = 0.2  # [m] width of the squeegee's blade, along y_C
 BLADE_SHARE = 0.8  # of the squeegee's mass that lies along the blade
 POINTS = 5  # contact points of the blade
@@ -40,7 +43,7 @@ class ContactShape:
 
 
 def shape_of(kind: str, tool: Tool, blade: float = BLADE) -> ContactShape:
-    """Shape of a tool of the given kind whose tip frame is tool.T_tip; blade: [m] width of a squeegee's."""
+    """Shape of a tool of TOOLS whose tip frame is tool.T_tip; blade: [m] width of a squeegee's."""
     x, y, z = tool.T_tip.position
     along_blade = [(0.0, s * blade, 0.0) for s in np.linspace(-0.5, 0.5, POINTS)]
     wider = BLADE_SHARE * (blade**2 - BLADE**2) / 12.0
