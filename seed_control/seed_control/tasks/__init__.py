@@ -5,7 +5,7 @@ task.py     what a task file may contain
 load.py     from a file, a shipped name or a text to a Task, and to what is sent to a controller elsewhere
 fit.py      whether a task fits the tool in the hand and what the controller may be asked for
 steps.py    from a Task to its steps, and each step's set-points along its path (path.py) or strokes (font.py)
-player.py   from step to step, with cancel and the lift that ends a task early
+player.py   from step to step, which run each needs, cancel, and the lift that ends a task early
 """
 
 from seed_control.tasks.fit import check_fits, check_tool

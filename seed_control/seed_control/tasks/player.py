@@ -8,7 +8,8 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.contact_stop import Found, StopRun
-from seed_control.tasks.insertion.runs import run_of
+from seed_control.tasks.insertion.insert import InsertRun
+from seed_control.tasks.insertion.search import SearchRun
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, steps_of
 from seed_control.tasks.surface_run import SurfaceRun
@@ -16,6 +17,7 @@ from seed_control.tasks.task import Phase, Task
 from seed_core.spatial import Array, inverse_pose, rotation_from_rpy
 
 _LIFT_SPEED = 0.05  # [m/s]
+_JOINS = 0.01  # [m] from its start, where a tip that landed beside it comes back onto its path
 
 
 @dataclass(frozen=True)
@@ -154,20 +156,41 @@ class TaskPlayer:
             lift = Phase(f"lift after {'cancel' if self._cancelled else 'failure'}")
             return StepRun(Step(lift), path, R_start, R_start, self._X_W)
         self._index += 1
-        step = self._steps[self._index]
-        phase = step.phase
-        R_end = R_start if self._run else self._R_tip
+        return self._run_of(self._steps[self._index], start, R_start, axes)
+
+    def _run_of(self, step: Step, start: Array, R_start: Array, axes: Array) -> StepRun:
+        """The run that a step needs, from start (3,) [m] and R_start (3, 3) of the tip, in the work frame.
+
+        axes: (3, 3) of the surface, as the steps before have found them.
+        """
+        phase, before = step.phase, self._run
+        R_end = R_start if before is not None else self._R_tip
         if phase.tilt is not None:
             self._tilted = self._R_tip @ rotation_from_rpy(np.deg2rad(phase.tilt))
             R_end = axes @ self._tilted if phase.along == "surface" else self._tilted
         if phase.contact_stop is not None:
             return StopRun(step, start, R_start, R_end, self._X_W)
-        if phase.along == "surface":
-            if phase.control is not None:
-                return SurfaceRun(step, start, R_start, axes, self._tilted, self._X_W)
-            to = [tuple((start + axes @ p).tolist()) for p in np.array(step.points).reshape(-1, 3)]
-            step = replace(step, points=tuple(to))
-        run = run_of(step, start, R_start, R_end, self._X_W, self._run)
+        if phase.along == "surface" and phase.control is not None:
+            return SurfaceRun(step, start, R_start, axes, self._tilted, self._X_W)
+        if (phase.search is not None or phase.insert is not None) and before is not None:
+            if before.R_seen is not None and before.p_seen is not None:
+                start, R_start, R_end = before.p_seen, before.R_seen, before.R_seen  # torque has left the reference
+            start = start - before.beside  # a tip that landed beside its place searches about that place
+        run: StepRun
+        if phase.search is not None:
+            run = SearchRun(step, start, R_start, R_end, self._X_W, before)
+        elif phase.insert is not None:
+            plate = before.plate if isinstance(before, SearchRun) else None
+            run = InsertRun(step, start, R_start, R_end, self._X_W, plate)
+        else:
+            if phase.along == "surface":
+                to = [tuple((start + axes @ p).tolist()) for p in np.array(step.points).reshape(-1, 3)]
+                step = replace(step, points=tuple(to))
+            points = [start, *step.points]
+            if before is not None and phase.control is not None:
+                points[1:1] = _back(start, before.beside, step)
+            path = Path(np.array(points), phase.speed, phase.acceleration)
+            run = StepRun(step, path, R_start, R_end, self._X_W)
         run.axes = axes
         return run
 
@@ -177,3 +200,12 @@ class TaskPlayer:
         i = min(self._index, len(self._steps) - 1)
         share = self._run.share if self._index < len(self._steps) else 0.0
         return float((self._before[i] + share * (self._before[i + 1] - self._before[i])) / self._before[-1])
+
+
+def _back(start: Array, beside: Array, step: Step) -> list[Array]:
+    """Where a path is joined, if at all, by a tip that has landed beside its start [m]."""
+    if not step.points or not beside.any():
+        return []
+    way = np.array(step.points[0]) - (start - beside)
+    length = float(np.sqrt(way @ way))
+    return [start - beside + _JOINS / length * way] if length > _JOINS else []

@@ -6,5 +6,4 @@ surface.py   the plate under the tip, found while it slides, and how far the tip
 search.py    a pattern under a press until the tip drops or a rim is felt
 stuck.py     progress along the axis; what a wrench without progress means
 insert.py    pushing in, with jams and wedges answered
-runs.py      which run a step of a task needs
 """
