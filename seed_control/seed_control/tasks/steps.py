@@ -11,8 +11,9 @@ from seed_control.tasks.font import strokes_of_text
 from seed_control.tasks.landing import Landing
 from seed_control.tasks.pace import Pace
 from seed_control.tasks.path import Path
-from seed_control.tasks.task import Control, Drawing, Phase, Task, Vector
+from seed_control.tasks.task import Control, Drawing, Phase, Task
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.vector3 import Vector3
 
 _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
@@ -27,7 +28,7 @@ class Step:
     """A phase with the points of its path in the work frame, each (x, y, z) [m]; empty: stay."""
 
     phase: Phase
-    points: tuple[Vector, ...] = ()
+    points: tuple[Vector3, ...] = ()
 
     @property
     def expected_time(self) -> float:
@@ -56,7 +57,7 @@ def _drawing(drawing: Drawing) -> list[Step]:
         control = drawing.control.scaled_to(force) if force else drawing.control
         name = f"stroke {number}/{len(strokes)}"
         over, raised = (*stroke[0], up), (*stroke[-1], up)
-        line: tuple[Vector, ...] = tuple((x, y, 0.0) for x, y in stroke)
+        line: tuple[Vector3, ...] = tuple((x, y, 0.0) for x, y in stroke)
         out += [
             Step(Phase(f"{name} over", over, speed=travel), (over,)),
             Step(Phase(f"{name} touch", control=control.at_start(), until="settled", dwell=0.15)),

@@ -12,13 +12,12 @@ from seed_control.tasks.insertion.sections import Insert, Search
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, pose_from_rpy
+from seed_core.vector3 import ZERO, Vector3
 
-Vector = tuple[float, float, float]
 Shares = tuple[float, ...]
 SHARES = 0.1, 10.0  # of a force, at least and at most, along a path
 WAYS = ("x", "-x", "y", "-y", "z", "-z")
 CONDITIONS = ("arrived", "contact", "settled")
-_NO_VECTOR: Vector = (0.0, 0.0, 0.0)
 _LEAST_TOUCH, _MOST_TOUCH = 0.5, 20.0  # [N] of a contact_stop
 
 
@@ -30,8 +29,8 @@ class TaskError(SeedError):
 class WorkFrame:
     """Where the task's work lies in the world: origin on the nominal surface, z out of it."""
 
-    position: Vector = field(_NO_VECTOR, unit="m", quantity=True, low=-3, high=3, doc="origin in the world")
-    rpy: Vector = field(_NO_VECTOR, unit="deg", quantity=True, low=-360, high=360, doc="fixed-axis roll, pitch, yaw")
+    position: Vector3 = field(ZERO, unit="m", quantity=True, low=-3, high=3, doc="origin in the world")
+    rpy: Vector3 = field(ZERO, unit="deg", quantity=True, low=-360, high=360, doc="fixed-axis roll, pitch, yaw")
 
     @property
     def pose(self) -> Array:
@@ -43,11 +42,13 @@ class WorkFrame:
 class Control:
     """Which directions carry force and which axes torque; the rest follow the path."""
 
-    force: Vector = field(unit="N", quantity=True, low=-200, high=200, doc="of the tool on the environment, work frame")
+    force: Vector3 = field(
+        unit="N", quantity=True, low=-200, high=200, doc="of the tool on the environment, work frame"
+    )
     profile: Shares = field(
         (), low=SHARES[0], high=SHARES[1], doc="shares of the force at two or more places, evenly apart along the path"
     )
-    torque: Vector = field(_NO_VECTOR, unit="N m", quantity=True, low=-20, high=20, doc="about the tip, work frame")
+    torque: Vector3 = field(ZERO, unit="N m", quantity=True, low=-20, high=20, doc="about the tip, work frame")
     force_directions: tuple[str, ...] = field(("z",), doc="axes of the work frame (or of the tool) that carry force")
     torque_axes: tuple[str, ...] = field((), doc="axes of T that carry torque")
     contact_resists: tuple[str, ...] = field((), doc="axes of T about which the contact resists rotation")
@@ -136,14 +137,14 @@ class Phase:
     """One piece: a straight path (or none) under one control, until a condition holds for `dwell`."""
 
     name: str = field(doc="shown as progress")
-    to: Vector | None = field(None, unit="m", quantity=True, low=-2, high=2, doc="end of the path, work frame")
+    to: Vector3 | None = field(None, unit="m", quantity=True, low=-2, high=2, doc="end of the path, work frame")
     along: str = field(
         "work",
         choices=("work", "surface"),
         doc="axes of path, force and tilt: the work frame's, or the surface's own as it is found; `to` is then a way",
     )
-    through: tuple[Vector, ...] = field((), unit="m", low=-2, high=2, doc="corners of the path before its end")
-    tilt: Vector | None = field(
+    through: tuple[Vector3, ...] = field((), unit="m", low=-2, high=2, doc="corners of the path before its end")
+    tilt: Vector3 | None = field(
         None,
         unit="deg",
         quantity=True,
@@ -238,7 +239,7 @@ class Task:
     description: str = field("", doc="one line")
     tool: str = field("", doc="name of the tool that the task is made for")
     frame: WorkFrame = field(WorkFrame(), doc="work frame")
-    tip_rpy: Vector = field(
+    tip_rpy: Vector3 = field(
         (180.0, 0.0, 0.0), unit="deg", quantity=True, low=-360, high=360, doc="tip in the work frame"
     )
     lift: float = field(0.05, unit="m", quantity=True, low=0.005, high=0.3, doc="along the work frame's z on cancel")

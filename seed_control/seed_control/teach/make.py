@@ -11,12 +11,13 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from seed_control.parameters import ControllerParameters
-from seed_control.tasks.task import SHARES, Control, Phase, Task, Vector, WorkFrame
+from seed_control.tasks.task import SHARES, Control, Phase, Task, WorkFrame
 from seed_control.teach.demonstration import STEP, TURNING, Demonstration, TeachError
 from seed_control.teach.frame import MOVING, work_frame
 from seed_control.teach.pieces import Level, Span, corners, levels, moves, rested, speed_of, touches
 from seed_control.teach.settings import TeachSettings
 from seed_core.spatial import Array, inverse_pose
+from seed_core.vector3 import Vector3
 
 CLEAR = 0.004  # [m] above the surface: what is nearer belongs to touching and letting go
 ABOVE = 0.015  # [m] from which a touch begins, and to which the tool is let go
@@ -250,7 +251,7 @@ class _Maker:
             return control
         return replace(control, profile=tuple(np.round(np.clip(shares, *SHARES), 3).tolist()))
 
-    def _phase(self, name: str, span: Span, to: Vector, speed: float) -> Phase:
+    def _phase(self, name: str, span: Span, to: Vector3, speed: float) -> Phase:
         """A phase of samples, which ends with the tip's rotation of the last, if that is another."""
         turn = self._R[min(span[1], len(self._R)) - 1]
         tilt = None
@@ -273,6 +274,6 @@ def _rpy(R: Rotation) -> Array:
     return np.asarray(R.as_euler("xyz"))
 
 
-def _vector(values: Array, digits: int = 6) -> Vector:
+def _vector(values: Array, digits: int = 6) -> Vector3:
     x, y, z = (round(float(v), digits) + 0.0 for v in values)
     return x, y, z

@@ -4,8 +4,8 @@
 from dataclasses import dataclass
 
 from seed_core.config import ConfigError, field
+from seed_core.vector3 import ZERO, Vector3
 
-Vector = tuple[float, float, float]
 PATTERNS = ("here", "spiral", "line", "tilt")
 
 
@@ -16,7 +16,7 @@ class Search:
     pattern: str = field("spiral", choices=PATTERNS, doc="press in place; Archimedean spiral; straight line; tilt")
     radius: float = field(0.004, unit="m", quantity=True, low=1e-4, high=0.1, doc="of the spiral, at most")
     pitch: float = field(0.001, unit="m", quantity=True, low=5e-5, high=0.02, doc="between turns of the spiral")
-    along: Vector = field((0.0, 0.0, 0.0), unit="m", quantity=True, low=-0.3, high=0.3, doc="the line, from its start")
+    along: Vector3 = field(ZERO, unit="m", quantity=True, low=-0.3, high=0.3, doc="the line, from its start")
     angle: float = field(3.0, unit="deg", quantity=True, low=0.1, high=20.0, doc="of tilting, at most")
     drop: float = field(8e-4, unit="m", quantity=True, low=2e-4, high=0.05, doc="of the tip below the plate: found")
     within: float = field(0.003, unit="m", quantity=True, low=0.0, high=0.05, doc="of z = 0 the plate is known to lie")
