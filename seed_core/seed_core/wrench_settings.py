@@ -2,11 +2,13 @@
 """Where the wrench comes from, what it is checked against, and how well that is known; each with unit and bound."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from seed_core.config import field
 from seed_core.wrench_model import MapUncertainty
 
-MODELS = ("bushing", "hysteretic", "membrane")
+WrenchModelName = Literal["bushing", "hysteretic", "membrane"]
+WRENCH_MODELS: tuple[WrenchModelName, ...] = get_args(WrenchModelName)
 
 
 @dataclass(frozen=True)
@@ -15,7 +17,7 @@ class WrenchSettings(MapUncertainty):
 
     model: str = field(
         "bushing",
-        choices=MODELS,
+        choices=WRENCH_MODELS,
         doc="bushing: the paper's map of the tool's pose; hysteretic: a spring that stiffens and has friction; "
         "membrane: a map of what the membranes do",
     )

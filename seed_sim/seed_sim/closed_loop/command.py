@@ -11,6 +11,7 @@ from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import load_task, shipped_tasks
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
+from seed_core.wrench_settings import WRENCH_MODELS
 from seed_estimation.parameters import METHOD_HELP
 from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate, scenario_of
 from seed_sim.closed_loop.progress import progress_bar
@@ -21,7 +22,6 @@ from seed_sim.scenario import COLUMNS, load_scenario, shipped_scenarios
 from seed_sim.world import perturb
 from seed_sim.world.parameters import Kind
 from seed_sim.world.perturb import PERTURBATIONS
-from seed_sim.world.procedures.find_out import MODELS
 from seed_sim.world.score import DRAWS, score_draws, table
 from seed_sim.world.trial import check_kind
 
@@ -137,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--model",
-        choices=MODELS,
+        choices=WRENCH_MODELS,
         help="hidden worlds: what the wrench is computed from: the paper's stiffness map, a spring that stiffens and "
         "has hysteresis, or what the membranes do, as identified in each world; default: membrane with --membranes, "
         "else hysteretic",

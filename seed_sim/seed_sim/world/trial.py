@@ -13,6 +13,7 @@ from seed_control.tasks import Task, load_task
 from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
+from seed_core.wrench_settings import WrenchModelName
 from seed_sim.closed_loop.evaluate import scenario_of
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
@@ -21,7 +22,7 @@ from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import Kind, World
-from seed_sim.world.procedures.find_out import STEPS, Belief, Model, find_out
+from seed_sim.world.procedures.find_out import STEPS, Belief, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
@@ -47,7 +48,7 @@ def run_trial(
     estimator: str = "rigid_fit",
     force: float | None = None,
     scenario: str | Path | Scenario | None = None,
-    model: Model | None = None,
+    model: WrenchModelName | None = None,
     arm_sensor: bool = False,
     belief: Belief | None = None,
     progress: Progress | None = None,
@@ -124,7 +125,7 @@ def run_trial(
     return Trial(result, recording, belief)
 
 
-def check_kind(kind: Kind, scenario: Scenario, model: Model | None) -> None:
+def check_kind(kind: Kind, scenario: Scenario, model: WrenchModelName | None) -> None:
     """Raises SeedError: the scenario's grasp, or the model of the wrench, is none of a world of this kind."""
     if kind == "membrane":
         return

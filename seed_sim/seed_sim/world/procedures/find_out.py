@@ -8,7 +8,7 @@ runs in that very world on what the ones before have found. Nothing else is hand
 
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from seed_core.hysteretic.spring import HystereticSpring, HystereticStiffness
 from seed_core.membrane.map import MembraneMap
 from seed_core.membrane.map_file import MembraneMapFile
 from seed_core.wrench_model import WrenchModel
+from seed_core.wrench_settings import WrenchModelName
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.progress import Progress
@@ -34,8 +35,6 @@ from seed_sim.world.procedures.weigh import weigh
 from seed_sysid.fit.hysteretic_fit import HystereticFit, fit_hysteretic
 from seed_sysid.stiffness_map import AXES, CHANNELS
 
-Model = Literal["bushing", "hysteretic", "membrane"]
-MODELS: tuple[Model, ...] = ("bushing", "hysteretic", "membrane")
 STEPS: dict[Kind, tuple[str, ...]] = {
     "spring": ("calibrate", "identify", "clocks", "weigh"),
     "membrane": ("identify_membranes", "clocks"),
@@ -79,7 +78,7 @@ def find_out(
     world: World,
     seed: int,
     method: str = "rigid_fit",
-    model: Model = "hysteretic",
+    model: WrenchModelName = "hysteretic",
     progress: Progress | None = None,
 ) -> Belief:
     """Run the procedures of a world, or tell the scenario's own values where it runs none.
@@ -138,7 +137,13 @@ class _Work:
     """The procedures of one world, and what they have found so far."""
 
     def __init__(
-        self, scenario: Scenario, world: World, seed: int, method: str, model: Model, progress: Progress | None
+        self,
+        scenario: Scenario,
+        world: World,
+        seed: int,
+        method: str,
+        model: WrenchModelName,
+        progress: Progress | None,
     ) -> None:
         self.believed, self._world, self._seed = told(scenario, world), world, seed
         self._method, self._model = method, model
