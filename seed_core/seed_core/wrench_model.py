@@ -11,7 +11,7 @@ its stiffness, what a linear map leaves of a membrane, and how far a grasp drift
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class SpringWrench(NamedTuple):
 
 
 class WrenchModel(Protocol):
-    """A model of one grasp.
+    """A model of one grasp. One that remembers former estimates is `WithMemory`, too.
 
     Attributes:
         name: as `WrenchEstimate.msg` tells it: 'bushing', 'hysteretic', 'membrane'.
@@ -58,6 +58,17 @@ class WrenchModel(Protocol):
         What the tool has slid on its membranes loads nothing: a bushing tells of the patches, in their frame.
         """
         ...
+
+
+@runtime_checkable
+class WithMemory(Protocol):
+    """What a `WrenchModel` has besides whose wrench depends on the estimates before, as hysteresis does."""
+
+    def reset(self) -> None:
+        """The tool is grasped anew."""
+
+    def take_back(self) -> None:
+        """The newest estimate was none: as if `spring` had not been told of it."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import UPRIGHT, Tool, weight_about_T
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, wrench_adjoint
 from seed_core.vector3 import Vector3
-from seed_core.wrench_model import BushingModel, SpringWrench, WrenchModel, observed_part, pose_covariance
+from seed_core.wrench_model import BushingModel, SpringWrench, WithMemory, WrenchModel, observed_part, pose_covariance
 
 ROTATION_DEVIATION = float(np.deg2rad(0.5))  # [rad] of an estimate that states no covariance
 MOST_DISCREPANCY = 0.7  # share of the bushing's load by which a model's may differ for the law
@@ -166,15 +166,13 @@ class WrenchEstimator:
 
     def refused(self, estimate: RelativePoseEstimate) -> None:
         """An estimate is not used: it leaves nothing in the memory of a model that has one."""
-        take_back = getattr(self.model, "take_back", None)
-        if take_back is not None and self._told[0] is estimate:
-            take_back()
+        if isinstance(self.model, WithMemory) and self._told[0] is estimate:
+            self.model.take_back()
 
     def new_grasp(self) -> None:
         """A model with a memory (of hysteresis, say) begins anew."""
-        forget = getattr(self.model, "reset", None)
-        if forget is not None:
-            forget()
+        if isinstance(self.model, WithMemory):
+            self.model.reset()
 
     def _follow_stiffness(self, stamp: float) -> None:
         """Let the law's bushing come to the model's local stiffness, without a jump."""
