@@ -190,8 +190,8 @@ class Supervisor:
         m = self._law.measured
         if m is None or not (estimate.valid and self.guard.following and self._loads):
             return ""
-        known = self._wrench_estimator
-        why = self._jumped.check(estimate, m, self._inputs.history, known.mean_stiffness, known.turning_stiffness)
+        grasp = self._wrench_estimator
+        why = self._jumped.check(estimate, m, self._inputs.history, grasp.mean_stiffness, grasp.turning_stiffness)
         self.grasp_check.doubt(self._jumped.newest)
         return why
 

@@ -66,7 +66,7 @@ class Guard:
         self._arm.restart()
 
     def hold(self, why: str) -> None:
-        """Stop, if it moves; the first reason stays."""
+        """Stop, if it moves and there is a reason: '' is none. The first one stays."""
         if why and self.following:
             self._latch.hold(why)
             self._counting.count("holds")
