@@ -32,7 +32,7 @@ from seed_control.ros.stiffness_schedule import StiffnessScheduleInput
 from seed_control.ros.task_operator import Operator
 from seed_control.setpoint.setpoints import Setpoint
 from seed_control.state import ControllerState, ControlOutput
-from seed_control.wrench.model_settings import choose_model
+from seed_control.wrench.choose_model import choose_model
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.clocks import DOC, clocks

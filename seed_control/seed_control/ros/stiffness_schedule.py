@@ -8,7 +8,7 @@ from std_msgs.msg import Float32, Float64
 
 from seed_control.monitor.pressure_check import why_off
 from seed_control.ros.bubble_pressures import OLDEST
-from seed_control.wrench.model_settings import same_hand
+from seed_control.wrench.choose_model import same_hand
 from seed_control.wrench.stiffness_schedule import ScheduleSettings, StiffnessSchedule
 from seed_core.bushing import Stiffness
 from seed_core.hand import FINGERS, Hand

@@ -13,7 +13,7 @@ from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskPlayer
-from seed_control.wrench.model_settings import choose_model
+from seed_control.wrench.choose_model import choose_model
 from seed_core.config import from_mapping, to_mapping
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.wrench_model import WrenchModel

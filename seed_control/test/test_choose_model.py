@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import Bench
 
-from seed_control.wrench.model_settings import age, choose_model
+from seed_control.wrench.choose_model import age, choose_model
 from seed_control.wrench.stiffness_schedule import StiffnessSchedule
 from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
