@@ -2,6 +2,7 @@
 """The documents: the site builds strictly and asks nothing of other servers; tutorials show what happens."""
 
 import contextlib
+import dataclasses
 import io
 import re
 import runpy
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 
 from seed_bringup.commands import developer, dispatch
+from seed_control.tasks.insertion.sections import Insert, Search
+from seed_control.tasks.task import ContactStop, Control, Drawing, Phase, Task, WorkFrame
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not (ROOT / "seed").is_file(), reason="this is an installed copy, not the checkout")
@@ -144,6 +147,14 @@ def test_every_task_of_the_page_on_tasks_loads(tmp_path: Path) -> None:
     for text, name in written:
         (tmp_path / f"{name}.yaml").write_text(text)
         assert load_task(str(tmp_path / f"{name}.yaml")).phases, name
+
+
+def test_every_key_of_a_task_file_is_on_the_page_on_tasks() -> None:
+    lines = (ROOT / "docs/tasks.md").read_text(encoding="utf-8").splitlines()
+    named = re.findall(r"`([\w.]+)`", " ".join(line.split("|")[1] for line in lines if line.startswith("|")))
+    for section in (Task, WorkFrame, Phase, Control, ContactStop, Search, Insert, Drawing):
+        missing = {f.name for f in dataclasses.fields(section)} - {name.split(".")[-1] for name in named}
+        assert not missing, f"{section.__name__}: {missing}"
 
 
 def test_numbers_that_differ_are_told_from_those_that_do_not() -> None:
