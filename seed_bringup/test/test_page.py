@@ -6,6 +6,7 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,19 @@ pytest.importorskip("viser", reason="needs viser (./seed test has it)")
 import viser
 import websockets
 
+import seed_control
+import seed_core
+import seed_driver
+import seed_estimation
+import seed_sim
+import seed_ur
 from seed_bringup.page import style, words
 from seed_bringup.page.server import PageServer
 from seed_bringup.page.slow_browser import SCRIPT
 from seed_bringup.page.state import CellState, Control, Grasp, History
+from seed_control.parameters import ControllerParameters
+from seed_control.state import Counting
+from seed_control.wrench.inputs import Inputs
 
 HELD = Grasp(np.eye(4), True, "", 0.02, False)
 
@@ -32,6 +42,23 @@ def test_before_a_cell_the_page_says_how_to_start_one() -> None:
     assert found.word == "No cell yet"
     assert "./seed launch cell" in found.todo
     assert words.next_button(CellState()) == ""
+
+
+def test_a_stale_input_is_told_with_where_to_look_for_it() -> None:
+    inputs = Inputs(ControllerParameters(), True, Counting(""))
+    assert "driver" in words.remedy(inputs.staleness(1.0))
+    inputs.add_kinematics(1.0, np.eye(4))
+    assert "cameras" in words.remedy(inputs.staleness(1.0))
+    inputs.arrived = 0.0
+    assert "cameras" in words.remedy(inputs.staleness(1.0))
+
+
+@pytest.mark.parametrize("part", [part for part, _ in words.REMEDIES])
+def test_every_remedy_is_of_words_that_a_reason_has(part: str) -> None:
+    for package in (seed_core, seed_ur, seed_estimation, seed_control, seed_driver, seed_sim):
+        if any(part in f.read_text(encoding="utf-8") for f in Path(package.__file__).parent.glob("**/*.py")):
+            return
+    pytest.fail(f"no package gives a reason with '{part}'")
 
 
 def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
@@ -49,6 +76,7 @@ def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
         ("track lost: the tool touches no finger", "Grasp"),
         ("no grasp: initialize_grasp has not been called since the last reference", "Take the tool"),
         ("no contact within max_free_travel = 30 mm along (0, 0, -1) of the base", "frame"),
+        ("estimated force 45.0 N is beyond 40 N", "bound"),
         ("something that nobody has thought of", "Clear the cause"),
     ],
 )

@@ -33,25 +33,21 @@ MODES = {
 STOPPED = "Nothing is wrong. Press Enable when the arm may move again."
 PLAY = "Play task"  # name of the button
 SLIPPED = "The tool moves in the fingers. Take it again (Release, Grasp), press less or grip firmer; then Enable."
+BOUND = "A bound was reached: clear the cause, then Enable. The arm begins from where it is."
 # Words of a reason, and what helps against it. The first that is found counts; Enable ends every hold.
 REMEDIES = (
     ("disabled by", STOPPED),
     ("stopped on request", STOPPED),
-    (
-        "slip",
-        SLIPPED,
-    ),
-    (
-        "slid",
-        SLIPPED,
-    ),
+    ("slip", SLIPPED),
+    ("slid", SLIPPED),
     ("jumped", "Look whether tool and membranes are as they were. Take the tool again (Grasp), then Enable."),
     ("frozen", "The cameras or the estimator stand still. See that the tactile pictures move, then Enable."),
     ("track lost", "The pictures do not show the tool any more. Take it again (Release, then Grasp), then Enable."),
     ("clock", "Compare the clocks of cameras and robot: ./seed identify --live. Then Enable."),
     ("no grasp", "Take the tool (Grasp), then Enable."),
     ("reference", "Open the gripper and press Reference; then Grasp."),
-    ("no relative_pose", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
+    ("estimated force", BOUND),
+    ("relative_pose", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
     ("estimate", "See that cameras and estimator run and that the tool is grasped. Then Enable."),
     ("current_pose", "The arm's driver is silent: see that it runs and is connected. Then Enable."),
     ("does not follow", "See on the pendant why the arm stands or is slowed down. Then Enable."),
@@ -61,7 +57,7 @@ REMEDIES = (
     ("the surface has ended or fallen away", "The surface ends before the path does: shorten the path. Then Enable."),
     ("no contact within", "The surface is not where the task expects it: correct the task's frame. Then Enable."),
     ("in its way", "Clear the way of the tool, then press Enable."),
-    ("beyond", "A bound was reached: clear the cause, then Enable. The arm begins from where it is."),
+    ("beyond", BOUND),
     ("reset", "The arm was put at its start. Press Enable."),
 )
 OTHERWISE = "Clear the cause, then press Enable. The arm begins from where it is."
