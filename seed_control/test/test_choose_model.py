@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from quasi_static import Bench
 
 from seed_control.wrench.choose_model import age, choose_model
-from seed_control.wrench.stiffness_schedule import StiffnessSchedule
+from seed_control.wrench.stiffness_schedule import ScheduleFollower
 from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
@@ -182,7 +182,7 @@ def test_a_stiffness_that_is_to_follow_pressures_that_nobody_measured_is_refused
     grips = replace(GRIP, pressure_hpa=0.0), replace(GRIP, pressure_hpa=0.0, width_m=0.014)
     stiffness = GripStiffness(replace(FILE, grips=grips))
     with pytest.raises(ConfigError, match=r"have no pressures: set grip\.follow to width"):
-        StiffnessSchedule(stiffness, "pressure")
-    assert StiffnessSchedule(stiffness, "width").update(0.014) == grips[1].stiffness
+        ScheduleFollower(stiffness, "pressure")
+    assert ScheduleFollower(stiffness, "width").update(0.014) == grips[1].stiffness
     alone = GripStiffness(replace(FILE, grips=grips[:1]))
-    assert StiffnessSchedule(alone, "pressure").update(1030.0) == GRIP.stiffness
+    assert ScheduleFollower(alone, "pressure").update(1030.0) == GRIP.stiffness

@@ -9,7 +9,7 @@ from std_msgs.msg import Float32, Float64
 from seed_control.monitor.pressure_check import why_off
 from seed_control.ros.bubble_pressures import OLDEST
 from seed_control.wrench.choose_model import same_hand
-from seed_control.wrench.stiffness_schedule import ScheduleSettings, StiffnessSchedule
+from seed_control.wrench.stiffness_schedule import ScheduleFollower, ScheduleSettings
 from seed_core.bushing import Stiffness
 from seed_core.hand import FINGERS, Hand
 from seed_core.stiffness_file import GripStiffness, load_stiffness
@@ -29,7 +29,7 @@ class StiffnessScheduleInput:
             return
         file = load_stiffness(settings.file)
         same_hand(settings.file, file.hand, hand)
-        self._schedule = StiffnessSchedule(GripStiffness(file), settings.follow)
+        self._schedule = ScheduleFollower(GripStiffness(file), settings.follow)
         if settings.follow == "width":
             node.loop.poll(Float64, "gripper/width", lambda message: self._update(message.data), QUEUE)
             return

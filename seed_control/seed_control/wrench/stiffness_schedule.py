@@ -21,7 +21,7 @@ class ScheduleSettings:
     follow: str = field("pressure", choices=("pressure", "width"), doc="what tells the grip")
 
 
-class StiffnessSchedule:
+class ScheduleFollower:
     """Turns measured pressures or widths into changes of stiffness that are worth passing on.
 
     Attributes:
