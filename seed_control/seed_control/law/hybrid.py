@@ -254,15 +254,15 @@ class HybridLaw(PublishedLaw):
         s, m = self.setpoint, self.measured
         if s is None or m is None or not any(s.torque_axes) or not self.contact.made:
             return []
-        R_WT, stiffness, out = m.X_WT[:3, :3], self.wrench_estimator.bushing, list[Side]()
-        K = R_WT @ stiffness.translation_stiffness(m.X_TC[:3, :3]) @ R_WT.T
+        R_WT, bushing, out = m.X_WT[:3, :3], self.wrench_estimator.bushing, list[Side]()
+        K = R_WT @ bushing.translation_stiffness(m.X_TC[:3, :3]) @ R_WT.T
         for i in np.flatnonzero(s.torque_axes):
             arm = np.cross(R_WT[:, i], R_WT @ self.p_Ttip)
             arm = arm - self.plan.normals.T @ (self.plan.normals @ arm)
             lever = float(np.sqrt(arm @ arm))
             if lever > _LEAST_LEVER:
                 e = arm / lever
-                k, shift = stiffness.stiffness.rotation[i], float(e @ K @ e)
+                k, shift = bushing.stiffness.rotation[i], float(e @ K @ e)
                 out.append(Side(e, shift, k**2 / (k**2 + (_TURNING * shift * lever**2) ** 2)))
         return out
 
