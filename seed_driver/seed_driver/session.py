@@ -4,6 +4,7 @@
 import time
 from math import dist
 
+from seed_core.vector3 import norm
 from seed_driver.config import TOOL, DriverConfig
 from seed_driver.motion.path_clock import PathClock
 from seed_driver.motion.servo_motion import Motion
@@ -19,7 +20,13 @@ WAITING = "waiting for the robot program"
 NO_SAMPLE = Sample()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 SET_BACK = 0.1  # [s] a clock that goes back by more was set
+CREEP, CREEP_TURNING = 0.01, 0.05  # [m/s], [rad/s] an arm that is no faster stands, for a jump back to it
 BAD_CYCLES = 5  # with states that cannot be, after which a motion is not gone on with: the arm stands by then
+
+
+def _moves(s: Sample) -> bool:
+    """Whether the arm of this state is on its way."""
+    return norm(s.twist[:3]) > CREEP or norm(s.twist[3:]) > CREEP_TURNING
 
 
 class Session:
@@ -99,7 +106,10 @@ class Session:
                 self.robot.clear_command()
 
     def _compare(self, s: Sample) -> None:
-        """Go on with the path as the robot does, and hold when the arm is not where it was sent."""
+        """Go on with the path as the robot does, and hold when the arm is not where it was sent.
+
+        An arm that moves is braked first: its state may be late, and going back to it would be a jump.
+        """
         stood = self.path.heard(self.clock, s.speed_scaling)
         if not self.running or self.freedrive:
             return
@@ -112,7 +122,7 @@ class Session:
             why += f"{c.max_angular_tracking_error:g} rad)"
         if why and not self.reason:
             self.motion.hold(f"{why}: see what blocks or slows it, then call resend_robot_program")
-        if why or stood:
+        if stood or (why and not _moves(s)):
             self.motion.restart(s)  # nothing is made up for
 
     # the robot's clock, which that of a simulation shows to run slower than ours

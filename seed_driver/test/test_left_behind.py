@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An arm that is not where it was sent: one that moves is braked, one that stands is left where it is."""
+
+import pytest
+
+from seed_driver.config import DriverConfig
+from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.servo_motion import Motion
+from seed_driver.process.shared_memory import Sample, SharedMemory
+from seed_driver.session import Session
+from seed_testing.fault_bench.slider import ELBOW_UP
+
+FAR = 0.035  # [m] beyond max_tracking_error
+
+
+@pytest.fixture
+def session():
+    memory = SharedMemory.create()
+    config = DriverConfig(robot_ip="127.0.0.1")
+    motion = Motion(memory, arm_kinematics(config), config)
+    motion.restart(Sample(q=ELBOW_UP, p=(0.4, 0.0, 0.3)))
+    motion.accept_targets()
+    made = Session(motion, config, want_start=False)
+    made.running = True
+    yield made
+    memory.close()
+
+
+def test_the_command_does_not_jump_back_to_an_arm_that_moves(session) -> None:
+    """States that the network delays by 0.1 s, or one that is wrong: the arm itself may be where it was sent."""
+    command = session.motion.command
+    session._compare(Sample(q=ELBOW_UP, p=(0.4 - FAR, 0.0, 0.3), twist=(0.22, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    assert "the arm is 0.035 m from its command" in session.reason
+    assert session.motion.command == command
+
+
+def test_the_command_is_taken_back_to_an_arm_that_stands(session) -> None:
+    here = Sample(q=ELBOW_UP, p=(0.4 - FAR, 0.0, 0.3))
+    session._compare(here)
+    assert "the arm is 0.035 m from its command" in session.reason
+    assert session.motion.command[0] == here.p
