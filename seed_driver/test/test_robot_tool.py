@@ -169,8 +169,11 @@ def test_the_first_servo_command_after_a_change_of_the_tcp_is_a_pose_of_the_new_
 
 
 @realtime
-def test_a_setting_that_is_refused_while_the_program_runs_is_a_hold_until_the_robot_takes_what_is_configured() -> None:
-    with FaultBench("--version", "5.10.0") as bench:
+@pytest.mark.parametrize("version", ["5.10.0", "3.15.8"])
+def test_a_setting_that_is_refused_while_the_program_runs_is_a_hold_until_the_robot_takes_what_is_configured(
+    version: str,
+) -> None:
+    with FaultBench("--version", version) as bench:
         bench.ready()
         possible = bench.supervisor.config
         bench.supervisor.set_config(replace(possible, payload_inertia=(0.01, 0.02, 0.03, 0.0, 0.0, 0.001)))

@@ -31,6 +31,7 @@ TAKING = 1.0  # [s] from sending TCP and payload to states that show them
 SHORTLY = 0.01  # [s] that servo commands may wait for them
 PARTING = 0.05  # [s] between the ends of the two connections to a controller that is gone
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
+INERTIA = (5, 11)  # first PolyScope that is told of it: neither our program nor ur_rtde's does so on CB3
 UPLOAD, UPPER_REGISTERS, NO_WAIT = 1, 8, 16  # ur_rtde's flags
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 SLIDER = rtde.Recipe.of(("speed_slider_mask", "speed_slider_fraction"), rtde.INPUTS)
@@ -206,7 +207,7 @@ class Robot:
             x, y, z, rx, ry, rz = self.control.getTCPOffset()
             self._untold_tcp = x, y, z, rx, ry, rz
         if want.inertia is not None:
-            if not rtde.knows(self.version, "payload_inertia"):
+            if self.version[:2] < INERTIA:
                 raise LinkError("payload_inertia needs PolyScope 5.11 or later: set it to zero")
             load = want.else_from(tool.told(self.states.values))
             mass, cog = load.mass or (0.0,), load.cog or (0.0,) * 3
