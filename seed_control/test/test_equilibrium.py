@@ -155,7 +155,7 @@ def test_a_tip_that_sticks_beside_its_path_is_pressed_by_the_surface_under_it() 
         law.adopt(setpoint, (0.0, 0.0, 0.0))
         for i in range(PARAMETERS.contact_images + 1):
             law.image(rest.measured._replace(stamp=1.0 + 0.02 * (i + 1)), loop_time=0.1, age=age)
-        law.observers[0].tilt(slope)
+        law.observers[0].tilt(slope, 0.3)
         reference = law._height_reference(setpoint, 0)
         assert_allclose(reference.gradient, slope, atol=1e-9)
         return reference.offset + float(np.dot(reference.gradient, path[:3, 3] - age * velocity))

@@ -32,6 +32,7 @@ def measurement(
     return SimpleNamespace(
         stamp=t,
         tip=tip + NOISE * rng.standard_normal(3),
+        undeflected=tip - 10.0 / STIFFNESS * n,
         X_WC=make_pose(None, tip + np.array((0.0, 0.0, 0.09))),
         X_WT=make_pose(R_WT, tip),
         on_environment=Wrench(np.zeros(3), force),
@@ -186,11 +187,13 @@ def test_what_the_surface_sinks_by_is_no_slope() -> None:
         force = min(20.0 * t + 2.0, 10.0) - 60.0 * slid  # built up while the tip sticks, and less as it slides
         m = measurement(t, np.array((slid, 0.0, -gives * force)), n, v, rng, np.eye(3))
         m.on_environment.force[:] *= force / 10.0
+        m.undeflected = np.array((slid, 0.0, -(gives + 1.0 / STIFFNESS) * force))
         if i == 0:
             filter_.start(m)  # type: ignore[arg-type]
         s = HybridSetpoint(np.eye(4), task_frame="found", velocity=v)
-        filter_.image(m, s, STIFFNESS, LOOP, share)  # type: ignore[arg-type]
+        filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]
     assert np.rad2deg(np.arccos(filter_.n[2])) < 2.0  # gives * 60 N/m is a slope of 1 degree, the build-up one of many
+    assert filter_.share == pytest.approx(share, abs=0.05)
 
 
 def test_a_tip_in_the_air_tells_nothing_of_the_surface() -> None:
@@ -201,6 +204,7 @@ def test_a_tip_in_the_air_tells_nothing_of_the_surface() -> None:
         tip = tip + DT * SPEED * filter_.tangents[0] - 1e-3 * n
         m = measurement(2.4 + i * DT, tip, n, filter_.tangents[0], rng, np.eye(3))
         m.on_environment.force[:] *= 0.1
+        m.undeflected = tip - 1.0 / STIFFNESS * n
         wanted = Wrench(np.zeros(3), np.array((0.0, 0.0, -10.0)))
         s = HybridSetpoint(np.eye(4), wanted, np.diag((0.0, 0.0, 1.0)), task_frame="found")
         filter_.image(m, s, STIFFNESS, LOOP)  # type: ignore[arg-type]

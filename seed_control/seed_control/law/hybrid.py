@@ -97,8 +97,7 @@ class HybridLaw(PublishedLaw):
         self._loop_time = loop_time
         self._turns.append((m.stamp, self._upright * self.deflection.q))
         if self._finds(s) and self.touches(0):
-            gives = float(self.observers[0].x[4]) if self.observers else 0.0
-            self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time, gives)
+            self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time, age)
         self._feel_friction(max(frame, 0.0))
@@ -177,10 +176,10 @@ class HybridLaw(PublishedLaw):
                     self.normal.start(m)
             if self.touches(i):
                 if self._finds(self.setpoint):
-                    observer.tilt(self.normal.slope(behind=True))
+                    observer.tilt(self.normal.slope(behind=True), self.normal.share)
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
                 if self._finds(self.setpoint):
-                    observer.lie(float(self.normal.x[0]), n, m.undeflected)
+                    observer.lie(self.normal.height, n, m.undeflected)
         self._may_change()
         return made
 
@@ -276,7 +275,7 @@ class HybridLaw(PublishedLaw):
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
         if self._finds(s):
-            self.observers[i].tilt(self.normal.slope(behind=False))
+            self.observers[i].tilt(self.normal.slope(behind=False), self.normal.share)
         offset, gradient, rate = self.observers[i].wanted_height(reference.normal, deflection, self._ahead)
         offset += dot(gradient, self._off_path)  # under the tip, wherever the path may be
         speed = max(reference.speed, min(s.press_speed or self.parameters.press_speed, needed / _PRESS_TIME))

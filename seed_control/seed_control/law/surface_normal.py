@@ -28,11 +28,12 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement
 from seed_core.spatial import Array
 
-_H, _A, _S, _MU, _SIZE = 0, slice(1, 3), slice(3, 6), 6, 7
+_H, _A, _S, _MU, _SOFT, _SIZE = 0, slice(1, 3), slice(3, 6), 6, 7, 8
 _HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 6.0  # [m], [1], [1/m] deviations at first contact
 _WALK_HEIGHT = 2e-4  # [m/sqrt(s)]
 # [1/sqrt(m)], [1/m/sqrt(m)], [1/sqrt(m)] along the way: surfaces bend and their friction changes by place, not by time
-_WALK_SLOPE, _WALK_BEND, _WALK_FRICTION = 0.03, 16.0, 0.8
+_WALK_SLOPE, _WALK_BEND, _WALK_FRICTION, _WALK_SOFTNESS = 0.03, 16.0, 0.8, 0.1
+_SOFTNESS = 0.3  # [1] deviation of the surface's give over the grasp's at first contact
 _ANY_FRICTION = 3.0  # [1] deviation of a friction that nothing is known of: it must not pass for a slope
 _OFF_ACROSS, _OFF_ALONG = 0.1, 0.03  # of the force that its direction is off by across and along the way, at least
 _UNLIKELY = 9.0  # squared innovation over its variance, from which on friction is another
@@ -43,7 +44,6 @@ _LEAST_SPEED = 6e-3  # [m/s] from which on a tip slides
 _TOLD, _STILL_TOLD = 3.5, 2.5  # deviations of a speed that make a tip that sticks one that slides; that it still does
 _MOST_FRICTION = 0.6  # of a tip that sticks; what leans the force by more is a slope
 _SMOOTHING = 0.08  # [s] over which the place along the surface and its speed are smoothed, and the force's direction
-_GIVES = 0.1  # of the grasp's compliance: deviation of what a surface sinks by where the force on it changes
 _GATE = 16.0  # squared innovation over its variance (4 sigma)
 _IN_A_ROW = 3  # of them on one side mean that the surface has an edge here
 _OPENED = 0.25  # [1] deviation of the slope after an edge
@@ -57,8 +57,9 @@ class SurfaceNormal:
     Attributes:
         n: (3,) unit normal out of the surface, in W, where the tip was at the newest image.
         ahead: (3,) the same where the tip is going to be when the arm answers.
-        x: (7,) height [m], slope (2), bend (xx, xy, yy) [1/m] along `tangents`, friction.
-        P: (7, 7) its covariance. tangents: (2, 3) in W.
+        x: (8,) height [m] from the tip of the newest image, slope (2), bend (xx, xy, yy) [1/m] along `tangents`,
+            friction, and by how much the surface gives way for what the grasp does.
+        P: (8, 8) its covariance. tangents: (2, 3) in W.
         running: whether there was contact since it was started.
     """
 
@@ -75,8 +76,8 @@ class SurfaceNormal:
         self._felt = np.zeros(2)  # of the force along the tangents, at the last image
         self._share = np.zeros(2)  # that less the slope's, smoothed as the velocity is
         self._pressing = 0.0  # [N] at the last image
-        self._gives = 0.0  # [m/N] of the surface
-        self._slides = self._slid = False
+        self._deflection = 0.0  # [m] of the grasp along n as foretold: what is seen has the noise of the tip, too
+        self._slides = False
         self._going = np.zeros(2)  # to where the tip is going to be
 
     def expect(self, normal: Array) -> None:
@@ -96,33 +97,42 @@ class SurfaceNormal:
         first = first / np.sqrt(first @ first)
         self.tangents = np.array((first, np.cross(n, first)))
         self.x[:] = 0.0
-        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND, _ANY_FRICTION]))
+        self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND, _ANY_FRICTION, _SOFTNESS]))
         self.anchor, self._last, self.running = m.tip.copy(), m.stamp, True
         self._outside[:] = 0
         self._velocity, self._share = np.zeros(2), np.zeros(2)
-        self._gives, self._slides, self._slid = 0.0, False, False
+        self._slides = False
         self._pressing = -float(n @ m.on_environment.force)
 
-    def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float, share: float = 0.0) -> None:
-        """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s].
+    @property
+    def share(self) -> float:
+        """Of the gripper's motion along n that the surface gives way by."""
+        softness = float(self.x[_SOFT])
+        return softness / (1.0 + softness)
 
-        share: of the gripper's motion that the surface gives way by, as `SurfaceObserver` tells it. What it is as the
-            force is built up holds from then on: of a tip that slides it cannot be told from the slope.
-        """
-        if not self._slid:
-            gives = share / (1.0 - share) / stiffness
-            self.anchor = self.anchor + (gives - self._gives) * self._pressing * self.n  # is no step of the surface
-            self._gives = gives
-        self._predict(m, s, stiffness)
+    @property
+    def height(self) -> float:
+        """[m] of the surface along n over the tip of the newest image, under the gripper's present push."""
+        return float(self.x[_H] - self.x[_SOFT] * self._deflection)
+
+    def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float) -> None:
+        """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s]."""
+        self._predict(m, s)
         if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
             self._leave()
         foretold = self.x[_A].copy()
+        self._deflection = self._deflected(m)
         h = np.zeros(_SIZE)
-        h[_H] = 1.0
+        h[_H], h[_SOFT] = 1.0, -self._deflection
+        noise = self._noise(m)
+        aside = self.tangents @ (m.tip - self.anchor)  # a tip that comes loose is ahead of where it is smoothed to
+        told = max(1.0 - noise / max(float(aside @ aside), 1e-12), 0.0) if self._slides else 0.0  # not by its noise
+        x, y = told * aside
+        h[1:6] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
         lever = np.cross(self.n, m.X_WT[:3, 3] - m.tip)  # of a tool that leans a turn moves the tip along n, too
-        seen_twice = (1.0 + self._gives * stiffness) ** 2  # noise of the place is one of the force, too
-        noise = seen_twice * m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2
-        self._correct(0, h, 0.0, noise)
+        self._correct(0, h, 0.0, m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2)
+        if self.x[_SOFT] < 0.0:  # the others to their means given that it is zero: see `SurfaceObserver._bound`
+            self.x = self.x - self.P[:, _SOFT] * (self.x[_SOFT] / self.P[_SOFT, _SOFT])
         self._lean(m, s)
         if self._slides:
             self._force(m, stiffness, foretold)
@@ -130,7 +140,10 @@ class SurfaceNormal:
             self._stick()
             self._forget_friction()
         self._share = self._share - (self.x[_A] - foretold)  # what was taken for friction was the slope's
+        height = self.height
         self._turn(self.x[_A].copy())
+        self._deflection = self._deflected(m)
+        self.x[_H] += height - self.height  # a normal that turns moves no surface
         self._going = self.tangents @ s.velocity * loop_time
         turn = self._bend() @ self._going
         size = float(np.sqrt(turn @ turn))
@@ -160,13 +173,17 @@ class SurfaceNormal:
         out = self.n - self.tangents.T @ slope
         return np.asarray(out / np.sqrt(out @ out))
 
-    def _predict(self, m: Measurement, s: HybridSetpoint, stiffness: float) -> None:
+    def _deflected(self, m: Measurement) -> float:
+        """[m] of the grasp along n: from where the tip is foretold to where it would be if nothing gave way."""
+        return float(self.x[_H] - self.n @ (m.undeflected - m.tip)) / (1.0 + float(self.x[_SOFT]))
+
+    def _predict(self, m: Measurement, s: HybridSetpoint) -> None:
         """To the place of a new image, smoothed along the surface: there the tip moves evenly, or sticks."""
         dt = max(m.stamp - self._last, 1e-3)
         self._last = m.stamp
         force = m.on_environment.force
-        pressing = -float(self.n @ force)
-        off = m.tip + self._gives * pressing * self.n - self.anchor  # where the surface were if nothing pressed on it
+        self._pressing = pressing = -float(self.n @ force)
+        off = m.tip - self.anchor
         rise = float(self.n @ off)
         left = exp(-dt / _SMOOTHING)
         d = self._velocity * dt
@@ -175,7 +192,6 @@ class SurfaceNormal:
         d = d + (1.0 - left**2) * late
         self.anchor = self.anchor + self.tangents.T @ d + rise * self.n
         self._slides = self._speed(s) > self._least_speed(m, dt)
-        self._slid = self._slid or self._slides
         if not self._slides:
             d = np.zeros(2)  # what stands still tells nothing of a slope, however its noise moves
         self._step = d
@@ -186,14 +202,19 @@ class SurfaceNormal:
         self.x[_H] -= rise
         way = float(np.sqrt(self._velocity @ self._velocity)) * dt if self._slides else 0.0
         walk = np.zeros(_SIZE)
-        sinks, self._pressing = _GIVES * (pressing - self._pressing) / stiffness, pressing
         self._felt = self.tangents @ force / max(pressing, _LEAST_FORCE)
         felt = self._felt - self.x[_A]
         self._share = self._share + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._share)
-        walk[_H] = _WALK_HEIGHT**2 * dt + sinks * sinks
+        walk[_H] = _WALK_HEIGHT**2 * dt
         walk[_A], walk[_S] = _WALK_SLOPE**2 * way, _WALK_BEND**2 * way
-        walk[_MU] = _WALK_FRICTION**2 * way
+        walk[_MU], walk[_SOFT] = _WALK_FRICTION**2 * way, _WALK_SOFTNESS**2 * way
         self.P = F @ self.P @ F.T + np.diag(walk)
+
+    @staticmethod
+    def _noise(m: Measurement) -> float:
+        """[m^2] of the tip's place along the surface."""
+        lever = m.X_WT[:3, 3] - m.tip
+        return m.variance + float(lever @ lever) * m.rotation_deviation**2
 
     def _leave(self) -> None:
         """A tip that hardly presses flies over a step, or falls: its track is not the surface's."""
@@ -212,8 +233,7 @@ class SurfaceNormal:
 
     def _least_speed(self, m: Measurement, dt: float) -> float:
         """[m/s] from which on the tip slides: beyond what the noise of its place makes of one that sticks."""
-        lever = m.X_WT[:3, 3] - m.tip
-        noise = (m.variance + float(lever @ lever) * m.rotation_deviation**2) * dt / (4.0 * _SMOOTHING**3)
+        noise = self._noise(m) * dt / (4.0 * _SMOOTHING**3)
         return max(_LEAST_SPEED, (_STILL_TOLD if self._slides else _TOLD) * float(np.sqrt(noise)))
 
     def _force(self, m: Measurement, stiffness: float, foretold: Array) -> None:

@@ -152,13 +152,13 @@ class SurfaceObserver:
         gradient = plus_scaled(g, -dot(g, n), n)  # across n
         return dot(n, place) + start - dot(gradient, place), gradient, float(gain @ speed)
 
-    def tilt(self, slope: Array) -> None:
-        """The slope (3,) is known from elsewhere: `surface_normal.py` tells it better than heights alone.
+    def tilt(self, slope: Array, share: float) -> None:
+        """Slope (3,) and share beta are known from elsewhere: `surface_normal.py` tells them better than heights alone.
 
         Then what rises under the tool is the surface's shape: nothing counts as moving in time.
         """
-        self._x[:, 1:4] = slope
-        self._P[:, 1:4, :] = self._P[:, :, 1:4] = 0.0
+        self._x[:, 1:4], self._x[:, 4] = (1.0 - share) * slope, share
+        self._P[:, 1:5, :] = self._P[:, :, 1:5] = 0.0
         self._x[:, _MOTION] = 0.0
         rest = (self.weights + 1e-12) * (np.arange(len(self.weights)) < RESTING)
         self.weights = rest / rest.sum()
