@@ -14,6 +14,7 @@ from seed_core.membrane.features import MIRROR, NAMES, SCALES, by_finger, featur
 from seed_core.membrane.map import GRASPED, LEVER, UNLEARNED, MembraneMap, pressure_reason
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_map, save_membrane_map, texts
 from seed_core.spatial import Array, Wrench, inverse_pose, pose_from_rpy, so3_exp
+from seed_core.wrench_model import WithMemory
 
 MIDDLES = np.array([[0.001, 0.012, 0.002], [0.001, -0.012, 0.002]])
 LINEAR = ("roll-", "pitch+", "yaw-", "x+", "y-", "z+")
@@ -249,6 +250,19 @@ def test_pressures_that_creep_while_the_tool_hangs_count_from_there() -> None:
     falls = [model.spring(stuck(pushed, (crept + 2.0 - p, crept - 2.0 - p))).reason for p in (0.4, 1.5)]
     assert falls[0] == ""
     assert "look for a leak" in falls[1]
+
+
+def test_pressures_count_from_the_newest_grasp() -> None:
+    pushed, after = pose_from_rpy((0, 0, 0), (0, 0.004, 0)), AT_GRASP + 3.0
+    model = MembraneMap(made(gas=True))
+    assert isinstance(model, WithMemory)
+    model.spring(stuck(np.eye(4), (AT_GRASP, AT_GRASP)))
+    assert "do not go with the motion" in model.spring(stuck(np.eye(4), (after, after))).reason
+    model.reset()
+    model.spring(stuck(np.eye(4), (AT_GRASP, AT_GRASP)))
+    model.take_back()  # that was none
+    assert model.spring(stuck(np.eye(4), (after, after))).reason == ""
+    assert model.spring(stuck(pushed, (after + 2.0, after - 2.0))).reason == ""
 
 
 def test_more_is_left_to_pressures_where_the_motion_is_larger_than_at_the_identification() -> None:

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface's normal, found while the tool moves: a Kalman filter of slope, bend and friction under the tip.
+"""The surface's normal, found while the tool moves: a Kalman filter of slope, bend, friction and give under the tip.
 
 At the anchor (the tip of the newest image) the surface's height along the present normal n, over the displacement d in
 the tangent plane, is
 
-    y(d) = h + a . d + d . S d / 2                 a: slope (2,), S: bend (2, 2), 1/m, its second fundamental form
+    y(d) = h + a . d + d . S d / 2 - s q           a: slope (2,), S: bend (2, 2), 1/m, its second fundamental form
+
+s q is what the surface gives way by: s for every metre q that the grasp is deflected along n.
 
 A tip that moves by d carries h and a on by this; then n is turned until a is zero. A tip that sticks while the gripper
 goes on tells little: what it sinks by as the force is built up would pass for a slope. Three things tell of it:
 
-    the tip's track     h = 0 at every image, for the tip touches the surface
+    the tip's track     y = 0 at every image, for the tip touches the surface
     the force           f = N (a - n + mu v) of the tool on the surface, v the direction of motion: across v friction
                         has no part, so what there is of the force is the slope's; along it friction mu is another
                         unknown, which changes with the way; of a tip that sticks, more than friction can hold is the

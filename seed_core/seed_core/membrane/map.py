@@ -73,9 +73,7 @@ class MembraneMap:
         self._products, self._coefficients = file.products, self.grip.matrix
         self._follow = self.grip.follow_matrix
         self._gas, self._gas_std = self.grip.pressure_matrix, np.array(self.grip.pressure_std)
-        self._at_grasp: Array | None = None  # (2,) [hPa]
-        self._expected = np.zeros(2)  # [hPa] rises, left and right, as the motion has them
-        self._resting = np.zeros((2, 6))  # [scales] where both membranes have been of late
+        self.reset()
         self._spread, self._variance = self.grip.spread_matrix, self.grip.std**2
         self._largest = np.array(file.largest)
         self._stacked = np.vstack([self._coefficients, self._gas])  # (6 or 8, terms)
@@ -99,16 +97,32 @@ class MembraneMap:
         """From a file, at its middle grip. Raises ConfigError."""
         return cls(load_membrane_map(path))
 
+    def reset(self) -> None:
+        """The tool is grasped anew: pressures count from those of this grasp."""
+        self._at_grasp: Array | None = None  # (2,) [hPa]
+        self._expected = np.zeros(2)  # [hPa] rises, left and right, as the motion has them
+        self._resting = np.zeros((2, 6))  # [scales] where both membranes have been of late
+        self._before = self._memory
+
+    def take_back(self) -> None:
+        """The newest estimate was none: as if `spring` had not been told of it."""
+        self._at_grasp, self._expected, self._resting = self._before
+
+    @property
+    def _memory(self) -> tuple[Array | None, Array, Array]:
+        return self._at_grasp, self._expected, self._resting
+
     def at_width(self, width: float) -> MembraneMap:
         """The map at a gripper width [m]: straight between the grips identified, constant beyond them."""
         if not isfinite(width):
             raise ConfigError(f"width = {width} m must be finite")
         out = MembraneMap(self.file, _between(self.file.grips, [-g.width_m for g in self.file.grips], -width))
-        out._at_grasp, out._expected, out._resting = self._at_grasp, self._expected, self._resting
+        out._at_grasp, out._expected, out._resting = out._before = self._memory
         return out
 
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
         """The load of the membranes on the tool; without their motion a covariance that is not finite, and why."""
+        self._before = self._memory
         try:
             motions = by_finger(estimate.membrane)
             both = [of_finger(m, p) for m, p in zip(motions, self._middles, strict=True)]
