@@ -97,7 +97,8 @@ class Session:
                 self.motion.hold(why or WAITING)
             return
         if not why and s.modes.runtime_state != link.PLAYING:
-            why = "robot program stopped (pendant, watchdog or a program error)"
+            tool = self.robot.tool_changed() if self.robot is not None else ""  # our program ends at another TCP
+            why = tool or "robot program stopped (pendant, watchdog or a program error)"
         if why:
             end = link.at_range_end(s.q)
             self.motion.hold(f"{why}: {end}" if end else why)

@@ -51,6 +51,7 @@ class Controller:
         self.out, self.q, self.qd = [0] * 48, list(Q), [0.0] * 6
         self.threads, self.calls, self.ids = {}, [], count(1)
         self.out_doubles, self.ended = [0.0] * 48, False
+        self.tcp = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
         names = {
             "shared": type("Globals", (), {})(),
             "list_of": ListOf(),
@@ -65,13 +66,14 @@ class Controller:
             "start": self.start,
             "end": lambda number: self.threads.pop(number),
             "textmsg": lambda *_: None,
-            "get_tcp_offset": lambda: [0.1, 0.2, 0.3, 0.4, 0.5, 0.6],
+            "get_tcp_offset": lambda: list(self.tcp),
             "write_output_float_register": self.out_doubles.__setitem__,
         }
-        for name in ("zero_ftsensor", "stopl", "set_payload", "set_tcp", "rtde_set_watchdog", "set_target_payload"):
+        for name in ("zero_ftsensor", "stopl", "set_payload", "rtde_set_watchdog", "set_target_payload"):
             names[name] = lambda *values, name=name: self.calls.append((name, *values))
         for name in ("freedrive_mode", "end_freedrive_mode", "teach_mode", "end_teach_mode"):
             names[name] = lambda name=name: self.calls.append((name,))
+        names["set_tcp"] = self.set_tcp
         exec(as_python(program(version, offset)), names)  # our own text
         self.main = names["rtde_control"]()
 
@@ -83,6 +85,10 @@ class Controller:
     def servoj(self, q, t, lookahead_time, gain) -> None:  # noqa: ARG002
         self.qd = [(b - a) / 0.002 for a, b in zip(self.q, q, strict=True)]
         self.q = list(q)
+
+    def set_tcp(self, tcp) -> None:
+        self.calls.append(("set_tcp", tcp))
+        self.tcp = list(tcp)
 
     def command(self, number: int, *doubles: float) -> None:
         self.ints[self.offset] = number
@@ -207,6 +213,38 @@ def test_the_tcp_is_told_on_request() -> None:
     robot.step(3)
     assert robot.out_doubles[24:30] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     assert robot.out[24] == 2
+
+
+def test_a_tcp_that_somebody_else_changes_ends_the_program_before_another_target_is_gone_to() -> None:
+    """The targets that come are poses of the one before, and the network may hold many of them."""
+    robot = Controller()
+    q = moving(robot)
+    robot.step()
+    stood = list(robot.q)
+    robot.tcp[2] += 0.03
+    robot.servo([q[0] + 1e-3, *q[1:]])
+    robot.step(5)
+    assert robot.q == stood
+    assert robot.calls == [("stopl", 10.0)]
+    assert robot.threads == {}
+    assert robot.ended
+
+
+def test_a_tcp_that_the_driver_sets_does_not_end_it() -> None:
+    robot = Controller()
+    q = moving(robot)
+    robot.command(29, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+    robot.step(3)
+    assert robot.out[0] == 2
+    robot.command(0)
+    robot.step()
+    robot.servo([q[0] + 1e-4, *q[1:]])
+    robot.step(5)
+    assert not robot.ended
+    assert robot.q[0] == pytest.approx(q[0] + 1e-4)
+    robot.tcp[5] += 0.01
+    robot.step(2)
+    assert robot.ended
 
 
 @pytest.mark.parametrize("number", [255, 3, 999])

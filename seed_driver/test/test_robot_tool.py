@@ -87,6 +87,33 @@ def test_a_tcp_that_changes_moves_nothing_and_is_named(loaded, moving: bool) -> 
 
 
 @realtime
+def test_a_tcp_that_changes_behind_a_slow_network_moves_the_arm_no_further_than_it_brakes(loaded) -> None:
+    """Targets for the TCP before are on their way then, and those that are made until its change is seen."""
+    longer = (0.0, 0.0, 0.18, 0.0, 0.0, 0.0)  # by so little that the check of a step lets it pass
+    with FaultBench(robot=loaded) as bench:
+        bench.ready()
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y, z + 0.1 * t - 0.1 * 0.25 * (1.0 - np.exp(-t / 0.25))), q))
+        loaded.ask("slow", seconds=0.02)
+        try:
+            bench.run(1.0)
+            since, before = time.monotonic(), flange(loaded)
+            loaded.ask("tool", tcp=longer)
+            bench.wait(lambda s: not s.armed, 0.5, "report")
+            bench.still()
+            bench.run(0.4)
+        finally:
+            loaded.ask("slow", seconds=0.0)
+        assert "TCP is [0, 0, 0.18, 0, 0, 0] m, rad, not [0, 0, 0.15, 0, 0, 0] m, rad as before" in bench.state.reason
+        assert loaded.ask("state")["runtime_state"] == 1
+        way = flange(loaded) - before
+        assert np.linalg.norm(way) < 5e-3
+        assert way[2] > 0.0  # on its way, not back by the difference
+        assert bench.motion(since + 0.01)[:, 4].max() < 0.15
+        bench.recover_in_place()
+
+
+@realtime
 def test_a_payload_that_changes_is_a_hold_and_a_request_sends_what_is_configured(loaded) -> None:
     inertia = (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)
     with FaultBench(robot=loaded, payload_mass=1.25, payload_cog=(0.0, 0.0, 0.05), payload_inertia=inertia) as bench:

@@ -4,7 +4,9 @@
 ur_rtde's own script sends the arm to the target that it was given last, wherever the arm has got to in the meantime:
 after a safety stop, unlock and Play the arm jumps. This one sends it nowhere but near where it is on its way (as UR's
 own driver does: `targetWithinLimits` of its external_control.urscript), and from rest only to where it stands; a
-command that it does not know ends it. Registers, commands and handshake are those of ur_rtde 1.6.5 (MIT licence).
+command that it does not know ends it. So does a TCP that somebody else changes: targets on their way are poses of the
+one before, and the network may hold many of them. Registers, commands and handshake are those of ur_rtde 1.6.5 (MIT
+licence).
 """
 
 import os
@@ -14,6 +16,8 @@ from seed_driver.robot.link import LinkError
 MOVING = 0.1  # [rad] of any joint from a moving arm's own target; a usual lag is 0.04
 AT_REST = 0.0005  # [rad] from a resting arm's: half a millimetre; the first commands of a motion are closer
 REST = 0.00001  # [rad/s] of all joints together
+SAME_TCP = 0.0001  # [m], [rad] of any of its numbers
+BRAKE = 10.0  # [m/s^2] for a TCP that has changed; ur_rtde's for the end of servoing
 
 _TEXT = """def rtde_control():
   # seed_driver
@@ -26,6 +30,7 @@ _TEXT = """def rtde_control():
   global servo_gain = 300
   global servo_thrd = 0
   global is_servoing = 0
+  global poses_of = get_tcp_offset()
 
   def number(index):
     return read_input_float_register(@offset@ + index)
@@ -50,6 +55,18 @@ _TEXT = """def rtde_control():
       i = i + 1
     end
     return True
+  end
+
+  def tcp_is_another():
+    local tcp = get_tcp_offset()
+    local i = 0
+    while i < 6:
+      if not (norm(tcp[i] - poses_of[i]) <= @same_tcp@):
+        return True
+      end
+      i = i + 1
+    end
+    return False
   end
 
   thread servo_thread():
@@ -103,6 +120,7 @@ _TEXT = """def rtde_control():
 @inertia@
     elif cmd == 29:
       set_tcp(p[number(0), number(1), number(2), number(3), number(4), number(5)])
+      global poses_of = get_tcp_offset()
     elif cmd == 35:
       rtde_set_watchdog("input_int_register_@offset@", number(0), "stop")
     elif cmd == 40:
@@ -129,7 +147,18 @@ _TEXT = """def rtde_control():
   answer(1)
   while keep_running:
     cmd = read_input_integer_register(@offset@)
-    if cmd == 24:
+    if cmd == 29:
+      # it may be shown a cycle later
+      global poses_of = get_tcp_offset()
+    end
+    if tcp_is_another():
+      # the targets that come are poses of the one before
+      textmsg("seed_driver: ends, for the TCP has changed")
+      if is_servoing == 1:
+        servo_stop(@brake@)
+      end
+      keep_running = False
+    elif cmd == 24:
       servo(get_inverse_kin(p[number(0), number(1), number(2), number(3), number(4), number(5)]))
       answer(1)
     elif cmd == 0:
@@ -158,6 +187,8 @@ def program(version: tuple[int, ...], offset: int) -> str:
         "moving": MOVING,
         "at_rest": AT_REST,
         "rest": f"{REST:.5f}",
+        "same_tcp": f"{SAME_TCP:.4f}",
+        "brake": BRAKE,
         "freedrive": "freedrive_mode()" if new else "teach_mode()",
         "inertia": _INERTIA if new else "",
     }

@@ -19,11 +19,14 @@ READY, DONE = 1, 2
 CONTROL_SCRIPT = "rtde_control"  # name of ur_rtde's
 LAST_OFFSET = 24  # of the registers that it uses: the upper half of the 48
 STOP_SCRIPT = 255
+SET_TCP = 29
+SAME_TCP = 1e-4  # [m], [rad] of any of its numbers
 CONTINUOUS = frozenset((6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)))
 CUSTOM_CYCLES = 25  # of a script of the user's own: 50 ms
 LONGEST_SCRIPT = 2_000_000  # [byte]
 _HEAD = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
 _CHECK = re.compile(r"global step_moving = (\S+)\s+global step_at_rest = (\S+)")  # of seed_driver's program
+_TCP_CHECK = "global poses_of = get_tcp_offset()"  # of the same
 _OFFSET = re.compile(r"# float register offset\s+(\d+)")
 _PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M)
 
@@ -42,6 +45,8 @@ class Script:
         limits = StepCheck(float(check.group(1)), float(check.group(2))) if check else None
         self._commands = Commands(robot, self.offset, path, limits)
         self._is_control_script = self.name == CONTROL_SCRIPT or offset is not None
+        self._checks_tcp = _TCP_CHECK in text
+        self._tcp: list[float] = []  # that its targets are poses of
         self._executing = False
         self._job: Job | None = None
         self._cycles = 0
@@ -63,6 +68,8 @@ class Script:
         if self._cycles == 1:
             self.robot.set_output_int(self.offset + 2, 0)
         self._commands.advance()
+        if self._checks_tcp and self._tcp_is_another():
+            return False
         if self._job is None:
             return self._command(self.robot.in_int[self.offset])
         if self._job():
@@ -82,9 +89,17 @@ class Script:
         elif not self._executing:
             self._executing = True
             self._job = self._commands.process(number)
+            if number == SET_TCP:
+                self._tcp = list(self.robot.arm.tcp_offset)
             if self._job is None:
                 self._handshake(DONE)
         return True
+
+    def _tcp_is_another(self) -> bool:
+        """Whether somebody else has changed the TCP since the program set it or began."""
+        here = list(self.robot.arm.tcp_offset)
+        self._tcp = self._tcp or here
+        return any(abs(a - b) > SAME_TCP for a, b in zip(here, self._tcp, strict=True))
 
     def _handshake(self, mark: int) -> None:
         self.robot.set_output_int(self.offset, mark)
