@@ -84,6 +84,12 @@ def test_an_output_that_is_not_found_is_named(connect) -> None:
         client.start(("timestamp", "actual_q"), 500.0)
 
 
+def test_an_answer_without_one_of_the_types_is_named(connect) -> None:
+    client, _ = connect("000a 4f 01" + b"DOUBLE".hex())
+    with pytest.raises(LinkError, match=r"robot tells 1 types of 2 RTDE outputs \(DOUBLE\): is it a UR controller"):
+        client.start(("timestamp", "actual_q"), 500.0)
+
+
 @pytest.mark.parametrize(
     ("answer", "free"), [("0011 49 01" + b"UINT32,DOUBLE".hex(), True), ("0011 49 00" + b"IN_USE,IN_USE".hex(), False)]
 )

@@ -95,6 +95,11 @@ class RtdeClient:
         if rtde.NOT_FOUND in kinds:
             unknown = names[kinds.index(rtde.NOT_FOUND)]
             raise LinkError(f"{self.host} does not know the RTDE output {unknown}")
+        if len(kinds) != len(names):
+            raise LinkError(
+                f"{self.host} tells {len(kinds)} types of {len(names)} RTDE outputs ({','.join(kinds)}): "
+                "is it a UR controller?"
+            )
         self._recipe = rtde.Recipe.of(names, dict(zip(names, kinds, strict=True)))
         if kinds != [rtde.OUTPUTS[n] for n in names]:
             raise LinkError(f"{self.host} offers other states than expected: {','.join(kinds)}")
