@@ -7,7 +7,7 @@ Source: Universal Robots, "Dashboard Server e-Series"; the order is that of UR's
 import time
 from collections.abc import Callable
 
-from seed_driver.robot.dashboard import dashboard
+from seed_driver.robot.dashboard import NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.robot_api import switch
 
@@ -19,6 +19,12 @@ LOCKED = 10.0  # [s] UR refuses to unlock a protective stop within 5 s
 RESTARTING = 40.0  # [s] of the safety system
 MODES = {"POWER_OFF": "power on", "POWER_ON": "", "BOOTING": "", "IDLE": "brake release"}  # what leads out of each
 SWITCHING = 20.0  # [s] of each of these modes
+POWERLESS = {  # safety modes in which a robot takes no power, though its dashboard may say otherwise; what ends them
+    "ROBOT_EMERGENCY_STOP": "release the button",
+    "SYSTEM_EMERGENCY_STOP": "release the button",
+    "VIOLATION": "call restart_safety",
+    "FAULT": "call restart_safety",
+}
 REMEDIES = {
     "PROTECTIVE_STOP": ("unlock protective stop", LOCKED),
     "VIOLATION": ("restart safety", RESTARTING),
@@ -44,6 +50,17 @@ def recover(host: str, pause: Pause = time.sleep) -> str:
 
     steps = [*_make_safe(ask, pause), *_switch_on(ask, pause)]
     return f"{', '.join(steps) or 'nothing was to be done'}; call resend_robot_program"
+
+
+def power_on(host: str, pause: Pause = time.sleep) -> str:
+    """Power on and brake release; what was accepted. Raises LinkError with what is in the way."""
+    try:
+        safety = _safety(lambda *commands: dashboard(host, *commands))
+    except NoDashboardError:  # PolyScope X: its Robot API refuses by itself
+        safety = ""
+    if safety in POWERLESS:
+        raise LinkError(f"the robot is in {_words(safety)}: {POWERLESS[safety]}, then call power_on")
+    return switch(host, "power on", "brake release", said="releasing", pause=pause)
 
 
 def restart_safety(host: str) -> str:

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import recover, restart_safety
+from seed_driver.robot.recovery import power_on, recover, restart_safety
 from seed_driver.robot.robot_api import switch
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
@@ -46,7 +46,7 @@ class Requests:
             "zero_ftsensor": partial(self._ask, "zero_ft"),
             "resend_robot_program": partial(self._ask, "start"),
             "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
-            "power_on": partial(self._release, "power on", "brake release"),
+            "power_on": self._power_on,
             "restart_safety": partial(self._apart, restart_safety),
             "recover": self._recover,
         }
@@ -119,6 +119,9 @@ class Requests:
                 raise LinkError("given up: the arm was stopped, or the driver deactivated, meanwhile")
 
         return pause
+
+    async def _power_on(self) -> str:
+        return await self._apart(partial(power_on, pause=self._pause()))
 
     async def _recover(self) -> str:
         return await self._apart(partial(recover, pause=self._pause()))
