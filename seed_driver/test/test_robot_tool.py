@@ -216,6 +216,20 @@ def test_a_setting_that_is_refused_while_the_program_runs_is_a_hold_until_the_ro
 
 
 @realtime
+def test_a_start_that_is_refused_leaves_no_program_playing_and_the_next_one_is_as_any() -> None:
+    with FaultBench("--version", "5.10.0", payload_inertia=(0.01, 0.02, 0.03, 0.0, 0.0, 0.001)) as bench:
+        bench.wait(lambda s: "payload_inertia needs PolyScope 5.11" in s.reason, 10.0, "refusal")
+        bench.run(0.1)
+        state = bench.robot.ask("state")
+        assert (state["runtime_state"], state["program"]) == (1, None)
+        for _ in range(2):
+            assert bench.ask("start").text == "payload_inertia needs PolyScope 5.11 or later: set it to zero"
+        bench.supervisor.set_config(replace(bench.supervisor.config, payload_inertia=(0.0,) * 6))
+        bench.run(0.1)
+        bench.recover()
+
+
+@realtime
 def test_a_speed_slider_that_another_client_holds_is_named_and_set_once_it_is_free(loaded) -> None:
     other = RtdeClient(loaded.host)
     assert other.take_inputs(*SLIDER.names)

@@ -153,8 +153,12 @@ class Robot:
         self._wait_until_playing()
         self.ours = True
         self.tool = None
-        self.apply_tool(self.config)
-        require(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
+        try:
+            self.apply_tool(self.config)
+            require(self.control.setWatchdog(self.config.watchdog_frequency), "take the watchdog")
+        except LinkError:
+            self.control.stopScript()  # nobody would feed it
+            raise
 
     def _wait_until_able(self) -> None:
         """A stop that was just unlocked takes a moment to be gone from the states."""
