@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters from one typed dataclass: declared, described, bounded and checked by the core's own rules."""
 
+import contextlib
 import copy
 import dataclasses
 import difflib
@@ -160,15 +161,27 @@ def refuse_unknown(node: Node, shared: tuple[str, ...] = ()) -> None:
     """Called once everything is declared: a parameter given from outside that nobody declared is a mistake.
 
     So is a file of parameters that would not be used. Names that start with one of `shared` are passed over: files for
-    several nodes hold them.
+    several nodes hold them. A value of `parameter_files` that another one replaces, as a launch argument does, is told.
 
     Raises:
         ConfigError: naming the file; or the parameter, and the nearest known ones.
     """
-    check_files(node)
+    for name, (value, file) in check_files(node).items():
+        if node.has_parameter(name) and not _alike(value, has := node.get_parameter(name).value):
+            node.get_logger().warning(f"{name} = {has} replaces the {value} of {file}: it is given at the start, too")
     for name in given_parameters(node):
         if not node.has_parameter(name) and not name.startswith(shared or ("\0",)):
             raise ConfigError(no_such_parameter(node, name))
+
+
+def _alike(a: Any, b: Any) -> bool:
+    """Whether a file's value a of a parameter is the node's; lists may be arrays."""
+    if isinstance(a, str) and isinstance(b, float):
+        with contextlib.suppress(ValueError):
+            a = float(a)  # 1e-3 is a text in YAML 1.1
+    if isinstance(a, str) or isinstance(b, str) or not isinstance(a, typing.Iterable):
+        return bool(a == b)
+    return isinstance(b, typing.Iterable) and list(a) == list(b)
 
 
 def no_such_parameter(node: Node, name: str) -> str:

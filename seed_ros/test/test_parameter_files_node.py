@@ -2,6 +2,7 @@
 """Files of parameters: what is not there, or speaks of other nodes, is refused by the node itself."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -29,6 +30,25 @@ from seed_ros.parameter_files import matches, sections
 )
 def test_a_key_is_of_a_node_as_rcl_has_it(key: str, name: str, same: bool) -> None:
     assert matches(key, name) is same
+
+
+def test_a_value_of_a_file_that_another_one_replaces_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "given.yaml"
+    file.write_text("/**:\n  ros__parameters: {law: plain, rate: 1, tiny: 1e-3, grip: {at: [1.0, 2.0]}}\n")
+    context, told = Context(), list[str]()
+    rclpy.init(args=[], context=context)
+    given = {"parameter_files": [str(file)], "law": "seed", "rate": 1.0, "tiny": 1e-3, "grip.at": [1.0, 2.0]}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    node = SeedNode("controller", context=context, parameter_overrides=overrides)
+    monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(warning=told.append))
+    try:
+        for name in [*given][1:]:
+            node.declare_parameter(name, given[name])
+        node.refuse_unknown()
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert told == [f"law = seed replaces the plain of {file}: it is given at the start, too"]
 
 
 def test_keys_may_be_nested() -> None:
