@@ -123,7 +123,7 @@ class ServoProcess:
             robot.control.kickWatchdog()
             return
         if robot.taking:  # nothing is sent meanwhile: the command stays where the arm is
-            self.motion.restart(self.session.sample)
+            self.session.take_back(self.session.sample)
         limiter, target = self.motion.limiter, self.motion.target
         if share := self.session.path.share(limiter.dt, self.motion.rise):
             self.motion.step(share)

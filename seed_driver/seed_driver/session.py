@@ -124,7 +124,12 @@ class Session:
         if why and not self.reason:
             self.motion.hold(f"{why}: see what blocks or slows it, then call resend_robot_program")
         if stood or (why and not _moves(s)):
-            self.motion.restart(s)  # nothing is made up for
+            self.take_back(s)  # nothing is made up for
+
+    def take_back(self, s: Sample) -> None:
+        """Command what is: the pose of this state, unless our model says that the arm is elsewhere."""
+        if self._off_model(s) <= MODEL_TOLERANCE:
+            self.motion.restart(s)
 
     # the robot's clock, which that of a simulation shows to run slower than ours
     def held_back(self, now: float) -> float:
@@ -192,20 +197,23 @@ class Session:
 
     def _require_model(self, s: Sample) -> None:
         """Raise LinkError unless the arm is where our model of it says."""
-        off = dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
+        off = self._off_model(s)
         if off > MODEL_TOLERANCE:
             raise LinkError(
                 f"model {self.config.model} puts the flange {off:.3f} m from where the robot says it is "
                 f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
             )
 
+    def _off_model(self, s: Sample) -> float:
+        """How far [m] the flange of this state is from where its joints put that of our model."""
+        return dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
+
     def _begin(self, robot: Robot) -> None:
         """Command what is: the pose where the arm stands now."""
         self.clock = robot.timestamp
         self.watch.restart(self.clock, time.monotonic())
         self.sample = s = robot.sample()
-        if not robot.tells_tcp:
-            self._require_model(s)
+        self._require_model(s)
         self.motion.restart(s)
         self.path.restart(self.clock, s.speed_scaling)
         self.running = True
