@@ -40,7 +40,7 @@ def describe(
         doubt=m.doubt if m is not None else "",
         measured_X_CT=m.X_CT if m is not None else None,
         X_W_tip=law.X_W_tip,
-        lean=law.lean if hybrid is not None else None,
+        trailing=law.trailing if hybrid is not None else None,
         R_W_task=plan.R_W_task,
         limits_hit=limits,
         reason=held or counting.remark or supervisor.warning,

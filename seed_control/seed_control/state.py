@@ -75,7 +75,7 @@ class ControllerState(NamedTuple):
         contradictions: what else is known and does not agree with the wrench, each in words.
         measured_X_CT: displacement of the newest estimate (4, 4).
         X_W_tip: measured pose of the tip at the newest image (4, 4).
-        lean: [rad] of the tool at the newest image, by which its tip trails along the path, but for what torque turns;
+        trailing: angle [rad] at the newest image by which the tip trails along the path, but for what torque turns;
             None where the law does not bring the tool upright, or nothing is followed.
         R_W_task: (3, 3) of the task frame in which the wrenches are written.
         limits_hit: names of the limits that shaped this step's target.
@@ -99,7 +99,7 @@ class ControllerState(NamedTuple):
     doubt: str = ""
     measured_X_CT: Array | None = None
     X_W_tip: Array | None = None
-    lean: float | None = None
+    trailing: float | None = None
     R_W_task: Array = np.eye(3)
     limits_hit: tuple[str, ...] = ()
     reason: str = ""

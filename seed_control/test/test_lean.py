@@ -33,7 +33,7 @@ def paced(lean_deg, seconds=1.0, in_contact=True):
             t,
             "contact",
             True,
-            lean=None if lean is None else np.deg2rad(lean),
+            trailing=None if lean is None else np.deg2rad(lean),
             in_contact=in_contact,
             image_age=t - taken + 0.06,
         )
@@ -95,7 +95,7 @@ def test_what_a_path_waits_for_is_a_tip_that_trails(turn_deg, velocity, trails_d
     law.adopt(HybridSetpoint(make_pose(down) @ tool.X_Ttip, velocity=np.array(velocity)), (0.0, 0.0, 0.0))
     X_WT = make_pose(rotation_from_rpy(np.deg2rad(turn_deg)) @ down)
     law.image(estimator.measure(RelativePoseEstimate(0.0, np.eye(4)), X_WT), loop_time=0.1)
-    assert np.rad2deg(law.lean) == pytest.approx(trails_deg, abs=0.1)
+    assert np.rad2deg(law.trailing) == pytest.approx(trails_deg, abs=0.1)
 
 
 def shifted(lean_deg: float, seconds: float = 0.3) -> float:

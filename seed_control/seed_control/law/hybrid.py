@@ -91,7 +91,7 @@ class HybridLaw(PublishedLaw):
             self._off_path = as_vector3(m.tip - s.X_W_tip[:3, 3] + age * s.velocity)
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
         x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
-        self.lean = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
+        self.trailing = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
         pressing = self._pressing_T if self.contact.made else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z), pressing)
         self._loop_time = loop_time

@@ -55,7 +55,7 @@ class PublishedLaw:
         measured: the newest image's measurement. tool: the same, as the law uses it.
         contact: `contact.made` while the tool touches.
         X_W_tip: (4, 4) measured pose of the tip, None before an image.
-        lean: as the state has it; None, for this law does not bring the tool upright.
+        trailing: as the state has it; None, for this law does not bring the tool upright.
         estimated_task, filtered_task: wrench of the tool on the environment about the tip, in the task frame.
         settled: in contact, with each force within a tenth (at least 0.3 N) of the wanted one.
     """
@@ -75,7 +75,7 @@ class PublishedLaw:
         self.contact = ContactDetector(parameters)
         self.reference = TipReference()
         self.X_W_tip: Array | None = None
-        self.lean: float | None = None
+        self.trailing: float | None = None
         self.estimated_task: Wrench | None = None
         self.filtered_task: Wrench | None = None
         self.settled = False

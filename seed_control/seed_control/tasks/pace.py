@@ -28,27 +28,27 @@ class Pace:
     def __init__(self, rise: float) -> None:
         """rise: of the share per second, at most [1/s]; it falls at once."""
         self.value, self._rise, self._wanted = 1.0, rise, 1.0
-        self._lean = self._rate = 0.0  # [rad], [rad/s]
+        self._trailing = self._rate = 0.0  # [rad], [rad/s]
         self._stamp = -inf
 
     def update(self, dt: float, state: ControllerState) -> float:
         """The value after dt [s]."""
-        if state.lean is None or not state.in_contact:
+        if state.trailing is None or not state.in_contact:
             self._wanted, self._stamp = 1.0, -inf
         elif (stamp := state.stamp - state.image_age) > self._stamp + 1e-6:
-            self._image(state.lean, stamp - self._stamp)
+            self._image(state.trailing, stamp - self._stamp)
             self._stamp = stamp
         self.value = min(self._wanted, self.value + self._rise * dt)
         return self.value
 
-    def _image(self, lean: float, frame: float) -> None:
-        """Take in the lean [rad] of an image that came a frame [s] after the last one: an alpha-beta filter."""
+    def _image(self, trailing: float, frame: float) -> None:
+        """Take in the trailing [rad] in an image that came a frame [s] after the last one: an alpha-beta filter."""
         if frame > _GAP:
-            self._lean, self._rate = lean, 0.0
+            self._trailing, self._rate = trailing, 0.0
         else:
             left = exp(-frame / _SMOOTHING)
-            foretold = self._lean + frame * self._rate
-            self._lean = foretold + (1.0 - left**2) * (lean - foretold)
-            self._rate = self._rate + (1.0 - left) ** 2 / frame * (lean - foretold)
-        ahead = self._lean + _AHEAD * self._rate
+            foretold = self._trailing + frame * self._rate
+            self._trailing = foretold + (1.0 - left**2) * (trailing - foretold)
+            self._rate = self._rate + (1.0 - left) ** 2 / frame * (trailing - foretold)
+        ahead = self._trailing + _AHEAD * self._rate
         self._wanted = min(max((_LEANING - ahead) / (_LEANING - _UPRIGHT), _LEAST), 1.0)
