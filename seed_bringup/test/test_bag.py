@@ -29,7 +29,7 @@ from std_msgs.msg import Float32, String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from seed_bringup.bags import BagError  # noqa: E402
-from seed_bringup.bags.files import BagWriter, messages_of, open_bag  # noqa: E402
+from seed_bringup.bags.files import BagWriter, describe_bag, messages_of, open_bag  # noqa: E402
 from seed_bringup.bags.play import Player  # noqa: E402
 from seed_bringup.bags.record import record  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
@@ -288,3 +288,25 @@ with recording({str(bag)!r}, ["/rosout"]) as said:
         time.sleep(0.05)
     with AnyReader([bag]) as reader:
         assert [c.topic for c in reader.connections] == ["/rosout"]
+
+
+def test_a_bag_that_was_cut_short_is_told_with_what_gets_it_back(tmp_path: Path) -> None:
+    whole = bag_of(tmp_path / "whole.mcap", "/force")
+    cut, folder = tmp_path / "cut.mcap", tmp_path / "folder"
+    cut.write_bytes(whole.read_bytes()[:-40])
+    folder.mkdir()
+    (folder / "folder_0.mcap").write_bytes(cut.read_bytes())
+    for path, file in ((cut, cut), (folder, folder / "folder_0.mcap")):
+        with pytest.raises(BagError, match=re.escape(f"{path}: its recording was cut short: `mcap recover {file}")):
+            describe_bag(path)
+    (tmp_path / "text.mcap").write_text("none")
+    with pytest.raises(BagError, match=r"text\.mcap: not a readable bag"):
+        describe_bag(tmp_path / "text.mcap")
+    assert "messages   1" in describe_bag(whole)
+
+
+def test_a_recording_of_which_nothing_came_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("seed_bringup.bags.record.PATIENCE", 0.5)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # those of the tests stay
+    with pytest.raises(BagError, match="bag is empty: no message has come"):
+        record(tmp_path / "bag", ["/nobody/says/this"], duration=0.1)

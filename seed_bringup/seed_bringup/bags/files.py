@@ -4,9 +4,10 @@
 Needs no ROS but the definitions of the message types that are written.
 """
 
+import os
 import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from seed_bringup.bags import BagError
 from seed_bringup.bags.types import InstalledTypes
 
+_MAGIC = b"\x89MCAP0\r\n"  # at both ends of a file, https://mcap.dev/spec
+
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader]:
@@ -26,11 +29,26 @@ def open_bag(path: Path) -> Iterator[Reader]:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # rosbags raises whatever its decoders trip over in a damaged file
-        raise BagError(f"{path}: not a readable bag: {error}") from error
+        raise BagError(_cut_short(path) or f"{path}: not a readable bag: {error}") from error
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _cut_short(path: Path) -> str:
+    """What a bag is whose recorder was killed, or had no room left; '' for any other."""
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    for file in files if not (path / "metadata.yaml").exists() else ():
+        with suppress(OSError), file.open("rb") as bag:
+            begun = bag.read(len(_MAGIC)) == _MAGIC
+            bag.seek(-min(len(_MAGIC), file.stat().st_size), os.SEEK_END)
+            if begun and (path.is_dir() or bag.read() != _MAGIC):
+                return (
+                    f"{path}: its recording was cut short: `mcap recover {file} -o whole.mcap` writes what can be read "
+                    "(the command line tool of mcap.dev)"
+                )
+    return ""
 
 
 def messages_of(reader: Reader, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:

@@ -20,6 +20,7 @@ from seed_ros.loop import CLOCK_PATIENCE, FixedRateLoop
 from seed_ros.qos import CLOCK
 
 DISCOVERY_PERIOD = 0.2  # [s]
+PATIENCE = 5.0  # [s] for the first message, beside the time that was asked for
 POLL_RATE = 25.0  # [Hz]; a queue holds the fastest streams for longer than that, and a look costs less than a wake-up
 
 
@@ -37,6 +38,7 @@ class Recorder(Node):
         self.recorded: set[str] = set()
         self.refused: set[str] = set()
         self.before_clock = 0
+        self.begun: float | None = None  # monotonic time [s] of the first message
         self.clock_topic, self.clock = self.resolve_topic_name("clock"), 0  # [ns], 0 before it is heard
         self.loop = FixedRateLoop(self, POLL_RATE, lambda: None)
         if sim_time:  # not by use_sim_time, which knows /clock alone
@@ -83,6 +85,7 @@ class Recorder(Node):
         def keep(data: bytes, info: dict[str, int]) -> None:
             stamp = self.clock if self.sim_time else info["received_timestamp"]
             if stamp:
+                self.begun = self.begun or time.monotonic()
                 self.writer.write(connection, stamp, data)
             else:
                 self.before_clock += 1
@@ -92,7 +95,7 @@ class Recorder(Node):
     def report(self) -> None:
         """Warn of what is not in the bag."""
         for topic in sorted(self.wanted - self.recorded):
-            self.get_logger().warning(f"{topic} was asked for and never published")
+            self.get_logger().warning(f"{topic} was asked for and not published meanwhile")
         if self.before_clock:
             self.get_logger().warning(
                 f"{self.before_clock} messages came before the first {self.clock_topic} and are not in the bag"
@@ -107,12 +110,12 @@ def record(
     duration: float | None = None,
     namespace: str = "/",
 ) -> BagWriter:
-    """Record until SIGINT, SIGTERM or `duration` [s]; the bag is complete on return.
+    """Record until SIGINT or SIGTERM, or for `duration` [s] from the first message on; the bag is complete on return.
 
     namespace: of the clock, and of topics without a slash.
 
     Raises:
-        BagError: no such topic can be, or the bag cannot be written.
+        BagError: no such topic can be, the bag cannot be written, or no message has come.
     """
     for topic in topics:
         check_topic(topic, namespace)
@@ -120,13 +123,22 @@ def record(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda received, _: stopping.append(received))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    deadline = None if duration is None else time.monotonic() + duration
+    start = time.monotonic()
     try:
         with BagWriter(path) as writer:
             node = Recorder(writer, topics, everything, sim_time, namespace)
-            node.loop.run(lambda: bool(stopping) or (deadline is not None and time.monotonic() >= deadline))
+
+            def over() -> bool:
+                begun = start + PATIENCE if node.begun is None else node.begun
+                return bool(stopping) or (duration is not None and time.monotonic() >= begun + duration)
+
+            node.loop.run(over)
             node.loop.take()
             node.report()
+    except OSError as error:
+        raise BagError(f"{path}: {error.strerror or error}") from error
     finally:
         rclpy.try_shutdown()
+    if not sum(writer.counts.values()):
+        raise BagError(f"{path} is empty: no message has come on the topics that were asked for")
     return writer

@@ -31,7 +31,9 @@ def _add_record(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-a", "--all", action="store_true", help="every topic; feedback of actions is none")
     parser.add_argument("-o", "--output", type=Path, help="folder, or a name ending in .mcap for a single file")
     parser.add_argument("--use-sim-time", action="store_true", help="stamp by the cell's clock")
-    parser.add_argument("-d", "--duration", type=number(0.0, "s"), metavar="S", help="end after so many seconds")
+    parser.add_argument(
+        "-d", "--duration", type=number(0.0, "s"), metavar="S", help="end so many seconds after the first message"
+    )
     cell_arguments(parser)
     parser.set_defaults(run=_record)
 
