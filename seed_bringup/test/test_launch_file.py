@@ -379,9 +379,12 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
         ("scenario:=penn", "did you mean pen?"),
         ("task:=squeege", "did you mean squeegee?"),
         ("task:=triangel.yaml", "no task 'triangel.yaml': no such file in"),
+        ("namespace:=9x", "'9x' must be names with / between them"),
+        (f"hand_file:={__file__}", f"hand_file: {__file__}: not YAML"),
+        (f"controller_file:={ROOT / 'seed_bringup/resource/seed_bringup'}", "no file of parameters"),
     ],
 )
-def test_a_mistake_in_scenario_or_task_is_told_once_before_any_node_starts(word: str, told: str) -> None:
+def test_a_mistake_in_an_argument_is_told_once_before_any_node_starts(word: str, told: str) -> None:
     done = seed_launch(word)
     assert done.returncode == 2
     assert done.stdout == ""

@@ -207,3 +207,16 @@ def test_only_an_interrupt_of_ours_is_left_out() -> None:
     assert list(without_interrupts(["a", *interrupt, "b"], lambda: True)) == ["a", "b"]
     assert list(without_interrupts(["a", *error, *trace], lambda: True)) == ["a", *error, *trace]
     assert list(without_interrupts(interrupt, lambda: False)) == interrupt
+    fatal = [
+        "Fatal Python error: init_import_site: Failed to import the site module",
+        "Python runtime state: initialized",
+    ]
+    assert not list(without_interrupts([*fatal, *interrupt], lambda: True))
+    importing = [
+        *trace,
+        '  File "<frozen importlib._bootstrap>", line 1176, in _find_and_load',
+        "ImportError: numpy",
+        "in words",
+    ]
+    assert not list(without_interrupts(importing, lambda: True))
+    assert list(without_interrupts(importing, lambda: False)) == importing

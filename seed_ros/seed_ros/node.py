@@ -226,9 +226,11 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         The exit code.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    starting = True
+    starting, interrupted = True, False
 
     def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
         if starting:
             raise KeyboardInterrupt
 
@@ -259,8 +261,9 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         if rclpy.ok():
             raise
     except (SeedError, ParameterException) as error:  # the latter: of a type that rclpy does not let in
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        if not interrupted:  # else that was in the middle of an import
+            print(f"error: {error}", file=sys.stderr)
+            return 1
     finally:
         starting = False  # Ctrl-C comes twice below `ros2 launch`: the node is ending
         if node is not None:

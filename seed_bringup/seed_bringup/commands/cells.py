@@ -48,9 +48,17 @@ def domain_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def _namespace(text: str) -> str:
+    try:
+        return check_namespace(text)
+    except SeedError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def check_namespace(text: str) -> str:
+    """A namespace without slashes at its ends. Raises SeedError: ROS has none of that name."""
     name = text.strip("/")
     if name and not all(TOKEN.fullmatch(token) for token in name.split("/")):
-        raise argparse.ArgumentTypeError(
+        raise SeedError(
             f"{text!r} must be names with / between them, each of letters, digits and _ and not beginning with a digit"
         )
     return name

@@ -6,12 +6,15 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
+import yaml
+
+from seed_bringup.commands.cells import check_namespace
 from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
@@ -72,6 +75,7 @@ def checked_arguments(file: Path, arguments: dict[str, str]) -> Iterator[dict[st
         SeedError: what is wrong with them.
     """
     declared = {a.name for a in declared_arguments(file)}
+    _check_values({name: value for name, value in arguments.items() if name in declared})
     if not declared >= {"scenario", "task", "hand_file"} or not arguments.keys() & {"scenario", "task"}:
         yield arguments
         return
@@ -91,6 +95,20 @@ def checked_arguments(file: Path, arguments: dict[str, str]) -> Iterator[dict[st
         hand.write_text(hand_file_of(scenario), encoding="utf-8")
         print(f"[launch] estimator and controller are told of the {scenario.tool.name} of {name}", flush=True)
         yield arguments | {"hand_file": str(hand)}
+
+
+def _check_values(arguments: Mapping[str, str]) -> None:
+    """What every node would find wrong, in the words of its libraries. Raises SeedError."""
+    if "namespace" in arguments:
+        check_namespace(arguments["namespace"])
+    for name, value in arguments.items():
+        if name.endswith("_file") and Path(value).is_file():
+            try:
+                content = yaml.safe_load(Path(value).read_bytes())
+            except (OSError, yaml.YAMLError) as error:
+                raise LaunchError(f"{name}: {value}: not YAML: {' '.join(str(error).split())}") from error
+            if not isinstance(content, dict):
+                raise LaunchError(f"{name}: {value}: no file of parameters: it has no section of a node")
 
 
 def describe_arguments(file: Path) -> str:

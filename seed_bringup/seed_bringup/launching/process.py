@@ -81,17 +81,27 @@ class NodeProcess:
         self._reader.join(timeout=0.5)
 
 
+# How the end of a Python program begins that an interrupt meets, the latter two before it has loaded anything
+_DYING = ("Traceback (", "Fatal Python error: init_import_site", "Python runtime state: ")
+
+
 def without_interrupts(lines: Iterable[str], interrupted: Callable[[], bool]) -> Iterator[str]:
     """Leave out the tracebacks of Python programs that our interrupt met while they were still starting."""
     held: list[str] = []  # a traceback, until its last line tells what it was
+    dying = False
     for line in lines:
-        if interrupted() and (line.startswith("Traceback (") or (held and line.startswith(" "))):
+        if interrupted() and (line.startswith(_DYING) or (held and line.startswith(" "))):
             held.append(line)
+            continue
+        if any("_find_and_load" in part for part in held):  # in an import an interrupt becomes any error
+            dying = True
+        if dying:
             continue
         if not (held and line == "KeyboardInterrupt"):
             yield from [*held, line]
         held.clear()
-    yield from held
+    if not dying:
+        yield from held
 
 
 def _runs_in_group(stat: Path, group: int) -> bool:
