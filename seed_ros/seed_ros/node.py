@@ -32,8 +32,7 @@ from seed_core.errors import SeedError
 from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
-from seed_ros.mismatch import Mismatch
-from seed_ros.qos import LATCHED, TF
+from seed_ros.qos import LATCHED, TF, Mismatch
 from seed_ros.services.answers import insist
 from seed_ros.services.standard import withstand
 

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The qualities of service that the suite uses."""
+"""The qualities of service that the suite uses, and publishers that are not heard by theirs."""
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+
+from seed_ros.diagnostics import Counters
 
 # Images and other streams where the newest value is what counts.
 SENSOR = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -15,3 +18,33 @@ QUEUE = QoSProfile(depth=20)
 TF = QoSProfile(depth=100)
 # Simulated time.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Mismatch:
+    """Publishers whose quality of service is not what a node asks for: `look` now and then.
+
+    rclpy tells that by an event of each subscription, which the streams of a `FixedRateLoop` do without; and silence
+    alone looks like a driver that does not run.
+    """
+
+    def __init__(self, node: Node, counters: Counters) -> None:
+        self._node, self._counters = node, counters
+        self._told: set[bytes] = set()  # publishers
+
+    def look(self) -> None:
+        """Tell of each publisher once."""
+        for subscription in self._node.subscriptions:
+            topic, wanted = subscription.topic_name, subscription.qos_profile
+            for publisher in self._node.get_publishers_info_by_topic(topic):
+                gid = bytes(publisher.endpoint_gid)
+                if gid in self._told:
+                    continue
+                compatible, why = qos_check_compatible(publisher.qos_profile, wanted)
+                if compatible == QoSCompatibility.ERROR:
+                    self._told.add(gid)
+                    path = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                    words = "; ".join(filter(None, why.replace("ERROR: ", "").split(";")))
+                    self._counters.add(
+                        "qos_incompatible",
+                        f"{topic}: nothing that {path} publishes comes here, by its quality of service: {words}",
+                    )
