@@ -150,6 +150,17 @@ def test_a_task_follows_a_cylinder_that_it_does_not_know() -> None:
     assert "cylinder" in table([result])
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("cylinder", 8100), ("sphere", 8107)])
+def test_a_soft_surface_is_no_slope(kind: str, seed: int) -> None:
+    """One that gives way as the grasp does; with its softness told by the law's observer the arm held."""
+    scenario = load_scenario(kind)
+    soft = replace(scenario, table=replace(scenario.table, total_stiffness=800.0))
+    result = evaluate("follow", scenario=soft, estimator="noisy", seed=seed).result
+    assert result["finished"], result["message"]
+    assert result["surface"]["force_rms"] < WORST_FORCE
+    assert result["surface"]["normal_rms_deg"] < 4.0
+
+
 def test_a_surface_that_falls_away_makes_the_arm_hold_with_a_reason() -> None:
     result = evaluate("follow", scenario="edge", estimator="noisy", seed=1).result
     assert not result["finished"]
