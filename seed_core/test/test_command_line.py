@@ -4,6 +4,7 @@
 import argparse
 import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -94,6 +95,9 @@ def test_what_a_mistyped_name_was_meant_for_is_told(tmp_path: Path, capsys: pyte
     (tmp_path / "triangle.txt").touch()
     assert no_such_file(tmp_path / "triangel.yaml") == f"no such file in {tmp_path}; there is triangle.yaml"
     assert no_such_file(tmp_path / "wipe.yaml") == f"no such file in {tmp_path}"
+    os.mkfifo(tmp_path / "pipe.yaml")
+    assert no_such_file(tmp_path / "pipe.yaml") == f"{tmp_path / 'pipe.yaml'} is a pipe or a device, not a file"
+    assert no_such_file(tmp_path) == f"{tmp_path} is a folder, not a file"
     assert no_such_file(tmp_path / "gone" / "wipe.yaml") == f"there is no folder {tmp_path / 'gone'}"
     parser = Parser(prog="seed wipe")
     parser.add_argument("--law", choices=("seed", "plain"))

@@ -375,10 +375,13 @@ def test_a_service_answers_while_a_simulated_clock_stands_still(monkeypatch: pyt
     monkeypatch.setattr(gathering, "TIMEOUT", 0.5)
     bench = Bench()
     try:
-        bench.add(EstimatorNode, use_sim_time=True)
+        node = bench.add(EstimatorNode, use_sim_time=True)
         answer = bench.call(Trigger, "estimator/initialize_grasp", Trigger.Request())
         assert not answer.success
         assert "0 of 15 images came" in answer.message
+        assert "a cell that has only just started needs some seconds" in answer.message
+        node.gathering._started -= 20.0  # [s]
+        assert "only just started" not in bench.call(Trigger, "estimator/initialize_grasp", Trigger.Request()).message
     finally:
         bench.close()
 

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNode
 
@@ -25,6 +25,7 @@ class Plain(SeedNode, LifecycleNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("plain", **arguments)
         self.declare_parameter("speed", 1.0)
+        self.declare_parameter("rate", 100.0, ParameterDescriptor(read_only=True))
         self.loop = FixedRateLoop(self, 100.0, lambda: None, service_period=0.0)
 
 
@@ -60,6 +61,15 @@ def test_a_parameter_that_nobody_declared_is_refused_by_name(bench: Bench, name:
     answer = bench.call(SetParametersAtomically, "plain/set_parameters_atomically", request)
     assert not answer.result.successful
     assert f"plain has no parameter '{name}'" in answer.result.reason
+
+
+def test_a_parameter_that_is_only_read_at_the_start_is_refused_with_what_to_do(bench: Bench) -> None:
+    fixed = Parameter(name="rate", value=ParameterValue(type=3, double_value=2.0))
+    good = Parameter(name="speed", value=ParameterValue(type=3, double_value=2.0))
+    answer = bench.call(SetParameters, "plain/set_parameters", SetParameters.Request(parameters=[fixed, good]))
+    assert [r.successful for r in answer.results] == [False, True]
+    words = "'rate' cannot be changed while plain runs: give it at its start, in a launch file or a file of parameters"
+    assert answer.results[0].reason == f"{words}, and start it again."
 
 
 def test_a_transition_out_of_place_is_refused(bench: Bench) -> None:

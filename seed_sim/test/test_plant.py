@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated cell obeys statics, friction and the stiffness map."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -146,8 +147,14 @@ def test_firmer_grip_sags_less():
 
 def test_impossible_grip_is_refused_and_changes_nothing():
     plant = settled(STILL, 0.3, 0.01)
-    with pytest.raises(PlantError, match=r"0\.3 to 4 times"):
+    with pytest.raises(PlantError, match=r"0\.3 to 4 times") as refused:
         plant.set_gripper_width(0.2)
+    narrow, wide = (float(word) for word in re.findall(r"from (\S+) to (\S+) m:", str(refused.value))[0])
+    for width in (narrow + 1e-4, wide - 1e-4):
+        plant.set_gripper_width(width)
+    plant.set_gripper_width(STILL.grasp.nominal_width)
+    with pytest.raises(PlantError):
+        plant.set_gripper_width(wide + 1e-4)
     assert plant.grip.width == STILL.grasp.nominal_width
     assert plant.stiffness == STILL.grasp.stiffness
 

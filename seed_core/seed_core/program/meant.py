@@ -18,9 +18,11 @@ def did_you_mean(name: str, known: Iterable[str], before: str = "") -> str:
 
 
 def no_such_file(file: Path) -> str:
-    """'no such file in FOLDER; there is X', X being the file there of a like name."""
+    """'no such file in FOLDER; there is X', X being the file there of a like name; or that it is there and no file."""
     folder = file.parent.absolute()
     try:
+        if file.exists() and not file.is_file():
+            return f"{file.absolute()} is a {'folder' if file.is_dir() else 'pipe or a device'}, not a file"
         there = [f.stem for f in sorted(folder.iterdir()) if f.suffix == file.suffix]
     except (OSError, ValueError):  # also for a name that no folder can have
         return f"there is no folder {folder!s:.200}"

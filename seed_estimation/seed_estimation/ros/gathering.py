@@ -13,6 +13,7 @@ from seed_estimation.images.tactile_images import TactileImages
 from seed_ros import SeedNode
 
 TIMEOUT = 6.0  # [s] without images of every finger, after which a reference or a grasp is given up
+STARTING = 20.0  # [s] from the start of this node, in which the cameras may still be starting
 
 Images = dict[str, TactileImages]  # by finger
 
@@ -39,6 +40,7 @@ class Gathering:
 
     def __init__(self, node: SeedNode) -> None:
         self._node = node
+        self._started = time.monotonic()
         self._wanted: _Wanted | None = None
         self._regrasp = Regrasp()
 
@@ -93,7 +95,8 @@ class Gathering:
         if wanted.outcome is None:
             why = self._node.counters.last or "no images arrive"
             came = f"{len(wanted.images)} of {wanted.count} images came, none for {TIMEOUT:g} s"
-            started = "; a cell that has only just started needs some seconds: call again" if not wanted.images else ""
+            young = time.monotonic() - self._started < STARTING and not wanted.images
+            started = "; a cell that has only just started needs some seconds: call again" if young else ""
             self._finish(wanted, False, f"{came}; {why}{started}")
         self._give_answer()  # no pose may come any more
 

@@ -3,7 +3,8 @@
 
 A parameter of a type that there is not (`value.type = 77`), and a lifecycle transition that is none of the present
 state's (activating what is active), leave rclpy's own callbacks as exceptions, which end a node's loop.
-A parameter that nobody declared rclpy refuses without its name, or takes it where the name is empty.
+A parameter that nobody declared rclpy refuses without its name, or takes it where the name is empty; of one that is
+read-only it does not say what to do.
 """
 
 from collections.abc import Callable
@@ -39,19 +40,31 @@ def _set_parameters(node: Node, callback: Answer, request: Any, response: Any) -
             f"'{first.name:.60}' is of type {first.value.type}; {min(KNOWN)} to {max(KNOWN)} are known: nothing changed"
         )
         return _refused(reason, request, response)
-    undeclared = {p.name: no_such_parameter(node, p.name) for p in request.parameters if not node.has_parameter(p.name)}
-    if not undeclared:
+    impossible = {p.name: why for p in request.parameters if (why := _why_not(node, p.name))}
+    if not impossible:
         return callback(request, response)
     if not hasattr(response, "results"):
-        return _refused(f"{next(iter(undeclared.values()))} Nothing changed", request, response)
+        return _refused(f"{next(iter(impossible.values()))} Nothing changed", request, response)
     wanted = list(request.parameters)
-    request.parameters = [p for p in wanted if p.name not in undeclared]
+    request.parameters = [p for p in wanted if p.name not in impossible]
     done = iter(callback(request, response).results)
     response.results = [
-        SetParametersResult(successful=False, reason=undeclared[p.name]) if p.name in undeclared else next(done)
+        SetParametersResult(successful=False, reason=impossible[p.name]) if p.name in impossible else next(done)
         for p in wanted
     ]
     return response
+
+
+def _why_not(node: Node, name: str) -> str:
+    """Why a parameter cannot be set, whatever its value; '' where it can."""
+    if not node.has_parameter(name):
+        return no_such_parameter(node, name)
+    if node.describe_parameter(name).read_only:
+        return (
+            f"'{name}' cannot be changed while {node.get_name()} runs: give it at its start, in a launch file or a "
+            "file of parameters, and start it again."
+        )
+    return ""
 
 
 def _refused(reason: str, request: Any, response: Any) -> Any:

@@ -87,9 +87,10 @@ class Grip:
         g = self._grasp
         firmness = 1.0 + g.stiffening * (g.nominal_width - width)
         if not _WEAKEST <= firmness <= _FIRMEST:
+            narrow, wide = sorted(g.nominal_width + (1.0 - f) / g.stiffening for f in (_WEAKEST, _FIRMEST))
             raise PlantError(
-                f"gripper width = {width:.4f} m would make the grip {firmness:.2f} times as stiff; 0.3 to 4 "
-                "times is possible"
+                f"gripper width = {width:.4f} m must be from {max(narrow, 0.0):.4f} to {wide:.4f} m: beyond, the grip "
+                f"would not be {_WEAKEST:g} to {_FIRMEST:g} times as stiff as at {g.nominal_width:.4f} m"
             )
         if self._inertia is not None:
             rate = fastest_rate(self._inertia, g.stiffness.scaled(firmness), g.damping_ratio)
