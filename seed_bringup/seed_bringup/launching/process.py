@@ -93,8 +93,7 @@ def without_interrupts(lines: Iterable[str], interrupted: Callable[[], bool]) ->
         if interrupted() and (line.startswith(_DYING) or (held and line.startswith(" "))):
             held.append(line)
             continue
-        if any("_find_and_load" in part for part in held):  # in an import an interrupt becomes any error
-            dying = True
+        dying = dying or any("_find_and_load" in part for part in held)  # in an import an interrupt becomes any error
         if dying:
             continue
         if not (held and line == "KeyboardInterrupt"):

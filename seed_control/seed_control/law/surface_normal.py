@@ -60,7 +60,7 @@ class SurfaceNormal:
         n: (3,) unit normal out of the surface, in W, where the tip was at the newest image.
         ahead: (3,) the same where the tip is going to be when the arm answers.
         x: (8,) height [m] from the tip of the newest image, slope (2), bend (xx, xy, yy) [1/m] along `tangents`,
-            friction, and by how much the surface gives way for what the grasp does.
+            friction, softness: [m] that the surface gives way by for every metre that the grasp is deflected.
         P: (8, 8) its covariance. tangents: (2, 3) in W.
         running: whether there was contact since it was started.
     """
@@ -76,7 +76,7 @@ class SurfaceNormal:
         self._step = np.zeros(2)  # of the last image
         self._velocity = np.zeros(2)  # [m/s] of the tip along the tangents, as images show it
         self._felt = np.zeros(2)  # of the force along the tangents, at the last image
-        self._share = np.zeros(2)  # that less the slope's, smoothed as the velocity is
+        self._drag = np.zeros(2)  # that less the slope's: friction's, smoothed as the velocity is
         self._pressing = 0.0  # [N] at the last image
         self._deflection = 0.0  # [m] of the grasp along n as foretold: what is seen has the noise of the tip, too
         self._slides = False
@@ -102,7 +102,7 @@ class SurfaceNormal:
         self.P = np.diag(np.square([_HEIGHT, _SLOPE, _SLOPE, _BEND, _BEND, _BEND, _ANY_FRICTION, _SOFTNESS]))
         self.anchor, self._last, self.running = m.tip.copy(), m.stamp, True
         self._outside[:] = 0
-        self._velocity, self._share = np.zeros(2), np.zeros(2)
+        self._velocity, self._drag = np.zeros(2), np.zeros(2)
         self._slides = False
         self._pressing = -float(n @ m.on_environment.force)
 
@@ -123,25 +123,14 @@ class SurfaceNormal:
         if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
             self._leave()
         foretold = self.x[_A].copy()
-        self._deflection = self._deflected(m)
-        h = np.zeros(_SIZE)
-        h[_H], h[_SOFT] = 1.0, -self._deflection
-        noise = self._noise(m)
-        aside = self.tangents @ (m.tip - self.anchor)  # a tip that comes loose is ahead of where it is smoothed to
-        told = max(1.0 - noise / max(float(aside @ aside), 1e-12), 0.0) if self._slides else 0.0  # not by its noise
-        x, y = told * aside
-        h[1:6] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
-        lever = np.cross(self.n, m.X_WT[:3, 3] - m.tip)  # of a tool that leans a turn moves the tip along n, too
-        self._correct(0, h, 0.0, m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2)
-        if self.x[_SOFT] < 0.0:  # the others to their means given that it is zero: see `SurfaceObserver._bound`
-            self.x = self.x - self.P[:, _SOFT] * (self.x[_SOFT] / self.P[_SOFT, _SOFT])
+        self._track(m)
         self._lean(m, s)
         if self._slides:
             self._force(m, stiffness, foretold)
         else:
             self._stick()
             self._forget_friction()
-        self._share = self._share - (self.x[_A] - foretold)  # what was taken for friction was the slope's
+        self._drag = self._drag - (self.x[_A] - foretold)  # what was taken for friction was the slope's
         height = self.height
         self._turn(self.x[_A].copy())
         self._deflection = self._deflected(m)
@@ -206,7 +195,7 @@ class SurfaceNormal:
         walk = np.zeros(_SIZE)
         self._felt = self.tangents @ force / max(pressing, _LEAST_FORCE)
         felt = self._felt - self.x[_A]
-        self._share = self._share + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._share)
+        self._drag = self._drag + (1.0 - exp(-0.5 * dt / _SMOOTHING)) * (felt - self._drag)
         walk[_H] = _WALK_HEIGHT**2 * dt
         walk[_A], walk[_S] = _WALK_SLOPE**2 * way, _WALK_BEND**2 * way
         walk[_MU], walk[_SOFT] = _WALK_FRICTION**2 * way, _WALK_SOFTNESS**2 * way
@@ -238,6 +227,20 @@ class SurfaceNormal:
         noise = self._noise(m) * dt / (4.0 * _SMOOTHING**3)
         return max(_LEAST_SPEED, (_STILL_TOLD if self._slides else _TOLD) * float(np.sqrt(noise)))
 
+    def _track(self, m: Measurement) -> None:
+        """The tip touches: its height is the surface's."""
+        self._deflection = self._deflected(m)
+        h = np.zeros(_SIZE)
+        h[_H], h[_SOFT] = 1.0, -self._deflection
+        if self._slides:  # a tip that comes loose is ahead of where it is smoothed to, by more than its noise
+            ahead = self.tangents @ (m.tip - self.anchor)
+            x, y = max(1.0 - self._noise(m) / max(float(ahead @ ahead), 1e-12), 0.0) * ahead
+            h[1:6] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
+        lever = np.cross(self.n, m.X_WT[:3, 3] - m.tip)  # of a tool that leans a turn moves the tip along n, too
+        self._correct(0, h, 0.0, m.variance + float(lever @ lever) * m.rotation_deviation**2 + _ROUGH**2)
+        if self.x[_SOFT] < 0.0:  # the others to their means given that it is zero: see `SurfaceObserver._bound`
+            self.x = self.x - self.P[:, _SOFT] * (self.x[_SOFT] / self.P[_SOFT, _SOFT])
+
     def _force(self, m: Measurement, stiffness: float, foretold: Array) -> None:
         """The force's direction across the motion and along it; foretold: slope (2,) at this place."""
         pressing, v = self._pressing, self._velocity
@@ -248,7 +251,7 @@ class SurfaceNormal:
         h = np.zeros(_SIZE)
         h[_A] = across
         noise = stiffness**2 * m.variance / pressing**2
-        self._correct(1, h, float(across @ (self._share + foretold)), noise + _OFF_ACROSS**2)
+        self._correct(1, h, float(across @ (self._drag + foretold)), noise + _OFF_ACROSS**2)
         h = np.zeros(_SIZE)
         h[_A], h[_MU] = along, 1.0
         seen, variance = float(along @ self._felt), noise + _OFF_ALONG**2
@@ -264,10 +267,10 @@ class SurfaceNormal:
 
     def _stick(self) -> None:
         """The slope, where the force of a tip that sticks leans by more than friction can hold."""
-        leans = float(np.sqrt(self._share @ self._share))
+        leans = float(np.sqrt(self._drag @ self._drag))
         if leans > _MOST_FRICTION:
             h = np.zeros(_SIZE)
-            h[_A] = self._share / leans
+            h[_A] = self._drag / leans
             Ph = self.P @ h
             self.x = self.x + Ph * ((leans - _MOST_FRICTION) / float(h @ Ph))
 

@@ -155,7 +155,8 @@ class SurfaceObserver:
     def tilt(self, slope: Array, share: float) -> None:
         """Slope (3,) and share beta are known from elsewhere: `surface_normal.py` tells them better than heights alone.
 
-        Then what rises under the tool is the surface's shape: nothing counts as moving in time.
+        Then what rises under the tool is the surface's shape: nothing counts as moving in time. Under a gripper that
+        stays, a tip that goes up a soft surface rises by less than its slope.
         """
         self._x[:, 1:4], self._x[:, 4] = (1.0 - share) * slope, share
         self._P[:, 1:5, :] = self._P[:, :, 1:5] = 0.0

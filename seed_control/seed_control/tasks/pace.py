@@ -42,7 +42,7 @@ class Pace:
         return self.value
 
     def _image(self, trailing: float, frame: float) -> None:
-        """Take in the trailing [rad] in an image that came a frame [s] after the last one: an alpha-beta filter."""
+        """Take in by how much [rad] the tip trails in an image, a frame [s] after the last: an alpha-beta filter."""
         if frame > _GAP:
             self._trailing, self._rate = trailing, 0.0
         else:
