@@ -2,7 +2,7 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with, or not more. Hence five signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence six signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
@@ -10,6 +10,7 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
+    stretched     material that was dragged stops, and its patch is stretched as one that slides (`stretching.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
@@ -35,6 +36,7 @@ from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, FREE_ALL, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
 from seed_estimation.slip.parting import ACROSS, Parting
+from seed_estimation.slip.stretching import AXES, Stretching
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
@@ -66,7 +68,7 @@ class GrossSlip:
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._following = Following(models, self._lever) if len(models) > 1 else None
-        self._parting = Parting()
+        self._parting, self._stretching = Parting(), Stretching(models)
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then
@@ -103,17 +105,22 @@ class GrossSlip:
         gone_on = len(self._markers) > 1 and all(depth_went_on(m.seen) for m in self._markers.values())
         fallen = self._fallen([self._markers[f.model.finger] for f in judged], stamp)
         left = self.leaves_behind(crops, fit, stamp, depth if locked else None)
-        parted = locked and self._parted(fit, stamp)
-        return fallen or gone_on or left or parted or (not locked and self._torn(stamp))
+        unseen = locked and self._slides_unseen(crops, fit, stamp, depth)
+        return fallen or gone_on or left or unseen or (not locked and self._torn(stamp))
 
-    def _parted(self, fit: Fit, stamp: float) -> bool:
-        """Whether both fingers' markers are seen in this frame, and have parted."""
-        if len(self._markers) != 2 or not all(m.seen and m.seen[-1].stamp == stamp for m in self._markers.values()):
+    def _slides_unseen(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth) -> bool:
+        """Whether both fingers' markers are seen in this frame, and tell of a slip that depth does not see."""
+        markers = list(self._markers.values())
+        if len(markers) != 2 or not all(m.seen and m.seen[-1].stamp == stamp for m in markers):
             return False
+        parted = self._parted(fit, markers)
+        return self._stretching.slides(crops, fit.X_CT, markers, ~sees(depth.deviation)[AXES]) or parted
+
+    def _parted(self, fit: Fit, markers: Sequence[Markers]) -> bool:
         covariance = np.linalg.inv(fit.H_depth + FREE_ALL)
         turn = (motion_vector(fit.X_CT) - fit.ahead)[ACROSS]
         by_depth, deviation = turn - (covariance @ fit.g_depth)[ACROSS], np.sqrt(covariance.diagonal()[ACROSS])
-        return self._parting.parts(list(self._markers.values()), turn, by_depth, deviation)
+        return self._parting.parts(markers, turn, by_depth, deviation)
 
     def leaves_behind(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth | None = None) -> bool:
         """Whether the tool goes without the material: all that is told of a track that has been lost for a while.
