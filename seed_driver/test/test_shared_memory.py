@@ -57,13 +57,13 @@ def test_a_reader_never_sees_half_a_target() -> None:
             x = float(number)
             memory.write_target(TargetSlot(number, x, (x, x, x), (x, x, x, x)))
     try:
-        seen, until = set(), time.monotonic() + 0.5
-        while time.monotonic() < until:
+        seen, until = set(), time.monotonic() + 30.0  # a busy machine may give the writer little time
+        while len(seen) <= 100 and time.monotonic() < until:
             target = memory.read_target(0)
             if target is not None:
                 assert {target.number, target.received, *target.p, *target.q} == {float(target.number)}
                 seen.add(target.number)
-        assert len(seen) > 10
+        assert len(seen) > 100
     finally:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
