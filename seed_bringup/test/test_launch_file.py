@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: all that they may say, and the refusals of everything else."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from seed_bringup.commands.launch import checked_arguments
+from seed_bringup.launching.contradictions import contradictions
 from seed_bringup.launching.description import TERM_AFTER, Description, declared_arguments, describe
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.substitution import SubstitutionError, evaluate, substitute
@@ -378,6 +380,7 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
         ("scenario=pen", "scenario=pen: write scenario:=pen"),
         ("scenario:=penn", "did you mean pen?"),
         ("task:=squeege", "did you mean squeegee?"),
+        ("method:=published fingers:=left", "fingers:=left with method:=published: that one needs both"),
         ("task:=triangel.yaml", "no task 'triangel.yaml': no such file in"),
         ("namespace:=9x", "'9x' must be names with / between them"),
         (f"hand_file:={__file__}", f"hand_file: {__file__}: not YAML"),
@@ -385,11 +388,45 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_a_mistake_in_an_argument_is_told_once_before_any_node_starts(word: str, told: str) -> None:
-    done = seed_launch(word)
+    done = seed_launch(*word.split(" "))
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert told in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "words", "refused", "unused"),
+    [
+        ("cell", "robot:=none method:=truth", "method:=truth with robot:=none: only a simulation knows", ""),
+        ("cell", "fingers:=left method:=published", "fingers:=left with method:=published: that one needs both", ""),
+        ("perception", "fingers:=left method:=published", "fingers:=left with method:=published: that one", ""),
+        ("own_arm", "base:=", "base:= has no name", ""),
+        ("cell", "method:=truth cameras:=realsense", "", "cameras:=realsense with method:=truth: no camera is started"),
+        ("cell", "cameras:=realsense", "", "cameras:=realsense with robot:=sim: its bubbles are simulated"),
+        ("cell", "clocks:=/nope.yaml", "", "clocks:=/nope.yaml with robot:=sim: a simulated cell has one clock"),
+        ("cell", "robot:=none scenario:=pen", "", "scenario:=pen with robot:=none: it is of the simulated cell"),
+        ("cell", "robot:=ur robot_ip:=192.0.2.1 seed:=3", "", "seed:=3 with robot:=ur robot_ip:=192.0.2.1: it is of"),
+        ("own_arm", "task:=pen", "", "task:=pen with robot:=none: it is of the simulated cell"),
+        ("cell", "fingers:=left", "", ""),
+        ("cell", "robot:=ur robot_ip:=127.0.0.2 scenario:=pen method:=truth clocks:=one", "", ""),
+        ("cell", "robot:=ur robot_ip:=192.0.2.1 cameras:=realsense clocks:=one", "", ""),
+        ("cell", "robot:=none cameras:=realsense base:=panda_link0", "", ""),
+        ("perception", "cameras:=realsense", "", ""),
+        ("own_arm", "base:=panda_link0", "", ""),
+        ("demo", "scenario:=pen seed:=1", "", ""),
+    ],
+)
+def test_arguments_that_contradict_each_other_are_named(file: str, words: str, refused: str, unused: str) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    given = dict(word.split(":=") for word in words.split())
+    variables = describe(ROOT / f"seed_bringup/launch/{file}_launch.xml", given).variables
+    if refused:
+        with pytest.raises(LaunchError, match=f"^{re.escape(refused)}"):
+            contradictions(given, variables)
+        return
+    told = contradictions(given, variables)
+    assert [line[: len(unused)] for line in told] == ([unused] if unused else [])
 
 
 def test_a_scenario_of_ones_own_comes_with_what_estimator_and_controller_are_told(tmp_path: Path) -> None:

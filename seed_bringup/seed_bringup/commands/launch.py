@@ -15,6 +15,7 @@ from typing import NoReturn
 import yaml
 
 from seed_bringup.commands.cells import check_namespace
+from seed_bringup.launching.contradictions import contradictions
 from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
@@ -45,7 +46,9 @@ def main(argv: list[str]) -> int:
     others = running()
     what = " ".join(["launch", *options.words])
     with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
-        describe(file, arguments)  # says here and now what is wrong; `ros2 launch` takes unknown arguments in silence
+        # Says here and now what is wrong; `ros2 launch` takes unknown arguments in silence.
+        for unused in contradictions(arguments, describe(file, arguments).variables):
+            print(f"[launch] warning: {unused}: it has no effect", flush=True)
         for other in others.get(domain, ()):
             if namespace_of(other.split()) == namespace_of(options.words):
                 print(

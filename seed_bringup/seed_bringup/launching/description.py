@@ -53,11 +53,12 @@ class Argument:
 
 @dataclass
 class Description:
-    """What a launch file asks for; messages: what it says to whoever starts it."""
+    """What a launch file asks for; messages: what it says to whoever starts it; variables: as they are at its end."""
 
     nodes: list[Node] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)
     arguments: dict[str, Argument] = field(default_factory=dict)
+    variables: dict[str, str] = field(default_factory=dict)
 
 
 def describe(file: Path, arguments: dict[str, str]) -> Description:
@@ -79,7 +80,9 @@ def declared_arguments(file: Path) -> list[Argument]:
 def _resolve(file: Path, arguments: dict[str, str], strict: bool) -> Description:
     """Not strict: missing arguments count as empty, conditions on them as true."""
     resolver = _Resolver(file)
-    resolver.run(read_launch_file(file), Scope(dict(arguments), dict(os.environ), strict=strict))
+    scope = Scope(dict(arguments), dict(os.environ), strict=strict)
+    resolver.run(read_launch_file(file), scope)
+    resolver.description.variables = scope.variables
     return resolver.description
 
 
