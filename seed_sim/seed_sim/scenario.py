@@ -20,12 +20,11 @@ from seed_sim.membrane.parameters import MembraneParameters, random_membrane, un
 from seed_sim.plant.holes.parameters import HoleSection
 from seed_sim.plant.surfaces.section import SurfaceSection
 from seed_sim.plant.tools import BLADE, TOOLS
-from seed_sim.tactile.parameters import TactileParameters, ToolShape
+from seed_sim.tactile.parameters import HANDLE, TactileParameters
 from seed_sim.tactile.trajectory import TrajectorySection
 
 _DOT_PITCH, _DOT_JITTER = (0.0037, 0.0041), (0.18, 0.28)  # [m], [pitches] of random membranes: 390 to 440 are in view
 _FIRM = (0.0155, 0.0185)  # [m] squeeze
-HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)
 Range = tuple[float, float]
 Folder = tuple[str, str]  # package, and folder below it
 SHIPPED: Folder = ("seed_sim", "config/scenarios")

@@ -13,8 +13,8 @@ from seed_sim.identification.membrane_cell import MembraneCell, cell_of
 from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, identify_on_membrane
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane import MembraneGrasp, MembraneParameters
-from seed_sim.scenario import HANDLE
 from seed_sim.tactile import TactileParameters
+from seed_sim.tactile.parameters import HANDLE
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command
 

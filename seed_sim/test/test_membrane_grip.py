@@ -16,7 +16,6 @@ from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import ToolHolder
 from seed_sim.pressure import PressureSensors
 from seed_sim.scenario import (
-    HANDLE,
     GraspSection,
     PressureSection,
     Scenario,
@@ -26,6 +25,7 @@ from seed_sim.scenario import (
     tactile_of,
 )
 from seed_sim.tactile import TactileParameters, TactileRenderer
+from seed_sim.tactile.parameters import HANDLE
 
 FLAT = TableSection(tilt_x=(0.0, 0.0), tilt_y=(0.0, 0.0), height=(0.0, 0.0))
 COARSE = MembraneParameters(spacing=0.008, squeeze=0.0125)

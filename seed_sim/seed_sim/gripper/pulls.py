@@ -8,11 +8,10 @@ import numpy as np
 
 from seed_core.spatial import Array, Wrench
 from seed_sim.membrane import MembraneParameters, random_membrane
-from seed_sim.tactile.parameters import ToolShape
+from seed_sim.tactile.parameters import HANDLE, ToolShape
 
 KINDS = ("pull", "heavy", "knock", "slippery")
-_BOX, _CYLINDER = ToolShape("box", width=0.03, length=0.06), ToolShape("cylinder")
-TOOLS = (_BOX, _CYLINDER, _CYLINDER)  # a cylinder is drawn twice as often
+TOOLS = (HANDLE, ToolShape(), ToolShape())  # a cylinder is drawn twice as often
 _START = 0.25  # [s] of rest
 RADIUS = 0.010  # [m] by which torque about y counts in a drawn size
 _ASIDE = np.deg2rad(30.0)  # from the tool's axis, at most: further aside a tool is locked by its shape

@@ -27,6 +27,9 @@ class ToolShape:
         return self.kind != "box"
 
 
+HANDLE = ToolShape(kind="box", radius=0.012, width=0.03, length=0.06)  # of a tool that is pressed: its sides are flat
+
+
 @dataclass(frozen=True)
 class TactileParameters:
     """What is held, how the membrane gives way, and how the camera errs."""
