@@ -163,10 +163,10 @@ def _one(args: argparse.Namespace) -> int:
     result = run.result
     print(to_json(result) if args.json else _text(result))
     if path is not None:
-        from seed_sim.replay.plots import run_figure
+        from seed_sim.replay.plots import run_figure, save
 
         title = f"{result['task']}, scenario {result['scenario']}, seed {args.seed}, law {args.law}"
-        run_figure(run.recording, scored_phase(load_task(args.task, args.force)), title).savefig(path, dpi=110)
+        save(run_figure(run.recording, scored_phase(load_task(args.task, args.force)), title), path, dpi=110)
         print(f"plot: {path}", file=sys.stderr)
     return 0 if result["finished"] else 1
 

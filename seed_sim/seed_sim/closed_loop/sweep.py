@@ -71,6 +71,8 @@ def plot(result: dict[str, Any], path: Path) -> None:
     """Force error and lean of every run of a sweep, by column."""
     from matplotlib.figure import Figure
 
+    from seed_sim.replay.plots import save
+
     figure = Figure(figsize=(10, 4), layout="constrained")
     drawn = (("force_z", "rmse", "force error, RMSE [N]"), ("lean_deg", "max", "largest lean [deg]"))
     for axis, (key, sub, label) in zip(figure.subplots(1, 2), drawn, strict=True):
@@ -88,4 +90,4 @@ def plot(result: dict[str, Any], path: Path) -> None:
             axis.legend(fontsize=8)
     how = f"law {result['law']}, poses: {result['estimator']}"
     figure.suptitle(f"{result['task']}, {how}, {len(result['seeds'])} seeds per scenario")
-    figure.savefig(path, dpi=130)
+    save(figure, path, dpi=130)

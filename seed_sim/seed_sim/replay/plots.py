@@ -1,17 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one run did, as curves: the tip's path seen from above, and force, torque and lean over time."""
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import blended_transform_factory
 
+from seed_core.errors import FailedError
 from seed_sim.closed_loop.recording import Recording
 
 BLUE, GREY, INK = "#1f6feb", "#9aa4b2", "#1f2937"
 DASHES = (0, (4, 3))
 TOUCH = 0.3  # [N] from which the tip is drawn as touching
 NAMED, ROOM = 8, 0.05  # most phases whose names are drawn, and the share of the run that each name needs
+
+
+def save(figure: Figure, file: Path, dpi: int) -> None:
+    """Write a picture. Raises OSError, or FailedError where that would not name the file: the disk is full."""
+    try:
+        figure.savefig(file, dpi=dpi)
+    except OSError as error:
+        if error.filename:
+            raise
+        raise FailedError(f"{file}: {error.strerror or error}") from error
 
 
 def draw_path(axis: Axes, recording: Recording, phase: str) -> None:

@@ -146,6 +146,8 @@ def plot(s: Samples, file: Path) -> None:
     """Memory of each process over time."""
     from matplotlib.figure import Figure
 
+    from seed_sim.replay.plots import save
+
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     axes = figure.subplots()
     for name in s.processes():
@@ -155,4 +157,4 @@ def plot(s: Samples, file: Path) -> None:
     axes.set_ylabel("memory [MB]")
     axes.set_ylim(bottom=0.0)
     axes.legend(fontsize="x-small", ncols=2)
-    figure.savefig(file, dpi=120)
+    save(figure, file, dpi=120)

@@ -62,6 +62,8 @@ def _table(runs: dict[str, Evaluation], seed: int, force: float) -> str:
 def _draw(runs: dict[str, Evaluation], path: Path, force: float) -> Path:
     from matplotlib.figure import Figure
 
+    from seed_sim.replay.plots import save
+
     figure = Figure(figsize=(9, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for case in CASES:
@@ -77,5 +79,5 @@ def _draw(runs: dict[str, Evaluation], path: Path, force: float) -> Path:
     upper.legend(ncols=2, fontsize="small")
     for axis in (upper, lower):
         axis.grid(alpha=0.3)
-    figure.savefig(path, dpi=140)
+    save(figure, path, dpi=140)
     return path

@@ -96,13 +96,15 @@ def _note(strokes: list[Stroke]) -> str:
 def _draw(strokes: dict[str, list[Stroke]], written: str, path: Path) -> Path:
     from matplotlib.figure import Figure
 
+    from seed_sim.replay.plots import save
+
     figure = Figure(figsize=(12, 8), layout="constrained")
     grid = figure.add_gridspec(2, 4)
     for i, case in enumerate(CASES):
         draw_strokes(figure.add_subplot(grid[0, i]), strokes[case.label], case.label)
     draw_strokes(figure.add_subplot(grid[1, :2]), strokes[written], written, reference=True)
     _draw_widths(figure.add_subplot(grid[1, 2:]), strokes)
-    figure.savefig(path, dpi=140)
+    save(figure, path, dpi=140)
     return path
 
 

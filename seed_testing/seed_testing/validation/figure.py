@@ -15,6 +15,8 @@ def draw(runs: dict[str, Series], path: Path, title: str) -> Path:
     """Writes a figure of six rows with truth and each method's estimate; returns the file."""
     from matplotlib.figure import Figure
 
+    from seed_sim.replay.plots import save
+
     path = path if path.suffix else path.with_suffix(".png")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
@@ -34,5 +36,5 @@ def draw(runs: dict[str, Series], path: Path, title: str) -> Path:
     rows[0].legend(ncols=3, loc="upper right")
     rows[0].set_title(f"Pose of the tool in the grasp: {title}")
     rows[-1].set_xlabel("time [s]")
-    figure.savefig(path, dpi=110)
+    save(figure, path, dpi=110)
     return path
