@@ -13,10 +13,10 @@ from seed_control.tasks.task import Task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
 from seed_core.spatial import make_pose, so3_log
+from seed_sim.campaigns import spread
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
 from seed_sim.identification import session
-from seed_sim.kept_runs import kept_runs
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world import draw, perturb, score
 from seed_sim.world.cameras import WorldCameras, true_hand
@@ -27,7 +27,7 @@ from seed_sim.world.procedures.clocks import motion
 from seed_sim.world.procedures.find_out import Belief, told
 from seed_sim.world.procedures.identify import identify, identify_draws
 from seed_sim.world.procedures.identify import table as identify_table
-from seed_sim.world.score import score_draws, spread, summarised
+from seed_sim.world.score import score_draws, summarised
 from seed_sim.world.trial import beliefs, run_trial
 from seed_sysid.parameters import Procedure
 
@@ -267,15 +267,6 @@ def test_draws_in_a_file_are_not_repeated_and_those_of_another_score_are_refused
     file.write_text(whole + whole[:70], encoding="utf-8")  # interrupted while it was written
     assert len(score_draws(SETTINGS, [3], out=file)["draws"]) == 1
     assert file.read_text(encoding="utf-8") == whole
-
-
-@pytest.mark.parametrize("text", ["notes", "notes\n", '{"draw": 3}\n', "[3]\n"])
-def test_a_file_of_something_else_is_refused_and_left_as_it_is(text, tmp_path):
-    file = tmp_path / "notes.txt"
-    file.write_text(text)
-    with pytest.raises(SeedError, match=r"notes\.txt:1: not a draw .*: name another file"):
-        kept_runs(file, lambda run: run["world"], "a draw")
-    assert file.read_text() == text
 
 
 def test_belief_is_told_from_truth_and_swing_from_a_slow_error():

@@ -10,9 +10,9 @@ import numpy as np
 from joblib import delayed
 
 from seed_core.errors import SeedError
+from seed_sim.campaigns import keep_run, kept_runs
 from seed_sim.closed_loop.evaluate import evaluate
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.kept_runs import kept_runs
 
 SMOOTH = ("cylinder", "hollow", "sphere", "saddle", "relief")
 ROUGH = ("wedge", "step_up", "step_down", "edge", "moving_table")
@@ -36,17 +36,15 @@ def surfaces(
     keep: file with a line of JSON for each run as it ends; runs that it holds already are not made again.
     """
     wanted = [(kinds[i % len(kinds)], seed + i) for i in range(runs)]
-    known = {} if keep is None else _kept(keep, task)
+    known = _kept(keep, task)
     calls = [delayed(one_surface)(task, *one) for one in wanted if one not in known]
     for run in in_parallel(calls, jobs, "run", ordered=False):
         known[run["scenario"], run["seed"]] = run
-        if keep is not None:
-            with keep.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(run) + "\n")
+        keep_run(keep, json.dumps(run))
     return [known[one] for one in wanted]
 
 
-def _kept(file: Path, task: str) -> dict[tuple[str, int], dict[str, Any]]:
+def _kept(file: Path | None, task: str) -> dict[tuple[str, int], dict[str, Any]]:
     """Runs of that task in a file, by scenario and seed."""
 
     def run_of(run: dict[str, Any]) -> tuple[str, tuple[str, int], dict[str, Any]]:

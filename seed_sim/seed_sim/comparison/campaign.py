@@ -8,10 +8,10 @@ from typing import Any
 
 from joblib import delayed
 
+from seed_sim.campaigns import keep_run, kept_runs
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.tuning import Work
-from seed_sim.kept_runs import kept_runs
 
 
 def scored_in_parallel(works: list[Work], jobs: int) -> Iterator[dict[str, Any]]:
@@ -27,12 +27,9 @@ def campaign(works: list[Work], jobs: int, file: Path) -> list[dict[str, Any]]:
     """
     known = _known(file)
     missing = [(run, s) for run, s in works if known.get(run.key, {}).get("settings") != dict(s)]
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("a", encoding="utf-8") as out:
-        for row in scored_in_parallel(missing, jobs):
-            out.write(json.dumps(row) + "\n")
-            out.flush()
-            known[_key(row)] = row
+    for row in scored_in_parallel(missing, jobs):
+        keep_run(file, json.dumps(row))
+        known[_key(row)] = row
     return [known[run.key] for run, _ in works]
 
 

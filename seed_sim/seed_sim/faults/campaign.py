@@ -8,10 +8,10 @@ from typing import Any
 
 from joblib import delayed
 
+from seed_sim.campaigns import keep_run, kept_runs
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.faults.draw import KINDS, draw
 from seed_sim.faults.run import Outcome, run_fault
-from seed_sim.kept_runs import kept_runs
 
 MOST_EXCESS, MOST_TRAVEL = 5.0, 0.06  # [N], [m] that no run may be beyond
 _WORST = 3  # seeds that are named
@@ -25,23 +25,20 @@ def campaign(
     keep: file with a line for each run as it ends; runs that it holds already are not made again.
     """
     wanted = [(kinds[i % len(kinds)], seed + i // len(kinds)) for i in range(runs)]
-    known = {} if keep is None else _kept(keep, law)
+    known = _kept(keep, law)
     calls = [delayed(run_fault)(*one, law) for one in wanted if one not in known]
     for outcome in in_parallel(calls, jobs, "run", ordered=False):
         known[outcome.fault.kind, outcome.fault.seed] = outcome
-        if keep is not None:
-            with keep.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"law": law} | outcome.told()) + "\n")
+        keep_run(keep, json.dumps({"law": law} | outcome.told()))
     return [known[one] for one in wanted]
 
 
-def _kept(file: Path, law: str) -> dict[tuple[str, int], Outcome]:
+def _kept(file: Path | None, law: str) -> dict[tuple[str, int], Outcome]:
     """Runs of that law in a file, by kind and seed."""
 
     def outcome(run: dict[str, Any]) -> tuple[str, Outcome]:
         figures = (run[name] for name in Outcome._fields[1:])
-        kind = run["kind"].replace("initialised", "initialized")  # as files of before spell it
-        return run["law"], Outcome(draw(kind, run["seed"]), *figures)
+        return run["law"], Outcome(draw(run["kind"], run["seed"]), *figures)
 
     runs = kept_runs(file, outcome, "a run of ./seed validate faults")
     return {(o.fault.kind, o.fault.seed): o for of, o in runs if of == law}

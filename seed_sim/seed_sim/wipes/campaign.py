@@ -7,11 +7,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from joblib import delayed
 
+from seed_sim.campaigns import keep_run, kept_runs, spread
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sim.kept_runs import kept_runs
 from seed_sim.wipes.bandwidth import AMPLITUDES, FREQUENCIES, bandwidth, gain
 from seed_sim.wipes.conditions import CONDITIONS
 from seed_sim.wipes.run import Wipe, wipe
@@ -25,17 +24,15 @@ def campaign(
     keep: file with a line for each wipe as it ends; those that it holds already are not made again.
     """
     wanted = [(name, seed) for name in names for seed in seeds]
-    known = {} if keep is None else _kept(keep, law)
+    known = _kept(keep, law)
     missing = [one for one in wanted if one not in known]
     for made in in_parallel([delayed(wipe)(*one, law) for one in missing], jobs, "wipe", ordered=False):
         known[made.condition, made.seed] = made
-        if keep is not None:
-            with keep.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"law": law} | made._asdict()) + "\n")
+        keep_run(keep, json.dumps({"law": law} | made._asdict()))
     return [known[one] for one in wanted]
 
 
-def _kept(file: Path, law: str) -> dict[tuple[str, int], Wipe]:
+def _kept(file: Path | None, law: str) -> dict[tuple[str, int], Wipe]:
     """Wipes of that law in a file, by condition and seed."""
 
     def made(run: dict[str, Any]) -> tuple[str, Wipe]:
@@ -51,21 +48,13 @@ def summary(wipes: Sequence[Wipe]) -> dict[str, dict[str, Any]]:
         of = [w for w in wipes if w.condition == name]
         out[name] = {
             "wipes": len(of),
-            "force": _spread([w.force for w in of]),
-            "peak": _spread([w.worst for w in of]),
-            "lean": _spread([w.lean for w in of]),
-            "unknowable": _spread([w.unknowable for w in of]),
+            "force": spread([w.force for w in of]),
+            "peak": spread([w.worst for w in of]),
+            "lean": spread([w.lean for w in of]),
+            "unknowable": spread([w.unknowable for w in of]),
             "ended": {str(w.seed): w.ended for w in of if w.ended},
         }
     return out
-
-
-def _spread(values: Sequence[float]) -> dict[str, float]:
-    return {
-        "median": float(np.median(values)),
-        "p90": float(np.percentile(values, 90.0)),
-        "worst": max(values),
-    }
 
 
 def table(result: dict[str, dict[str, Any]]) -> str:

@@ -10,8 +10,8 @@ from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
+from seed_sim.campaigns import keep_run, kept_runs, spread
 from seed_sim.closed_loop.progress import Progress, in_parallel, progress_bar
-from seed_sim.kept_runs import kept_runs
 from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import Kind
 from seed_sim.world.trial import run_trial
@@ -44,13 +44,11 @@ def score_draws(
     Raises:
         SeedError: the file holds draws of other settings.
     """
-    runs = _known(out, settings) if out is not None else {}
+    runs = _known(out, settings)
     missing = [d for d in draws if d not in runs]
     for run in _runs(settings, missing, jobs, shown):
         runs[run["draw"]] = run
-        if out is not None:
-            with out.open("a", encoding="utf-8") as file:
-                file.write(to_json(run) + "\n")
+        keep_run(out, to_json(run))
     ordered = [runs[d] for d in sorted(runs)]
     return {**settings, "draws": ordered, "summary": summarised(ordered)}
 
@@ -75,7 +73,7 @@ def one_draw(settings: dict[str, Any], draw: int, progress: Progress | None = No
     return {**result, **settings}
 
 
-def _known(out: Path, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
+def _known(out: Path | None, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
     def of_these(run: dict[str, Any]) -> tuple[int, dict[str, Any]]:
         if other := [f"{k} {run[k]}" for k in SETTINGS if run[k] != settings[k]]:
             raise ValueError(f"one with {', '.join(other)}")
@@ -108,12 +106,6 @@ def summarised(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         values = [v for r in runs if (v := value_of(r, key)) is not None]
         out[key] = spread(values) if values else None
     return out
-
-
-def spread(values: Sequence[float]) -> dict[str, float]:
-    """median, p90 and worst."""
-    v = np.asarray(values, dtype=float)
-    return {"median": float(np.median(v)), "p90": float(np.percentile(v, 90)), "worst": float(v.max())}
 
 
 def table(result: dict[str, Any]) -> str:

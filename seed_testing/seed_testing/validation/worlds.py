@@ -10,6 +10,7 @@ from joblib import delayed
 
 from seed_core.errors import SeedError
 from seed_core.spatial import interpolate_pose
+from seed_sim.campaigns import spread
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.trajectory import poses
@@ -18,7 +19,6 @@ from seed_sim.world.draw import draw_world
 from seed_sim.world.parameters import World
 from seed_sim.world.poses import make_estimator, take_grasp
 from seed_sim.world.procedures.find_out import calibrate_cameras
-from seed_sim.world.score import spread
 from seed_testing.validation.scores import AXES, NAMED, Series, scores
 
 

@@ -16,6 +16,7 @@ from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hysteretic.spring import HystereticSpring
 from seed_core.spatial import Array, inverse_pose, make_pose
+from seed_sim.campaigns import spread
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import Grasp, IdentificationScenario
@@ -142,7 +143,7 @@ def identify_draws(draws: Sequence[int]) -> dict[str, Any]:
     summary: dict[str, Any] = {"draws": len(runs), "failed": [r["draw"] for r in runs if "error" in r]}
     if good:
         errors = {k: np.abs([r["pressed"][k] - r["pressed"]["true"] for r in good]) for k in ("linear", "hysteretic")}
-        summary["force_error"] = {k: _spread(v) for k, v in errors.items()}
+        summary["force_error"] = {k: spread(v.tolist()) for k, v in errors.items()}
         stated = np.array([r["pressed"]["stated"] for r in good])
         summary["within_two_deviations"] = float(np.mean(errors["hysteretic"] <= 2.0 * stated))
         for fit in ("linear", "hysteretic"):
@@ -180,10 +181,6 @@ def _one(draw: int) -> dict[str, Any]:
             "stated": float(np.sqrt(told.covariance[5, 5])),
         },
     }
-
-
-def _spread(values: Array) -> dict[str, float]:
-    return {"median": float(np.median(values)), "p90": float(np.percentile(values, 90)), "worst": float(values.max())}
 
 
 def table(result: dict[str, Any]) -> str:

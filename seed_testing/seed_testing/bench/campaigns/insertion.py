@@ -13,10 +13,10 @@ from joblib import delayed
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, seed_number, whole
+from seed_sim.campaigns import keep_run, kept_runs
 from seed_sim.closed_loop.evaluate import evaluate, scenario_of
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.closed_loop.relative_poses import ESTIMATORS
-from seed_sim.kept_runs import kept_runs
 from seed_sim.scenario import Scenario, load_scenario
 from seed_testing.figures import text
 
@@ -53,17 +53,15 @@ def run(settings: dict[str, Any], seeds: Sequence[int], jobs: int = 1, out: Path
         SeedError: the file holds cases of other settings, or the task has no hole.
     """
     _scenario(settings)
-    cases = _known(out, settings) if out is not None else {}
+    cases = _known(out, settings)
     todo = [seed for seed in seeds if seed not in cases]
     for case in in_parallel([delayed(one_case)(settings, seed) for seed in todo], jobs, "case"):
         cases[case["seed"]] = case
-        if out is not None:
-            with out.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(case) + "\n")
+        keep_run(out, json.dumps(case))
     return [cases[seed] for seed in seeds]
 
 
-def _known(out: Path, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
+def _known(out: Path | None, settings: dict[str, Any]) -> dict[int, dict[str, Any]]:
     def of_these(case: dict[str, Any]) -> tuple[int, dict[str, Any]]:
         if any(case[name] != settings[name] for name in SETTINGS):
             raise ValueError("one with other settings")
