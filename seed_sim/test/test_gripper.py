@@ -11,8 +11,8 @@ from seed_core.spatial import inverse_pose
 from seed_sim.gripper.gripper import GripperSection, SimulatedGripper
 from seed_sim.gripper.held import DT, HeldTool, TornError
 from seed_sim.gripper.pulls import KINDS, RADIUS, draw
-from seed_sim.gripper.score import Case, summary, table
-from seed_sim.gripper.trial import Outcome, _material, holds, run
+from seed_sim.gripper.score import PullScore, summary, table
+from seed_sim.gripper.trial import PullOutcome, _material, holds, run_pull
 
 SECTION = GripperSection(speed=0.1, latency=0.02, max_force=10.0)
 SPRING = 800.0  # [N/m] of the push per closed metre
@@ -74,7 +74,7 @@ def test_sliding_begins_where_coulomb_says() -> None:
 def test_the_answer_holds_what_a_grip_that_stays_loses() -> None:
     pull = draw("pull", 4)
     assert not holds(pull, pull.membrane.squeeze)
-    answer = run(pull)
+    answer = run_pull(pull)
     assert not answer.broken
     assert answer.slid < 0.002
     assert answer.more - answer.onset <= 0.05
@@ -96,7 +96,7 @@ def test_a_load_is_told_by_how_the_material_has_moved() -> None:
 
 def test_a_gripper_too_weak_for_the_pull_is_named() -> None:
     pull = replace(draw("pull", 4), strength=1.2, rise=0.3)
-    answer = run(pull, gripper=GripperSection(answers=False))
+    answer = run_pull(pull, gripper=GripperSection(answers=False))
     assert "the gripper does not follow" in answer.reason or answer.broken
 
 
@@ -109,9 +109,9 @@ def test_every_kind_of_pull_ends_where_it_began() -> None:
 
 
 def test_the_score_counts_what_breaks() -> None:
-    held = Outcome(False, 0.001, 0.40, 0.43, 6.0, 7.0, "", ())
-    broken = Outcome(True, 0.005, 0.40, 0.46, 3.0, 4.0, "", ())
-    result = summary([Case("pull", 1, True, held, 4.0), Case("pull", 2, True, broken, 4.0)])["pull"]
+    held = PullOutcome(False, 0.001, 0.40, 0.43, 6.0, 7.0, "", ())
+    broken = PullOutcome(True, 0.005, 0.40, 0.46, 3.0, 4.0, "", ())
+    result = summary([PullScore("pull", 1, True, held, 4.0), PullScore("pull", 2, True, broken, 4.0)])["pull"]
     assert (result["broken_without"], result["broken_with"]) == (1.0, 0.5)
     assert result["onset_to_grip_ms_most"] == pytest.approx(60.0)
     assert result["grip_over_necessary_mean"] == pytest.approx(4.5 / 4.0)

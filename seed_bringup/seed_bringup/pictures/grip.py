@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from seed_bringup.pictures.scene import INK, png
 from seed_sim.gripper.held import DT, HeldTool, TornError
 from seed_sim.gripper.pulls import draw
-from seed_sim.gripper.trial import Moment, run
+from seed_sim.gripper.trial import PullMoment, run_pull
 
 SEED = 206
 RED, BLUE, GREY = "#d63031", "#1f6feb", "#8a94a3"
@@ -16,7 +16,7 @@ RED, BLUE, GREY = "#d63031", "#1f6feb", "#8a94a3"
 def answers_slip() -> bytes:
     """Grip, margin and slide over time."""
     pull = draw("pull", SEED)
-    answered = _columns(run(pull, keep=True).moments)
+    answered = _columns(run_pull(pull, keep=True).moments)
     held, stays = HeldTool(pull), []
     try:
         while held.t < answered["t"][-1]:
@@ -47,5 +47,5 @@ def answers_slip() -> bytes:
     return png(figure)
 
 
-def _columns(moments: tuple[Moment, ...]) -> dict[str, np.ndarray]:
-    return {name: np.array([getattr(m, name) for m in moments]) for name in Moment._fields}
+def _columns(moments: tuple[PullMoment, ...]) -> dict[str, np.ndarray]:
+    return {name: np.array([getattr(m, name) for m in moments]) for name in PullMoment._fields}

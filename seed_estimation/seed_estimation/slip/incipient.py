@@ -10,6 +10,7 @@ slides, c stays; if the load is taken off, c goes back. The displacement of the 
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seed_core.spatial import Array
 from seed_estimation.images.tactile_images import Array32
@@ -21,12 +22,18 @@ CREEP = 0.002  # [m] from the edge over which creep falls by e
 START = 0.05  # [1] deviation of c before anything is seen: a small motion tells nothing
 
 
+def edge_weights(points: ArrayLike, patch: ArrayLike) -> Array:
+    """e (N,) of points (N, 2) in the convex hull of a patch's (M, 2), all along x and z [m]."""
+    hull = cv2.convexHull(np.ascontiguousarray(patch, np.float32))
+    inside = [cv2.pointPolygonTest(hull, (float(x), float(z)), True) for x, z in np.asarray(points)]
+    return np.exp(np.maximum(inside, 0.0) / -CREEP)
+
+
 def creep_weights(model: FingerModel) -> Array32:
-    """e (N,) of the fine level's points; the edge is that of the patch's convex hull, along x and z."""
+    """e (N,) of the fine level's points."""
     fine = model.levels[1]
-    hull = cv2.convexHull(np.ascontiguousarray(np.concatenate((fine.p, model.p), axis=1)[[0, 2]].T))
-    inside = [cv2.pointPolygonTest(hull, (float(x), float(z)), True) for x, z in fine.p[[0, 2]].T]
-    return np.exp(np.maximum(inside, 0.0) / -CREEP).astype(np.float32)
+    weights = edge_weights(fine.p[[0, 2]].T, np.concatenate((fine.p, model.p), axis=1)[[0, 2]].T)
+    return weights.astype(np.float32)
 
 
 def incipient_slip(finger: FingerResiduals, motion: Array, creep: Array32, hold: Array) -> float:

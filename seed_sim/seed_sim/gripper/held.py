@@ -6,11 +6,11 @@ One solve of the membranes per step; the tool's motion is implicit in their tang
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
+from seed_estimation.slip.incipient import edge_weights
 from seed_sim.gripper.pulls import Pull, tool_inertia
 from seed_sim.membrane import GraspState, MembraneError, MembraneGrasp
 from seed_sim.membrane.grasp import SIDES
@@ -21,17 +21,16 @@ WIDTH = 0.02  # [m] of the fingers at the first grip
 SLID = 0.005  # [m] on the membranes from which a grasp counts as broken
 _DAMPING = 0.3  # ratio, as the plant's grasps
 _MOST_STEP = 0.004  # [m] of the tool in a step
-_EDGE = 0.002  # [m] as seed_estimation/slip/incipient.py has it
 
 
 class TornError(SeedError):
     """The tool has left the grasp."""
 
 
-class Creep(NamedTuple):
+class TrueSlip(NamedTuple):
     """How far the membranes do not follow the tool: share of its motion, the same at the edge, and way [m]."""
 
-    slip: float
+    share: float
     incipient: float
     slid: float
 
@@ -102,19 +101,19 @@ class HeldTool:
         if not self.state.converged:
             self.X_CT = self.state.X_CT.copy()  # it waits for the next step where it was
         self.grip = push_of(self.state)
-        self.slid = self.creep().slid
+        self.slid = self.slip().slid
         if self.slid > SLID:
             raise TornError(f"the tool slid by more than {1e3 * SLID:g} mm")
 
-    def creep(self) -> Creep:
+    def slip(self) -> TrueSlip:
         """How far both membranes do not follow the tool since the grasp."""
         _, lag, move = self._lags()
         edge = np.concatenate([self._edges[finger] for finger in SIDES])[:, None]
         size, at_edge = float((move**2).sum()), float(((edge * move) ** 2).sum())
         if size < len(move) * 1e-4**2:
-            return Creep(0.0, 0.0, 0.0)
+            return TrueSlip(0.0, 0.0, 0.0)
         slid = float(np.sqrt(np.square(lag).sum(axis=1).mean()))
-        return Creep(float((lag * move).sum()) / size, float((lag * edge * move).sum()) / max(at_edge, 1e-12), slid)
+        return TrueSlip(float((lag * move).sum()) / size, float((lag * edge * move).sum()) / max(at_edge, 1e-12), slid)
 
     def lag(self) -> Array:
         """Turn about y [rad] and shift along x and z (3,) [m] in which both membranes, as one body, do not follow."""
@@ -148,6 +147,4 @@ class HeldTool:
 def _edge_weights(state: GraspState, finger: str) -> Array:
     bubble = state.bubbles[finger]
     p = bubble.nodes[bubble.touching][:, ::2].astype(np.float32)
-    hull = cv2.convexHull(np.ascontiguousarray(p))
-    inside = [cv2.pointPolygonTest(hull, (float(x), float(z)), True) for x, z in p]
-    return np.exp(np.maximum(inside, 0.0) / -_EDGE)
+    return edge_weights(p, p)

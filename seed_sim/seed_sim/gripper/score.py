@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from joblib import delayed
 
-from seed_control.grip import GripSettings
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.gripper.pulls import KINDS, draw
-from seed_sim.gripper.trial import Outcome, holds, necessary, run
+from seed_sim.gripper.trial import PullOutcome, holds, necessary, run_pull
 
 
-class Case(NamedTuple):
+class PullScore(NamedTuple):
     """One grasp and one pull.
 
     Attributes:
@@ -24,28 +23,28 @@ class Case(NamedTuple):
     kind: str
     seed: int
     without: bool
-    answer: Outcome
+    answer: PullOutcome
     necessary: float
 
 
-def case(kind: str, seed: int, settings: GripSettings | None = None) -> Case:
+def score_pull(kind: str, seed: int) -> PullScore:
     """One pull, drawn from a seed, at a grasp of its own."""
     pull = draw(kind, seed)
-    return Case(kind, seed, not holds(pull, pull.membrane.squeeze), run(pull, settings=settings), necessary(pull))
+    return PullScore(kind, seed, not holds(pull, pull.membrane.squeeze), run_pull(pull), necessary(pull))
 
 
-def score(runs: int, seed: int, kinds: Sequence[str] = KINDS, jobs: int = 1) -> list[Case]:
+def score(runs: int, seed: int, kinds: Sequence[str] = KINDS, jobs: int = 1) -> list[PullScore]:
     """So many pulls of each kind, the first drawn from `seed`."""
     wanted = [(kind, seed + i) for kind in kinds for i in range(runs)]
-    return list(in_parallel([delayed(case)(*one) for one in wanted], min(jobs, len(wanted)), "pull"))
+    return list(in_parallel([delayed(score_pull)(*one) for one in wanted], min(jobs, len(wanted)), "pull"))
 
 
-def summary(cases: Sequence[Case]) -> dict[str, dict[str, float]]:
+def summary(scores: Sequence[PullScore]) -> dict[str, dict[str, float]]:
     """By kind: shares that break, milliseconds from slip's onset to more grip, grip over what was necessary."""
-    return {kind: _of([c for c in cases if c.kind == kind]) for kind in dict.fromkeys(c.kind for c in cases)}
+    return {kind: _of([s for s in scores if s.kind == kind]) for kind in dict.fromkeys(s.kind for s in scores)}
 
 
-def _of(cases: Sequence[Case]) -> dict[str, float]:
+def _of(cases: Sequence[PullScore]) -> dict[str, float]:
     answers = [c.answer for c in cases]
     delays = [1e3 * max(a.more - a.onset, 0.0) for a in answers if np.isfinite(a.onset)]
     shares = [c.answer.grip / c.necessary for c in cases if np.isfinite(c.necessary)]
@@ -80,7 +79,7 @@ def table(result: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
-def told(cases: Sequence[Case]) -> list[dict[str, Any]]:
+def told(cases: Sequence[PullScore]) -> list[dict[str, Any]]:
     """Every run by itself."""
     return [
         {"kind": c.kind, "seed": c.seed, "broken_without": c.without, "necessary": c.necessary}

@@ -32,7 +32,7 @@ class Measured:
     delay: float = 0.03  # [s] from image to estimate
     position: float = 1e-4  # [m] deviation of the pose
     rotation: float = float(np.deg2rad(0.2))  # [rad]
-    creep: float = 0.02  # [1] deviation of slip and incipient slip
+    slip: float = 0.02  # [1] deviation of slip and incipient slip
     alarm: float = 0.0015  # [m] of slide from which gross slip is told
     friction: float = 0.1  # relative deviation of the friction that was identified
     stiffness: float = 0.08  # relative deviation of each identified stiffness
@@ -40,7 +40,7 @@ class Measured:
     force_noise: float = 0.1  # [N]
 
 
-class Moment(NamedTuple):
+class PullMoment(NamedTuple):
     """For pictures: time [s], load over first friction [1], grip, told margin, true margin, slid [m]."""
 
     t: float
@@ -51,7 +51,7 @@ class Moment(NamedTuple):
     slid: float
 
 
-class Outcome(NamedTuple):
+class PullOutcome(NamedTuple):
     """Of one trial.
 
     Attributes:
@@ -67,7 +67,7 @@ class Outcome(NamedTuple):
     grip: float
     peak: float
     reason: str
-    moments: tuple[Moment, ...]
+    moments: tuple[PullMoment, ...]
 
 
 class _Eyes:
@@ -92,10 +92,10 @@ class _Eyes:
     def image(self, held: HeldTool, width: float) -> tuple[Wrench, Array, SlipSigns]:
         """Spring in C, covariance and signs, by the stiffness that belongs to the width."""
         m, rng = self._m, self._rng
-        creep = held.creep()
-        slip, incipient = (max(c + m.creep * float(rng.normal()), 0.0) for c in creep[:2])
+        true = held.slip()
+        slip, incipient = (max(share + m.slip * float(rng.normal()), 0.0) for share in (true.share, true.incipient))
         noise = make_pose(so3_exp(m.rotation * rng.normal(size=3)), m.position * rng.normal(size=3))
-        X_CT = _material(held.X_CT @ noise, held.lag(), slip - creep.slip)
+        X_CT = _material(held.X_CT @ noise, held.lag(), slip - true.share)
         stiffness = Stiffness.from_vector(
             np.array([np.interp(width, self._widths, self._stiffness[:, i]) for i in range(6)])
         )
@@ -103,7 +103,7 @@ class _Eyes:
         spring = self._kept.update(Bushing(stiffness).wrench(X_TC), stiffness, X_TC).rotated(X_CT[:3, :3])
         own = (0.1 * spring.vector()) ** 2
         covariance = np.diag(own + (stiffness.vector() * np.repeat((m.rotation, m.position), 3)) ** 2)
-        return spring, covariance, SlipSigns(slip, incipient, creep.slid > m.alarm)
+        return spring, covariance, SlipSigns(slip, incipient, true.slid > m.alarm)
 
 
 def _material(X_CT: Array, lag: Array, share: float) -> Array:
@@ -132,40 +132,59 @@ def holds(pull: Pull, squeeze: float) -> bool:
     return True
 
 
-def run(
-    pull: Pull,
-    measured: Measured | None = None,
-    settings: GripSettings | None = None,
-    gripper: GripperSection | None = None,
-    keep: bool = False,
-) -> Outcome:
+class _Tally:
+    """What is counted over one trial: see `PullOutcome`."""
+
+    def __init__(self, held: HeldTool) -> None:
+        self.onset = self.more = inf
+        self.peak = self._first = held.grip
+        self._grips: list[float] = []
+
+    def add(self, held: HeldTool) -> None:
+        """One more step."""
+        t, pull, grip = held.t, held.pull, held.grip
+        if t <= pull.begins:
+            self._first = grip
+        elif self.onset == inf and held.slid >= BEGUN:
+            self.onset = t
+        if self.more == inf and t > pull.begins and grip >= MORE * self._first:
+            self.more = t
+        self.peak = max(self.peak, grip)
+        if pull.begins <= t <= pull.ends:
+            self._grips.append(grip)
+
+    @property
+    def grip(self) -> float:
+        """Mean while it was pulled [N]."""
+        return sum(self._grips) / max(len(self._grips), 1)
+
+
+def run_pull(pull: Pull, gripper: GripperSection | None = None, keep: bool = False) -> PullOutcome:
     """Pull at one grasp whose grip answers slip.
 
     Args:
         pull: what, and how.
-        measured, settings, gripper: errors of the measurements, the law's, the gripper.
+        gripper: its limits.
         keep: the moments, for a picture.
 
     Raises:
         MembraneError: membranes that cannot be closed.
     """
     held = HeldTool(pull)
-    m = measured or Measured()
+    m = Measured()
     rng = np.random.default_rng((pull.seed, 0xE1E5))
     eyes = _Eyes(held, m, rng)
     section = replace(gripper or GripperSection(), min_width=max(WIDTH - 2.0 * (MOST_SQUEEZE - held.first), 0.0))
     fingers = SimulatedGripper(section, WIDTH)
     settings = replace(
-        settings or GripSettings(), friction=eyes.friction, least_force=held.grip,
+        GripSettings(), friction=eyes.friction, least_force=held.grip,
         max_force=section.max_force, min_width=section.min_width, force_per_width=eyes.rise,
     )  # fmt: skip
     margin, control = SlipMargin(settings), GripControl(settings)
     waiting: deque[tuple[float, Wrench, Array, SlipSigns, float]] = deque()
     next_image = float(rng.uniform(0.0, 1.0 / m.rate))
-    first = peak = held.grip
-    onset, more, total, count, reason, told = inf, inf, 0.0, 0, "", nan
-    moments: list[Moment] = []
-    broken = False
+    tally, reason, told, broken = _Tally(held), "", nan, False
+    moments: list[PullMoment] = []
     while held.t < pull.ends + _TAIL:
         try:
             held.advance(fingers.advance(held.t + DT, DT, held.grip, eyes.rise))
@@ -173,15 +192,7 @@ def run(
             broken = True
             break
         t = held.t
-        if t <= pull.begins:
-            first = held.grip
-        elif onset == inf and held.slid >= BEGUN:
-            onset = t
-        if more == inf and t > pull.begins and held.grip >= MORE * first:
-            more = t
-        peak = max(peak, held.grip)
-        if pull.begins <= t <= pull.ends:
-            total, count = total + held.grip, count + 1
+        tally.add(held)
         if t >= next_image:
             next_image += 1.0 / m.rate
             waiting.append((t, *eyes.image(held, fingers.width), eyes.force(held.grip)))
@@ -199,14 +210,14 @@ def run(
             fingers.command_force(t, command.force)
         if keep:
             moments.append(_moment(held, told))
-    return Outcome(broken, held.slid, onset, more, total / max(count, 1), peak, reason, tuple(moments))
+    return PullOutcome(broken, held.slid, tally.onset, tally.more, tally.grip, tally.peak, reason, tuple(moments))
 
 
-def _moment(held: HeldTool, told: float) -> Moment:
+def _moment(held: HeldTool, told: float) -> PullMoment:
     spring, friction = held.spring, held.pull.friction_at(held.t)
     load = float(np.linalg.norm((spring.force[0], spring.force[2], spring.torque[1] / RADIUS)))
     used = load / (2.0 * friction * max(held.grip, 1e-3))
-    return Moment(held.t, load, held.grip, told, 1.0 - used, held.slid)
+    return PullMoment(held.t, load, held.grip, told, 1.0 - used, held.slid)
 
 
 def necessary(pull: Pull) -> float:
