@@ -21,7 +21,7 @@ def test_a_finger_that_comes_later_is_remembered_beside_the_one_that_is_known(tm
     left, right = (identity.Known(pattern, "camera", np.eye(3)) for pattern in dots)
 
     def session(**seen: identity.Known) -> tuple[str, set[str]]:
-        bubbles = identity.Bubbles(str(file), dict.fromkeys(seen, "camera"))
+        bubbles = identity.KnownBubbles(str(file), dict.fromkeys(seen, "camera"))
         bubbles.judge(seen)
         return bubbles.status, set(identity.load(file))
 
@@ -49,7 +49,7 @@ def test_a_damaged_file_is_refused_with_the_remedy(tmp_path: Path) -> None:
     for share in (2, 1000000):
         file.write_bytes(file.read_bytes()[: file.stat().st_size // share])
         with pytest.raises(SeedError, match=r"identity_file is damaged, .*remove it, and the next reference writes"):
-            identity.Bubbles(str(file), {})
+            identity.KnownBubbles(str(file), {})
 
 
 def test_images_turned_or_swapped_are_named() -> None:

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from seed_core.config import ConfigError
 from seed_core.errors import SeedError
 from seed_estimation.images.camera import PinholeCamera
-from seed_estimation.realsense import CameraError, library
+from seed_estimation.realsense import RealSenseError, library
 from seed_estimation.realsense.camera import Camera, Pictures
 from seed_estimation.realsense.cameras import Cameras
 from seed_estimation.realsense.dating import Dating
@@ -145,7 +145,7 @@ def test_the_smaller_serial_is_left_and_stays_so_when_a_camera_is_unplugged_and_
     ],
 )
 def test_a_camera_that_cannot_be_used_is_refused_with_what_to_do(how: Any, settings: Any, words: str) -> None:
-    with pytest.raises(CameraError, match=words):
+    with pytest.raises(RealSenseError, match=words):
         Camera("left", software("1", **how).device, settings)
 
 
@@ -162,7 +162,7 @@ def test_a_camera_that_is_unplugged_while_it_is_listed_is_as_if_not_there_and_th
     cameras.look()
     assert cameras.problems["right"] == ""
     assert "camera 100 is not there; connected: 200" in cameras.problems["left"]
-    with pytest.raises(CameraError, match="unplugged just now"):
+    with pytest.raises(RealSenseError, match="unplugged just now"):
         Camera("left", Gone(), SMALL)
     cameras.close()
 
@@ -220,7 +220,7 @@ def test_order_decides_only_when_nothing_is_missing() -> None:
     assert assign((b, a), {"left": "", "right": ""}) == {"left": "a", "right": "b"}
     assert assign((b, a), {"left": "b", "right": ""}) == {"left": "b", "right": "a"}
     for found in ((a,), (a, b, c), ()):
-        with pytest.raises(CameraError, match=r"set the parameters left and right"):
+        with pytest.raises(RealSenseError, match=r"set the parameters left and right"):
             assign(found, {"left": "", "right": ""})
     with pytest.raises(ConfigError, match="one camera cannot look into both"):
         RealSenseSettings(left="7", right="7")

@@ -37,7 +37,7 @@ class Seen(NamedTuple):
     patch: ContactPatch
 
 
-class Grasp:
+class GelGrasp:
     """What a gel saw of the tool at the moment of grasp; points in C [m].
 
     Attributes:
@@ -84,7 +84,9 @@ class Grasp:
 class GelObservation:
     """An `Observation` of a gel."""
 
-    def __init__(self, seen: Seen, grasp: Grasp | None, dots: NDArray[np.intp], p: GelSettings, canvas: Canvas) -> None:
+    def __init__(
+        self, seen: Seen, grasp: GelGrasp | None, dots: NDArray[np.intp], p: GelSettings, canvas: Canvas
+    ) -> None:
         """dots: for each dot of the grasp, its index among those seen, or -1."""
         self._seen, self._grasp, self._p, self._canvas = seen, grasp, p, canvas
         if grasp is not None:
@@ -104,7 +106,7 @@ class GelObservation:
         assert g is not None
         return self._dot_rows(g, X_CT), *self._surface_rows(g, X_CT)
 
-    def _dot_rows(self, g: Grasp, X_CT: Array) -> Rows:
+    def _dot_rows(self, g: GelGrasp, X_CT: Array) -> Rows:
         """Two rows for each dot that lies well on the tool: across its ray."""
         p = _into(X_CT, g.dots[self._core])
         q = _into(g.X_XC, p)
@@ -117,7 +119,7 @@ class GelObservation:
         rows = [point_rows(j @ g.X_XC[:3, :3], p) for j in J]
         return Rows(r.T.ravel(), np.concatenate(rows), 2.0 * len(p))
 
-    def _surface_rows(self, g: Grasp, X_CT: Array) -> tuple[Rows, Rows]:
+    def _surface_rows(self, g: GelGrasp, X_CT: Array) -> tuple[Rows, Rows]:
         """Slope and depth at the samples that are in view, where no dot hides them."""
         p, n = _into(X_CT, g.points), g.normals @ X_CT[:3, :3].T
         q, m = _into(g.X_XC, p), n @ g.X_XC[:3, :3].T

@@ -18,7 +18,7 @@ from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.gel.depth import Integrator
 from seed_estimation.gel.dots import DotFinder, matched
 from seed_estimation.gel.image import GelImage
-from seed_estimation.gel.observation import GelObservation, Grasp, Seen
+from seed_estimation.gel.observation import GelGrasp, GelObservation, Seen
 from seed_estimation.gel.settings import GelSettings
 from seed_estimation.gel.shading import Canvas, Shading, change, filled, mean_colour
 from seed_estimation.images.camera import PinholeCamera
@@ -44,7 +44,7 @@ class Gel:
         self._dots = DotFinder(settings.dot * per_metre, settings.contrast)
         self._near = NEAR * settings.pitch * per_metre
         self._free: Array32 | None = None  # (h, w, 3) [counts] of the free gel, dots filled in
-        self._grasp: Grasp | None = None
+        self._grasp: GelGrasp | None = None
         self._last: tuple[GelImage, Seen] | None = None
 
     def problem(self, image: GelImage) -> str:
@@ -87,7 +87,7 @@ class Gel:
                 f"{p.threshold * 1e3:g} mm. Close the gripper. A flat tool that fills the view is not seen either: the "
                 "edges of the contact must be in view"
             )
-        grasp = Grasp(seen, self._canvas, self._X_XC, p)
+        grasp = GelGrasp(seen, self._canvas, self._X_XC, p)
         if np.count_nonzero(grasp.core_dots) < p.least_dots:
             raise EstimatorError(
                 f"{self.finger} gel: {np.count_nonzero(grasp.core_dots)} dots lie on the tool, at least {p.least_dots} "

@@ -119,7 +119,7 @@ def mistaken(finger: str, ir: Image, known: Mapping[str, Image]) -> str:
     return ""
 
 
-class Bubbles:
+class KnownBubbles:
     """Tells the bubbles apart, from one session to the next.
 
     Attributes:

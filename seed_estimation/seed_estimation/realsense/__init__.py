@@ -6,7 +6,7 @@ from typing import Any
 from seed_core.errors import SeedError
 
 
-class CameraError(SeedError):
+class RealSenseError(SeedError):
     """A camera that cannot be used, with what to do about it."""
 
 
@@ -14,7 +14,7 @@ def library() -> Any:
     """The module pyrealsense2.
 
     Raises:
-        CameraError: it, or what it stands on, is not installed.
+        RealSenseError: it, or what it stands on, is not installed.
     """
     try:
         import pyrealsense2
@@ -24,5 +24,5 @@ def library() -> Any:
             if "libusb" in str(error)
             else "install it with: pip install pyrealsense2"
         )
-        raise CameraError(f"RealSense cameras need pyrealsense2, which cannot be loaded: {error}; {what}") from error
+        raise RealSenseError(f"RealSense cameras need pyrealsense2, which cannot be loaded: {error}; {what}") from error
     return pyrealsense2

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_estimation.images.camera import PinholeCamera
-from seed_estimation.realsense import CameraError, library
+from seed_estimation.realsense import RealSenseError, library
 from seed_estimation.realsense.dating import Dating, since_exposure
 from seed_estimation.realsense.selection import describe, doubts, unfit
 from seed_estimation.realsense.settings import RealSenseSettings
@@ -50,13 +50,13 @@ class Camera:
     """
 
     def __init__(self, finger: str, device: Any, settings: RealSenseSettings) -> None:
-        """Open a device of the library and let it stream. Raises CameraError."""
+        """Open a device of the library and let it stream. Raises RealSenseError."""
         rs = library()
         self._device, self.found = device, describe(device)
         self.doubts = doubts(self.found)
         problem = unfit(self.found, settings.model)
         if problem:
-            raise CameraError(f"{finger}: {problem}")
+            raise RealSenseError(f"{finger}: {problem}")
         self.finger, self.taken, self.lost, self.dating = finger, 0, 0, Dating()
         self._polled, self._number = time.monotonic(), -1
         self.silent_for = 0.0
@@ -66,7 +66,7 @@ class Camera:
         try:
             sensors = [s for s in device.query_sensors() if s.is_depth_sensor()]
             if not sensors:
-                raise CameraError(f"{finger}: camera {self.found} has no depth sensor: is it in recovery mode?")
+                raise RealSenseError(f"{finger}: camera {self.found} has no depth sensor: is it in recovery mode?")
             self._sensor = sensors[0]
             profiles = _profiles(rs, self._sensor, settings, self.found)
             self.model = _shared_intrinsics(rs, profiles, self.found)
@@ -77,7 +77,7 @@ class Camera:
             self._sensor.start(self._queue)
         except RuntimeError as error:  # all that the library raises
             self.close()
-            raise CameraError(
+            raise RealSenseError(
                 f"{finger}: camera {self.found} does not open: {error}. Does another program use it?"
             ) from error
 
@@ -90,12 +90,12 @@ class Camera:
         self._set(option.enable_auto_exposure, float(settings.exposure == 0.0))
         if settings.exposure:
             if not self._sensor.supports(option.exposure):
-                raise CameraError(
+                raise RealSenseError(
                     f"{self.finger}: the exposure of camera {self.found} cannot be set: set exposure to 0"
                 )
             span = self._sensor.get_option_range(option.exposure)
             if not span.min <= settings.exposure <= span.max:
-                raise CameraError(
+                raise RealSenseError(
                     f"{self.finger}: exposure = {settings.exposure:g} us; camera {self.found} takes {span.min:g} to "
                     f"{span.max:g} us"
                 )
@@ -163,7 +163,7 @@ def _profiles(rs: Any, sensor: Any, settings: RealSenseSettings, found: Any) -> 
         choice = ", ".join("{} x {} at {} Hz".format(*mode) for mode in offered) or "none"
         port = f"on USB {found.usb}, " if found.slow_port else ""
         cure = "Use a USB 3 port and cable, or one of these modes" if found.slow_port else "Set width, height and rate"
-        raise CameraError(
+        raise RealSenseError(
             f"camera {found}: {port}depth and infrared of {asked[0]} x {asked[1]} at {asked[2]} Hz are not offered; "
             f"offered: {choice}. {cure}"
         )
@@ -175,7 +175,7 @@ def _shared_intrinsics(rs: Any, profiles: list[Any], found: Any) -> PinholeCamer
     depth, gray = (p.as_video_stream_profile().get_intrinsics() for p in profiles)
     apart = max(abs(getattr(depth, name) - getattr(gray, name)) for name in ("fx", "fy", "ppx", "ppy"))
     if apart > SAME_PIXELS:
-        raise CameraError(
+        raise RealSenseError(
             f"camera {found}: depth and infrared have intrinsics that differ by {apart:.1f} px, so that their pixels "
             "are not the same: is its calibration damaged (rs-enumerate-devices -c)?"
         )
@@ -183,5 +183,5 @@ def _shared_intrinsics(rs: Any, profiles: list[Any], found: Any) -> PinholeCamer
     names[rs.distortion.inverse_brown_conrady] = "inverse_brown_conrady"
     K = np.array(((depth.fx, 0.0, depth.ppx), (0.0, depth.fy, depth.ppy), (0.0, 0.0, 1.0)))
     if depth.model not in names and any(depth.coeffs):
-        raise CameraError(f"camera {found}: distortion model '{depth.model}' is not known")
+        raise RealSenseError(f"camera {found}: distortion model '{depth.model}' is not known")
     return PinholeCamera(depth.width, depth.height, K, np.array(depth.coeffs), names.get(depth.model, "plumb_bob"))

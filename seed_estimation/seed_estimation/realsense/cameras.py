@@ -13,7 +13,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.hand import FINGERS_OF
-from seed_estimation.realsense import CameraError, library
+from seed_estimation.realsense import RealSenseError, library
 from seed_estimation.realsense.camera import Camera, Pictures
 from seed_estimation.realsense.selection import assign, describe, listed
 from seed_estimation.realsense.settings import RealSenseSettings
@@ -24,21 +24,21 @@ Find = Callable[[], Sequence[Any]]  # devices of the library that are connected
 
 
 def connected() -> Sequence[Any]:
-    """Cameras on USB. Raises CameraError."""
+    """Cameras on USB. Raises RealSenseError."""
     rs = library()
     try:
         return list(rs.context().query_devices())
     except RuntimeError as error:
-        raise CameraError(f"cameras on USB cannot be listed: {error}") from error
+        raise RealSenseError(f"cameras on USB cannot be listed: {error}") from error
 
 
 def recorded(files: Sequence[str]) -> Sequence[Any]:
-    """Recordings as cameras. Raises CameraError."""
+    """Recordings as cameras. Raises RealSenseError."""
     context = library().context()
     try:
         return [context.load_device(file) for file in files]
     except RuntimeError as error:
-        raise CameraError(f"recordings {', '.join(files)}: {error}") from error
+        raise RealSenseError(f"recordings {', '.join(files)}: {error}") from error
 
 
 class Cameras:
@@ -109,7 +109,7 @@ class Cameras:
         try:
             devices = {}
             for device in self._find():
-                with suppress(CameraError):  # unplugged since it was listed: as if it were not there
+                with suppress(RealSenseError):  # unplugged since it was listed: as if it were not there
                     devices[describe(device)] = device
             self._serials = assign(tuple(devices), self._serials)  # stays: one that returns is the same finger's
         except SeedError as error:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from seed_estimation.realsense import CameraError, library
+from seed_estimation.realsense import RealSenseError, library
 
 UNKNOWN = "unknown"
 
@@ -29,7 +29,7 @@ class Found(NamedTuple):
 
 
 def describe(device: Any) -> Found:
-    """What a device of the library says of itself. Raises CameraError: nothing; it was unplugged meanwhile."""
+    """What a device of the library says of itself. Raises RealSenseError: nothing; it was unplugged meanwhile."""
     info = library().camera_info
     kinds = (
         info.serial_number,
@@ -41,19 +41,21 @@ def describe(device: Any) -> Found:
     try:
         return Found(*(str(device.get_info(kind)) if device.supports(kind) else UNKNOWN for kind in kinds))
     except RuntimeError as error:
-        raise CameraError(f"a camera that was listed does not answer: {error}. Was it unplugged just now?") from error
+        raise RealSenseError(
+            f"a camera that was listed does not answer: {error}. Was it unplugged just now?"
+        ) from error
 
 
 def assign(found: Sequence[Found], wanted: Mapping[str, str]) -> dict[str, str]:
     """Serial number by finger; wanted: the same, '' where the order of serial numbers decides.
 
     Raises:
-        CameraError: order cannot decide, as there are too many or too few cameras.
+        RealSenseError: order cannot decide, as there are too many or too few cameras.
     """
     free = sorted({f.serial for f in found} - set(wanted.values()))
     open_fingers = [finger for finger, serial in wanted.items() if not serial]
     if open_fingers and len(free) != len(open_fingers):
-        raise CameraError(
+        raise RealSenseError(
             f"no serial number is set for {' and '.join(open_fingers)}, and {listed(found)}: order decides among "
             f"{len(open_fingers)} only. Plug in what is missing, or set the parameters left and right to serial numbers"
         )

@@ -61,7 +61,7 @@ class ImageInputs:
         self,
         node: SeedNode,
         settings: InputSettings,
-        bubbles: identity.Bubbles,
+        bubbles: identity.KnownBubbles,
         ready: Callable[[float, dict[str, TactileImages]], None],
         problem: Callable[[float, str], None],
         calibrated: Callable[[], None],

@@ -76,7 +76,7 @@ class EstimatorNode(SeedNode):
         self.core: Estimator | None = None
         self._no_core = ""  # why there is none although the cameras are known
         names = {finger: self.frames.camera(finger) for finger in FINGERS_OF[inputs.fingers]}
-        self.bubbles = identity.Bubbles(self.settings.identity_file, names)
+        self.bubbles = identity.KnownBubbles(self.settings.identity_file, names)
         self.gathering = Gathering(self)
         self._arrivals: deque[float] = deque(maxlen=LATENCIES)
         self._latencies: deque[float] = deque(maxlen=LATENCIES)
@@ -132,7 +132,7 @@ class EstimatorNode(SeedNode):
         estimate = self.core.update(images, stamp)
         if not estimate.valid:
             self.counters.add("estimates_invalid", estimate.reason)
-        elif self.bubbles.status == identity.Bubbles.UNVERIFIED:
+        elif self.bubbles.status == identity.KnownBubbles.UNVERIFIED:
             doubt = "which bubble is which, and which way is up, is unverified"
             estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, doubt))))
         self._publish(self.gathering.through(estimate))
