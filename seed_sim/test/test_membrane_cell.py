@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from seed_core.membrane.material import around, rigid_motion
 from seed_core.spatial import inverse_pose, make_pose, rotation_error, so3_exp
 from seed_sim.identification.membrane_cell import MembraneCell, cell_of
-from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, identify_on_membrane
+from seed_sim.identification.scenario import HiddenGrasp, IdentificationScenario, SensorFaults, identify_on_membrane
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane import MembraneGrasp, MembraneParameters
 from seed_sim.tactile import TactileParameters
@@ -23,7 +23,7 @@ QUIET = SensorFaults(
     force_noise=0.0, torque_noise=0.0, force_drift=0.0, torque_drift=0.0, offset_mm=0.0, offset_deg=0.0
 )
 SCENARIO = IdentificationScenario(
-    grasp=Grasp(kind="membrane", pressure_noise=0.0, settle_time=0.01),
+    grasp=HiddenGrasp(kind="membrane", pressure_noise=0.0, settle_time=0.01),
     sensor=QUIET,
     repeatability=0.0,
     repeatability_deg=0.0,

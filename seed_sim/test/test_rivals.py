@@ -14,7 +14,7 @@ from seed_sim.rivals.force_mode import INERTIA, ForceMode, ForceModeSettings
 from seed_sim.rivals.force_pi import ForcePI, ForcePISettings
 from seed_sim.rivals.impedance import MASS, PERIOD, Impedance, ImpedanceSettings, JointFriction, TorqueArm
 from seed_sim.rivals.law import RivalLaw, Wanted, flange_pose
-from seed_sim.rivals.sensor import IDEAL, UR_E_SERIES, Reader, Sensor
+from seed_sim.rivals.sensor import IDEAL, UR_E_SERIES, ForceReader, ForceSensor
 
 ALONG_Z = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 PRESS = Wanted(-10.0 * ALONG_Z, ALONG_Z)
@@ -125,7 +125,7 @@ def test_torque_arm_without_friction_obeys_newton() -> None:
 
 
 def test_sensors_are_as_far_off_as_they_state() -> None:
-    readers = [Reader(UR_E_SERIES, seed) for seed in range(200)]
+    readers = [ForceReader(UR_E_SERIES, seed) for seed in range(200)]
     assert_allclose([r.read(0.0, np.zeros(6)) for r in readers], 0.0)  # its delay: nothing is at hand yet
     later = np.array([r.read(UR_E_SERIES.delay, np.zeros(6)) for r in readers])
     expected = np.hypot(UR_E_SERIES.force_offset, UR_E_SERIES.force_noise)
@@ -133,15 +133,15 @@ def test_sensors_are_as_far_off_as_they_state() -> None:
 
 
 def test_gain_and_drift_stay_within_their_bounds() -> None:
-    sensor = Sensor(gain=0.01, force_drift=0.005)
+    sensor = ForceSensor(gain=0.01, force_drift=0.005)
     for seed in range(20):
-        reading = Reader(sensor, seed).read(10.0, np.full(6, 10.0))
+        reading = ForceReader(sensor, seed).read(10.0, np.full(6, 10.0))
         assert np.abs(reading[3:] - 10.0).max() <= 0.1 + 0.05
 
 
 def test_the_ideal_sensor_tells_the_truth() -> None:
     load = np.arange(6.0)
-    assert_allclose(Reader(IDEAL, 3).read(1.0, load), load)
+    assert_allclose(ForceReader(IDEAL, 3).read(1.0, load), load)
 
 
 def test_a_flange_pose_turns_about_the_tip() -> None:

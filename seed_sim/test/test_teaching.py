@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("pydrake", reason="needs Drake")
 
-from seed_sim.teaching.cases import KINDS, draw
+from seed_sim.teaching.draw import KINDS, draw
 from seed_sim.teaching.score import Replay, replay, summary, table
 
 

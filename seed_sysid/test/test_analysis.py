@@ -10,7 +10,7 @@ from simulated_data import at_rest
 
 from seed_core.bushing import Stiffness
 from seed_core.spatial import interpolate_pose, pose_from_rpy
-from seed_sim.identification.scenario import Grasp, IdentificationScenario, SensorFaults, load
+from seed_sim.identification.scenario import HiddenGrasp, IdentificationScenario, SensorFaults, load
 from seed_sysid.fit.analysis import analyse, cross_validate, make_problem
 from seed_sysid.fit.hysteresis import stop_states
 from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
@@ -35,7 +35,7 @@ def test_friction_follows_the_way_between_poses() -> None:
 
 def test_without_noise_the_fit_is_exact() -> None:
     scenario = IdentificationScenario(
-        grasp=Grasp(pressure_noise=0.0),
+        grasp=HiddenGrasp(pressure_noise=0.0),
         sensor=SensorFaults(
             force_noise=0.0, torque_noise=0.0, force_bias=3.0, torque_bias=0.1, force_drift=0.0, torque_drift=0.0
         ),

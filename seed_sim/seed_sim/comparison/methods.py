@@ -26,7 +26,7 @@ from seed_sim.rivals.impedance import (
     JointFriction,
     TorqueArm,
 )
-from seed_sim.rivals.sensor import IDEAL, JOINT_TORQUES, UR_E_SERIES, WRIST, Reader, Sensor
+from seed_sim.rivals.sensor import IDEAL, JOINT_TORQUES, UR_E_SERIES, WRIST, ForceReader, ForceSensor
 from seed_sim.scenario import Scenario
 
 Settings = Mapping[str, float]
@@ -99,22 +99,22 @@ def _open_loop(plant: Plant, scenario: Scenario, task: Task, seed: int, settings
     return BaselineSteering(plant, task, "open_loop")
 
 
-def _position(law: Any, kind: Any, sensor: Sensor) -> Build:
+def _position(law: Any, kind: Any, sensor: ForceSensor) -> Build:
     def build(plant: Plant, scenario: Scenario, task: Task, seed: int, settings: Settings) -> Steering:
         del scenario, task
         chosen = law(from_mapping(dict(settings), kind, "settings"))
-        return PositionSteering(plant, chosen, Reader(sensor, seed), APPROACH)
+        return PositionSteering(plant, chosen, ForceReader(sensor, seed), APPROACH)
 
     return build
 
 
-def _torque(friction: JointFriction, sensor: Sensor) -> Build:
+def _torque(friction: JointFriction, sensor: ForceSensor) -> Build:
     def build(plant: Plant, scenario: Scenario, task: Task, seed: int, settings: Settings) -> Steering:
         del scenario, task
         law = Impedance(from_mapping(dict(settings), ImpedanceSettings, "settings"))
         sigma = np.array((JOINT_TORQUES.torque_offset,) * 3 + (JOINT_TORQUES.force_offset,) * 3)
         bias = sigma * np.random.default_rng([seed, 0xB1]).standard_normal(6)
-        return TorqueSteering(plant, law, TorqueArm(friction, bias), Reader(sensor, seed), APPROACH)
+        return TorqueSteering(plant, law, TorqueArm(friction, bias), ForceReader(sensor, seed), APPROACH)
 
     return build
 

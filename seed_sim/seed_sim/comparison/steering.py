@@ -10,7 +10,7 @@ from seed_sim.plant.plant import DT, Plant
 from seed_sim.rivals.impedance import PERIOD as TORQUE_PERIOD
 from seed_sim.rivals.impedance import Impedance, TorqueArm
 from seed_sim.rivals.law import RivalLaw, Wanted, flange_pose, touches
-from seed_sim.rivals.sensor import Reader
+from seed_sim.rivals.sensor import ForceReader
 
 RATE = 250.0  # [Hz] of set-points, as for our controller
 ZEROING = (0.1, 0.6)  # [s] in which the sensor is zeroed, the tool hanging free
@@ -22,7 +22,7 @@ class _Sensing:
 
     rate = RATE
 
-    def __init__(self, plant: Plant, reader: Reader) -> None:
+    def __init__(self, plant: Plant, reader: ForceReader) -> None:
         self._plant, self._reader = plant, reader
         self._X_Ttip, self._X_CE = plant.tool.X_Ttip, inverse_pose(plant.hand.X_EC)
         self._X_E_tip, self._R_EC = plant.hand.X_EC @ plant.tool.X_Ttip, plant.hand.X_EC[:3, :3]
@@ -89,7 +89,7 @@ class PositionSteering(_Sensing):
     something, then the law. Along free axes its offset counts from there.
     """
 
-    def __init__(self, plant: Plant, law: RivalLaw, reader: Reader, approach: float) -> None:
+    def __init__(self, plant: Plant, law: RivalLaw, reader: ForceReader, approach: float) -> None:
         """approach: [m/s] until the tool touches."""
         super().__init__(plant, reader)
         self._law, self._approach = law, approach
@@ -132,7 +132,7 @@ class PositionSteering(_Sensing):
 class TorqueSteering(_Sensing):
     """Cartesian impedance on an arm that obeys torques; the tool is held rigidly. It touches by a guarded move, too."""
 
-    def __init__(self, plant: Plant, law: Impedance, arm: TorqueArm, reader: Reader, approach: float) -> None:
+    def __init__(self, plant: Plant, law: Impedance, arm: TorqueArm, reader: ForceReader, approach: float) -> None:
         """approach: [m/s] until the tool touches."""
         super().__init__(plant, reader)
         self._law, self._arm, self._approach = law, arm, approach

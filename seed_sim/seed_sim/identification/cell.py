@@ -24,13 +24,13 @@ _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
 
 # From X_CT, stamp [s], and whether it is being measured: an estimate, None without an image.
-PoseSource = Callable[[Array, float, bool], RelativePoseEstimate | None]
+EstimatedPoses = Callable[[Array, float, bool], RelativePoseEstimate | None]
 
 
 class SimulatedCell:
     """Answers commands with readings at a fixed rate."""
 
-    def __init__(self, scenario: IdentificationScenario, seed: int, pose_source: PoseSource | None = None) -> None:
+    def __init__(self, scenario: IdentificationScenario, seed: int, pose_source: EstimatedPoses | None = None) -> None:
         """pose_source renders and estimates poses; None leaves the estimator's poses out."""
         self.scenario, self._pose_source = scenario, pose_source
         self._rng = np.random.default_rng([seed, 0x5EED])

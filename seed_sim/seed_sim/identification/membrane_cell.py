@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.spatial import Array, inverse_pose
-from seed_sim.identification.cell import PoseSource, SimulatedCell
+from seed_sim.identification.cell import EstimatedPoses, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane.hold import MembraneHold, pressures
@@ -78,7 +78,7 @@ def hold_of(scenario: IdentificationScenario) -> MembraneHold:
     return MembraneHold(scenario.membrane, scenario.tactile.tool)
 
 
-def cell_of(scenario: IdentificationScenario, seed: int, poses: PoseSource | None = None) -> SimulatedCell:
+def cell_of(scenario: IdentificationScenario, seed: int, poses: EstimatedPoses | None = None) -> SimulatedCell:
     """The cell of a scenario, whichever grasp it has. Raises MembraneError."""
     if scenario.grasp.kind != "membrane":
         return SimulatedCell(scenario, seed, poses)

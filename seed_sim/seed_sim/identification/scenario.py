@@ -49,7 +49,7 @@ class SensorFaults:
 
 
 @dataclass(frozen=True)
-class Grasp:
+class HiddenGrasp:
     """The stiffness that is to be found, drawn from the seed, and how it goes with the grip."""
 
     kind: str = field("bushing", choices=GRASPS, doc="a bushing as below, or the scenario's `membrane`")
@@ -81,7 +81,7 @@ class IdentificationScenario:
     """A simulated identification."""
 
     name: str = field("default", doc="name of the scenario")
-    grasp: Grasp = field(Grasp())
+    grasp: HiddenGrasp = field(HiddenGrasp())
     sensor: SensorFaults = field(SensorFaults())
     repeatability: float = field(6e-5, unit="m", low=0.0, high=0.01, doc="of the arm, per axis and pose")
     repeatability_deg: float = field(0.02, unit="deg", low=0.0, high=5.0, doc="of the arm, per axis and pose")
@@ -133,7 +133,7 @@ def from_simulation(file: Path) -> IdentificationScenario:
     widths = [w for w in (middle + 0.006, middle, middle - 0.006) if w >= 0.0]
     return IdentificationScenario(
         name=sim.name,
-        grasp=Grasp(
+        grasp=HiddenGrasp(
             stiffness=sim.grasp.stiffness,
             pressure=sim.grasp.nominal_pressure,
             pressure_per_width=-sim.grasp.pressure_slope,

@@ -11,7 +11,7 @@ import numpy as np
 
 from seed_core.errors import FailedError
 from seed_sim.closed_loop.progress import Progress
-from seed_sim.identification.cell import PoseSource, SimulatedCell
+from seed_sim.identification.cell import EstimatedPoses, SimulatedCell
 from seed_sim.identification.membrane_cell import cell_of
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sysid.data.dataset import Dataset, Header
@@ -25,11 +25,11 @@ _SHOW = 1.0  # [s] between lines of progress
 Tell = Callable[[Run, float], None]  # of a run and its time [s]
 
 
-class SessionError(FailedError):
+class EndedEarlyError(FailedError):
     """An identification that ended early."""
 
 
-class ToolLostError(SessionError):
+class ToolLostError(EndedEarlyError):
     """One that ended since the estimator lost the tool again and again, however often it was gripped anew."""
 
 
@@ -51,7 +51,7 @@ def simulate(
     scenario: IdentificationScenario,
     seed: int,
     file: Path | None,
-    pose_source: PoseSource | None = None,
+    pose_source: EstimatedPoses | None = None,
     created: str = "",
     cell: SimulatedCell | None = None,
     progress: Progress | None = None,
@@ -68,7 +68,7 @@ def simulate(
         progress: is told the share of the poses; default: lines on stderr, and nothing with another cell.
 
     Raises:
-        SessionError: the run ended early; what was measured is in the file.
+        EndedEarlyError: the run ended early; what was measured is in the file.
     """
     tell: Tell | None = _line if cell is None else None
     if progress is not None:
@@ -86,7 +86,7 @@ def simulate(
                 run.regrasped()
                 last = _loop(run, cell, recorder, tell)
         if last.failure:
-            kind = ToolLostError if last.regrasp else SessionError
+            kind = ToolLostError if last.regrasp else EndedEarlyError
             raise kind(f"{last.failure}; {run.done} of {run.total} poses are kept")
     finally:
         recorder.close()

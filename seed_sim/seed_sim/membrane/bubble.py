@@ -14,7 +14,7 @@ from seed_core.spatial import Array, Wrench
 from seed_sim.membrane.band import Band, Factors
 from seed_sim.membrane.contact import Contact, ContactLoad, Mask
 from seed_sim.membrane.gas import add_curvature, area_vectors, volume
-from seed_sim.membrane.mesh import Index, Mesh, moulded_dome
+from seed_sim.membrane.mesh import Index, SheetMesh, moulded_dome
 from seed_sim.membrane.parameters import MembraneError, MembraneParameters
 from seed_sim.membrane.sheet import Corners, Sheet
 from seed_sim.membrane.surface import ToolSurface
@@ -59,7 +59,7 @@ class Bubble:
         height: [m] of the free, inflated dome. iterations: Newton steps of the last call.
     """
 
-    def __init__(self, p: MembraneParameters, mesh: Mesh, surface: ToolSurface, side: float) -> None:
+    def __init__(self, p: MembraneParameters, mesh: SheetMesh, surface: ToolSurface, side: float) -> None:
         """side: +1 for the left bubble, whose dome points to -y, -1 for the right one."""
         self.p, self.mesh, self.side = p, mesh, side
         reference = moulded_dome(mesh, p, side)

@@ -16,7 +16,7 @@ _SMOOTHING = 12  # passes that even out the triangles between lattice and rim
 _CLEAR = 0.55  # [spacings] that lattice points keep from the rim
 
 
-class Mesh(NamedTuple):
+class SheetMesh(NamedTuple):
     """A sheet that lies flat at first and is moulded to a dome.
 
     Attributes:
@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
     rim: NDArray[np.bool_]
 
 
-def ellipse_mesh(a: float, b: float, spacing: float) -> Mesh:
+def ellipse_mesh(a: float, b: float, spacing: float) -> SheetMesh:
     """Triangles of about `spacing` [m] in the ellipse with semi-axes a along x and b along z [m]."""
     rim = _rim_points(a, b, spacing)
     rows = int(b / (spacing * math.sqrt(0.75))) + 1
@@ -53,7 +53,7 @@ def ellipse_mesh(a: float, b: float, spacing: float) -> Mesh:
     e, f = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
     area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     triangles = np.where(area[:, None] > 0.0, triangles, triangles[:, ::-1])
-    return Mesh(points, triangles[np.abs(area) > 1e-3 * spacing**2], clamped)
+    return SheetMesh(points, triangles[np.abs(area) > 1e-3 * spacing**2], clamped)
 
 
 def _rim_points(a: float, b: float, spacing: float) -> Array:
@@ -66,7 +66,7 @@ def _rim_points(a: float, b: float, spacing: float) -> Array:
     return np.column_stack([a * np.cos(at), b * np.sin(at)])
 
 
-def moulded_dome(mesh: Mesh, p: MembraneParameters, side: float) -> Array:
+def moulded_dome(mesh: SheetMesh, p: MembraneParameters, side: float) -> Array:
     """Nodes (n, 3) [m] of the stress-free dome over the rim's plane y = 0; it points to -side y."""
     r2 = (mesh.flat[:, 0] / p.rim_x) ** 2 + (mesh.flat[:, 1] / p.rim_z) ** 2
     height = p.moulded * np.maximum(1.0 - r2, 0.0) ** p.exponent

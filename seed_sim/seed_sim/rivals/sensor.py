@@ -11,7 +11,7 @@ from seed_core.spatial import Array
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ForceSensor:
     """A six-axis reading after it was zeroed in free space, right before the task."""
 
     name: str = field("ideal", doc="which")
@@ -26,10 +26,10 @@ class Sensor:
     gain: float = field(0.0, low=0.0, high=0.5, doc="error of each axis' gain, drawn up to this")
 
 
-IDEAL = Sensor()
+IDEAL = ForceSensor()
 """Nobody can buy it: the bound of what any sensor at the wrist could do."""
 
-UR_E_SERIES = Sensor(
+UR_E_SERIES = ForceSensor(
     name="UR e-series",
     rate=500.0,
     delay=0.002,
@@ -50,7 +50,7 @@ mode (forum.universal-robots.com/t/39810). The smaller, measured figure counts h
 proportion. Noise, drift and gain are those that this suite takes for an arm's sensor anywhere (docs/wrench.md).
 """
 
-WRIST = Sensor(
+WRIST = ForceSensor(
     name="wrist sensor",
     rate=500.0,
     delay=0.004,
@@ -69,7 +69,7 @@ Noise as the data sheet of a Robotiq FT 300-S has it (0.1 N, 0.005 N m), at five
 (forum.universal-robots.com/t/229); zeroed right before the task, a twelfth of that is left here.
 """
 
-JOINT_TORQUES = Sensor(
+JOINT_TORQUES = ForceSensor(
     name="joint torques",
     rate=1000.0,
     delay=0.001,
@@ -86,10 +86,10 @@ and 0.005 N m rms.
 """
 
 
-class Reader:
+class ForceReader:
     """One sensor, drawn from a seed. `read` at each of its ticks gives the newest reading that is at hand."""
 
-    def __init__(self, sensor: Sensor, seed: int) -> None:
+    def __init__(self, sensor: ForceSensor, seed: int) -> None:
         s, self._rng = sensor, np.random.default_rng([seed, 0xF7])
         self.sensor, self.period = sensor, 1.0 / sensor.rate
         normal, even = self._rng.standard_normal(6), self._rng.uniform(-1.0, 1.0, (2, 6))

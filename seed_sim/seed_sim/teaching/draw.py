@@ -15,7 +15,7 @@ KINDS = tuple(f"{how} {tool}" for how in ("played", "led") for tool in TOOLS)
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class DrawnDemonstration:
     """One demonstration.
 
     Attributes:
@@ -60,7 +60,7 @@ def _on(p: Array, height: float = 0.0) -> tuple[float, float, float]:
     return round(float(p[0]), 6), round(float(p[1]), 6), height
 
 
-def draw(seed: int) -> Case:
+def draw(seed: int) -> DrawnDemonstration:
     """A demonstration; KINDS take turns: 0.1 to 0.2 m along x, aside by a bow and a corner, at 20 to 50 mm/s."""
     kind = KINDS[seed % len(KINDS)]
     rng = np.random.default_rng((seed, 0x7EAC))
@@ -72,4 +72,4 @@ def draw(seed: int) -> Case:
     forces = np.full(len(x), first)
     if rng.uniform() < 0.5:
         forces[x > 0.6 * length] = second
-    return Case(kind, seed, np.column_stack((x, y)), forces, float(rng.uniform(0.02, 0.05)))
+    return DrawnDemonstration(kind, seed, np.column_stack((x, y)), forces, float(rng.uniform(0.02, 0.05)))

@@ -13,7 +13,7 @@ from seed_control.teach.compare import difference
 from seed_core.config import load_text
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.closed_loop.run import play
-from seed_sim.teaching.cases import TOOLS, Case, draw
+from seed_sim.teaching.draw import TOOLS, DrawnDemonstration, draw
 from seed_sim.teaching.shown import Shown
 
 ALL = "all"
@@ -37,7 +37,7 @@ class Replay(NamedTuple):
     ended: str = ""
 
 
-def shown(case: Case, estimator: str = "noisy") -> Shown:
+def shown(case: DrawnDemonstration, estimator: str = "noisy") -> Shown:
     """The demonstration."""
     task = case.task()
     demonstration = Shown(task, TOOLS[case.tool], task.frame.pose, case.seed, case.seed, estimator)
@@ -48,7 +48,7 @@ def shown(case: Case, estimator: str = "noisy") -> Shown:
     return demonstration
 
 
-def again(case: Case, task: Task, estimator: str = "noisy") -> tuple[Shown, str]:
+def again(case: DrawnDemonstration, task: Task, estimator: str = "noisy") -> tuple[Shown, str]:
     """The task in the same cell, with other noise; and how it ended, '' for well."""
     table = case.task().frame.pose
     replay = Shown(task, TOOLS[case.tool], table, case.seed, case.seed + _OTHER, estimator)

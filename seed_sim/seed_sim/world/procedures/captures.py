@@ -17,7 +17,7 @@ _POSES_DEG = ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 20, 0), (0, -20, 0))  # ro
 _PERIOD = 1.0 / 45.0  # [s] between frames
 
 
-class Bubbles(Protocol):
+class CapturedBubbles(Protocol):
     """What is captured: a TactileRenderer, or the cameras of a hidden world.
 
     Attributes:
@@ -39,7 +39,7 @@ class Bubbles(Protocol):
         ...
 
 
-def captures(bubbles: Bubbles, frames: int = 150, per_pose: int = 20) -> dict[str, Any]:
+def captures(bubbles: CapturedBubbles, frames: int = 150, per_pose: int = 20) -> dict[str, Any]:
     """What `calibrate` takes besides the hand.
 
     The membrane is as the renderer's parameters have it, and the cameras must look straight at it. The renderer's own

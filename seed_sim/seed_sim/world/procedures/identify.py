@@ -19,7 +19,7 @@ from seed_core.spatial import Array, inverse_pose, make_pose
 from seed_sim.campaigns import spread
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.cell import SimulatedCell
-from seed_sim.identification.scenario import Grasp, IdentificationScenario
+from seed_sim.identification.scenario import HiddenGrasp, IdentificationScenario
 from seed_sim.identification.session import simulate
 from seed_sim.scenario import Scenario, load_scenario, tactile_of
 from seed_sim.world.cameras import true_hand
@@ -69,7 +69,7 @@ def identification_of(scenario: Scenario) -> IdentificationScenario:
     grasp = scenario.grasp
     return IdentificationScenario(
         name=scenario.name,
-        grasp=Grasp(
+        grasp=HiddenGrasp(
             stiffness=grasp.stiffness,
             spread=0.0,
             scatter=(0.0,) * 6,
