@@ -21,6 +21,7 @@ from seed_ros.qos import COMMAND
 
 Pose = tuple[Vector3, Quaternion]
 Path = Callable[[float], Pose]  # a pose for each time [s]
+PERIOD = 0.004  # [s] of targets
 
 
 class Peer:
@@ -30,7 +31,6 @@ class Peer:
         self,
         driver: str = "driver",
         base: str = "base",
-        rate: float = 250.0,
         current_pose: str = "current_pose",
         target_frame: str = "target_frame",
     ) -> None:
@@ -39,7 +39,7 @@ class Peer:
         self.node = Node("peer", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.driver, self.base, self.period = driver, base, 1.0 / rate
+        self.driver, self.base = driver, base
         self.poses: deque[tuple[float, PoseStamped]] = deque(maxlen=20_000)  # time of arrival, message
         self.pause = 0.0  # [s] longest time that this program did not get to run, since it was last set to 0
         self.pose_topic = self.node.create_subscription(PoseStamped, current_pose, self._on_pose, 10).topic_name
@@ -96,7 +96,7 @@ class Peer:
         while (now := time.monotonic()) - start < seconds and goes_on():
             self.pause, last = max(self.pause, now - last), now
             self.send(*path(now - start))
-            deadline += self.period
+            deadline += PERIOD
             while (left := deadline - time.monotonic()) > 0:
                 self.executor.spin_once(timeout_sec=left)
         self.pause = max(self.pause, now - last)

@@ -20,12 +20,11 @@ RED, GREEN, BLUE = "#d63031", "#168a50", "#1f6feb"
 AXIS = 0.055  # [m] of a frame's arrows
 
 
-def example(height: float = 0.0, press: float = 0.0) -> Scene:
-    """The default hand above a table; height [m] of the tip over it, press [m] that the hand is beyond the tool."""
+def example(height: float) -> Scene:
+    """The default hand above a table; height [m] of the tip over it."""
     hand, tool = Hand(), Tool()
     X_WT = make_pose(np.diag((1.0, -1.0, -1.0)), (0.45, 0.0, height + tool.T_tip.position[2]))
-    X_CT = make_pose(None, (0.0, 0.0, -press))
-    return Scene(hand, tool, "squeegee", X_WT @ make_pose(None, (0.0, 0.0, press)), X_CT, make_pose(None, (0.45, 0, 0)))
+    return Scene(hand, tool, "squeegee", X_WT, np.eye(4), make_pose(None, (0.45, 0.0, 0.0)))
 
 
 def triad(axes: Axes, camera: Camera, X: Array, length: float = AXIS) -> None:
@@ -42,11 +41,11 @@ def triad(axes: Axes, camera: Camera, X: Array, length: float = AXIS) -> None:
         axes.annotate("", tuple(end), tuple(ends[0]), arrowprops=look, zorder=8)
 
 
-def cell_panel(size: tuple[int, int] = (620, 620)) -> tuple[Figure, Axes]:
+def cell_panel() -> tuple[Figure, Axes]:
     """The arm with W and E."""
     scene = example(0.03)
     X_WE = scene.X_WC @ np.linalg.inv(scene.hand.X_EC)
-    camera = Camera((1.75, -1.5, 0.95), (0.3, 0.0, 0.27), 0.52, size)
+    camera = Camera((1.75, -1.5, 0.95), (0.3, 0.0, 0.27), 0.52, (620, 620))
     words = [
         Word("W  base", np.array((0.0, 0.0, 0.0)), (-90.0, 95.0), size=13),
         Word("E  tool0, the flange", X_WE[:3, 3], (135.0, -60.0), size=13),

@@ -59,7 +59,7 @@ class Guide:
         self._step(
             "Step 1: nothing touches the membranes, and the gripper is open.",
             frames,
-            lambda got: self._capture.free(got),
+            self._capture.free,
         )
         while self._capture.poses < MOST_POSES:
             k = self._capture.poses

@@ -66,7 +66,6 @@ class SoftwareCamera:
         depth: NDArray[np.floating],
         gray: NDArray[np.generic],
         t: float,
-        domain: str = "global_time",
         metadata: Mapping[str, int] | None = None,
     ) -> None:
         """Send images of one exposure; nobody gets them while nobody has opened the camera.
@@ -74,23 +73,21 @@ class SoftwareCamera:
         Args:
             depth: (H, W) [m], NaN where there is none.
             gray: (H, W) [counts of 255].
-            t: [s] that the frames carry, in `domain`.
+            t: [s] that the frames carry.
             metadata: of the frames, by name in the library's frame_metadata_value.
         """
         for name, value in (metadata or {}).items():
             self._sensor.set_metadata(getattr(self._rs.frame_metadata_value, name), value)
         steps = np.where(np.isfinite(depth), np.rint(depth / UNIT), 0.0).astype(np.uint16)
-        self.show_raw(steps, gray.astype(np.uint8), t, domain)
+        self.show_raw(steps, gray.astype(np.uint8), t)
 
-    def show_raw(
-        self, depth: NDArray[np.uint16], gray: NDArray[np.uint8], t: float, domain: str = "global_time"
-    ) -> None:
+    def show_raw(self, depth: NDArray[np.uint16], gray: NDArray[np.uint8], t: float) -> None:
         """As `show`, with depth in steps of UNIT."""
         images: tuple[NDArray[Any], ...] = depth, gray
         for pixels, profile in zip(images, self._profiles, strict=True):
             frame = self._rs.software_video_frame()
             frame.pixels, frame.bpp, frame.stride = pixels, pixels.itemsize, pixels.strides[0]
-            frame.timestamp, frame.domain = 1e3 * t, getattr(self._rs.timestamp_domain, domain)
+            frame.timestamp, frame.domain = 1e3 * t, self._rs.timestamp_domain.global_time
             frame.frame_number, frame.profile = self.shown, profile
             if profile.stream_type() == self._rs.stream.depth:
                 frame.depth_units = UNIT

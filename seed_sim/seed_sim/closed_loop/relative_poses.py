@@ -24,7 +24,7 @@ from seed_sim.scenario import Scenario
 FROM_IMAGES = tuple(sorted(METHODS))
 GEL = "gel"
 ESTIMATORS = ("truth", "noisy", *FROM_IMAGES, GEL)
-_NOISE_DELAY, _IMAGE_DELAY = 0.05, 0.03  # [s] unless the scenario says otherwise
+NOISE_DELAY, IMAGE_DELAY = 0.05, 0.03  # [s] from image to estimate, unless the scenario says otherwise
 _REFERENCE_FRAMES, _GRASP_FRAMES = 10, 5
 
 
@@ -57,15 +57,13 @@ def refuse_calibrate(scenario: Scenario, where: str) -> None:
 class PoseSource:
     """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay."""
 
-    def __init__(self, scenario: Scenario, rate: float, delay: float, X_taken: Array | None = None) -> None:
-        """rate [Hz], delay [s]; X_taken (4, 4): X_CT where the grasp is initialized, default: as of a bushing."""
+    def __init__(self, scenario: Scenario, rate: float, delay: float, X_taken: Array) -> None:
+        """rate [Hz], delay [s] unless the scenario says otherwise; X_taken (4, 4): X_CT where the grasp is taken."""
         given = scenario.measurement.delay
         self.delay = delay if given is None else given
         self.period = 1.0 / rate
         self._stamp_error = scenario.measurement.stamp_error
-        self._X_TT0 = inverse_pose(
-            taken_at(scenario) if X_taken is None else X_taken
-        )  # T as the grasp was taken, in the tool's own frame
+        self._X_TT0 = inverse_pose(X_taken)  # T as the grasp was taken, in the tool's own frame
         self._count = 0
         self._on_their_way: deque[tuple[float, RelativePoseEstimate]] = deque()
 
@@ -103,7 +101,7 @@ class NoisyPoses(PoseSource):
 
     def __init__(self, scenario: Scenario, seed: int, X_taken: Array) -> None:
         m = scenario.measurement
-        super().__init__(scenario, m.rate, _NOISE_DELAY, X_taken)
+        super().__init__(scenario, m.rate, NOISE_DELAY, X_taken)
         self._rng = np.random.default_rng([seed, 2])
         self._sigma = (np.deg2rad(m.rotation_noise), 1e-3 * m.position_noise)
 
@@ -128,7 +126,7 @@ class PosesFromImages(PoseSource):
             raise SeedError(f"scenario {scenario.name} has gels, which '{method}' cannot read: use --estimator {GEL}")
         refuse_calibrate(scenario, "a known world")
         X_taken = taken_at(scenario, hold)
-        super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
+        super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, X_taken)
         self.renderer = renderer_of(scenario, seed, hold)
         parameters = estimator_parameters(scenario, method)
         self.estimator = Estimator(parameters, scenario.hand, self.renderer.cameras)
@@ -159,7 +157,7 @@ class PosesFromGels(PoseSource):
         if scenario.gel is None:
             raise SeedError(f"scenario {scenario.name} has no gels: use --scenario gel, or give it a section `gel`")
         X_taken = taken_at(scenario)
-        super().__init__(scenario, scenario.measurement.rate, _IMAGE_DELAY, X_taken)
+        super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, X_taken)
         self.renderer = GelRenderer(scenario.gel, scenario.hand, seed)
         self.estimator = gel_estimator(self.renderer, calibrate_gels(self.renderer, seed=seed))
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]

@@ -23,13 +23,13 @@ from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
 from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
 from seed_sim.membrane import MembraneError
 from seed_sim.plant.plant import Plant
+from seed_sim.plant.tool_holder import LETTING_DOWN
 from seed_sim.scenario import Scenario
 
 START_HEIGHT = 0.03  # [m] of the tip above the nominal table
 MAX_DURATION = 120.0  # [s] of any run
 SETTLE = 0.6  # [s] of hanging still before the controller is enabled
 _REMEMBERED = 1.0  # [s] of loads, for images that arrive late
-LET_DOWN = 0.4  # [s] in which a holder gives the tool's weight to membranes, whose friction would remember a fall
 
 
 class Steering(Protocol):
@@ -115,8 +115,8 @@ class SeedSteering:
         self._kinematics_noise = 1e-3 * scenario.measurement.kinematics_noise
 
     def sense(self, t: float) -> ControllerState:
-        if self._plant.membranes is not None and t <= LET_DOWN + 1.0 / self.rate:
-            self._plant.carry(max(1.0 - t / LET_DOWN, 0.0))
+        if self._plant.membranes is not None and t <= LETTING_DOWN + 1.0 / self.rate:
+            self._plant.carry(max(1.0 - t / LETTING_DOWN, 0.0))
         while self._poses.next_image() <= t + 1e-9:
             self._plant.advance(self._poses.next_image())
             self._poses.take_image(self._plant)

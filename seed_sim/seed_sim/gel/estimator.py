@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from seed_core.hand import Hand
 from seed_estimation.gel.calibration import calibrated
 from seed_estimation.gel.image import GelImage
 from seed_estimation.gel.sensor import Gel
@@ -38,16 +37,11 @@ def calibrate_gels(
     return out
 
 
-def gel_estimator(
-    renderer: GelRenderer,
-    shadings: dict[str, Shading],
-    hand: Hand | None = None,
-    parameters: SensorEstimatorParameters | None = None,
-    settings: GelSettings | None = None,
-) -> SensorEstimator[GelImage]:
-    """With the reference taken; hand: as it is believed, where that is not as it is."""
-    settings, hand = settings or GelSettings(), hand or renderer.hand
-    gels = {f: Gel(f, settings, camera, mount(hand, f), shadings[f]) for f, camera in renderer.cameras.items()}
-    estimator = SensorEstimator(gels, parameters or SensorEstimatorParameters(), "gel")
+def gel_estimator(renderer: GelRenderer, shadings: dict[str, Shading]) -> SensorEstimator[GelImage]:
+    """With the reference taken."""
+    gels = {
+        f: Gel(f, GelSettings(), camera, mount(renderer.hand, f), shadings[f]) for f, camera in renderer.cameras.items()
+    }
+    estimator = SensorEstimator(gels, SensorEstimatorParameters(), "gel")
     estimator.capture_reference([renderer.no_contact(-_LEAD + 0.01 * i) for i in range(_REFERENCE_FRAMES)])
     return estimator

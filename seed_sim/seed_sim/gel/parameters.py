@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every number of the rendered gels. Sizes are those of a GelSight Mini: 19 x 14 mm in view, 63 dots, 320 x 240 px."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -57,12 +57,12 @@ def gel_camera(p: GelParameters) -> PinholeCamera:
     return PinholeCamera(WIDTH, HEIGHT, K, np.array(LENS), "plumb_bob")
 
 
-def gel_hand(p: GelParameters, hand: Hand | None = None) -> Hand:
+def gel_hand(p: GelParameters) -> Hand:
     """A hand whose fingers have closed on the tool: its surface lies `squeeze` behind that of each free gel."""
     y = p.tool.radius - p.squeeze + p.distance
     left: Vector3 = (0.0, y, 0.0)
     right: Vector3 = (0.0, -y, 0.0)
-    return replace(hand or Hand(name="gel"), C_L=Frame(left, (90.0, 0.0, 0.0)), C_R=Frame(right, (-90.0, 0.0, 0.0)))
+    return Hand(name="gel", C_L=Frame(left, (90.0, 0.0, 0.0)), C_R=Frame(right, (-90.0, 0.0, 0.0)))
 
 
 def mount(hand: Hand, finger: str) -> Array:

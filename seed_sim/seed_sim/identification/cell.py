@@ -22,6 +22,7 @@ from seed_sysid.stiffness_map import AXES, offset_pose, stiffness_map, wrench_tr
 
 _CREEP = 5.0  # creep is this many times slower than settling
 _DRIFT_TIME = 600.0  # [s]; the scenario's drift is over this time
+_RESTS = 4.0  # [s] that a pose takes to come to rest, about
 
 # From X_CT, stamp [s], and whether it is being measured: an estimate, None without an image.
 EstimatedPoses = Callable[[Array, float, bool], RelativePoseEstimate | None]
@@ -81,12 +82,12 @@ class SimulatedCell:
         told = dict(zip(FINGERS, pressures, strict=True))
         return tuple(replace(m, pressure=told[m.finger]) for m in membrane)
 
-    def rest(self, command: Command, count: int, dwell: float = 4.0) -> list[Reading]:
-        """Readings of a pose that has come to rest, without simulating how; dwell [s] is the time that takes."""
+    def rest(self, command: Command, count: int) -> list[Reading]:
+        """Readings of a pose that has come to rest, without simulating how."""
         self._new_pose()
         X_TC, self._goal = command.X_TC @ self._error, command.X_TC
         self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
-        self.stamp += dwell
+        self.stamp += _RESTS
         pressures = self._pressures(command.grip)
         sensed = [self._sensed(self._lag[0]) for _ in range(count)]
         return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]

@@ -134,9 +134,9 @@ class MembraneGrasp:
             )
         return state
 
-    def set_squeeze(self, squeeze: float, t: float | None = None) -> GraspState:
+    def set_squeeze(self, squeeze: float) -> GraspState:
         """Close or open the fingers with the tool where it is; squeeze [m]."""
-        return self._travel(self._X_CT, squeeze, self._t if t is None else t)
+        return self._travel(self._X_CT, squeeze, self._t)
 
     def solve(self, X_CT: Array, t: float = 0.0, squeeze: float | None = None) -> GraspState:
         """Move the tool to X_CT (4, 4) by time t [s]; where no equilibrium is found the last good state stays.

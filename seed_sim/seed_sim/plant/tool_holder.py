@@ -8,7 +8,7 @@ from seed_core.spatial import Array
 from seed_sim.plant.plant import DT, Plant
 
 MOVED = 5e-4  # [m] from where the tool was grasped: then the holder lets it down
-LETTING_DOWN = 0.4  # [s]
+LETTING_DOWN = 0.4  # [s] in which the tool's weight is given to the grasp: membranes would remember a fall
 
 
 class ToolHolder:

@@ -17,11 +17,11 @@ _DEEPEST = 0.12  # [m] that is drawn of a cylinder or a sphere
 _STEEP = 1e-4  # [m] that a wall is drawn wide
 
 
-def table_mesh(surface: Surface | None = None, size: tuple[float, float] = TABLE, cell: float = _CELL) -> Mesh:
+def table_mesh(surface: Surface | None = None, cell: float = _CELL) -> Mesh:
     """The table in its frame S; a flat one if left out. cell: [m] of the mesh of one that is not flat."""
     if surface is None or not surface.shapes:
-        return slab(size, _THICK, TABLE_AT)
-    across, along = (np.arange(-0.5 * s, 0.5 * s + cell, cell) for s in size)
+        return slab(TABLE, _THICK, TABLE_AT)
+    across, along = (np.arange(-0.5 * s, 0.5 * s + cell, cell) for s in TABLE)
     x, y = across + TABLE_AT[0], along + TABLE_AT[1]
     for shape in surface.shapes:
         at = getattr(shape, "at", 0.0)

@@ -7,11 +7,9 @@ import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, make_pose, so3_exp
-from seed_sim.closed_loop.relative_poses import PoseSource, taken_at
+from seed_sim.closed_loop.relative_poses import NOISE_DELAY, PoseSource, taken_at
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
-
-DELAY = 0.05  # [s] from image to estimate
 
 
 class CorrelatedPoses(PoseSource):
@@ -24,7 +22,7 @@ class CorrelatedPoses(PoseSource):
     def __init__(self, scenario: Scenario, seed: int, time: float, stated: float) -> None:
         """time: [s] of correlation, 0: white; stated: the stated standard deviation over the true one."""
         m = scenario.measurement
-        super().__init__(scenario, m.rate, DELAY, taken_at(scenario))
+        super().__init__(scenario, m.rate, NOISE_DELAY, taken_at(scenario))
         self._rng = np.random.default_rng([seed, 2])
         self._keeps = exp(-self.period / time) if time > 0.0 else 0.0
         self._sigma = np.array((np.deg2rad(m.rotation_noise),) * 3 + (1e-3 * m.position_noise,) * 3)

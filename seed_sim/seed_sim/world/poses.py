@@ -9,7 +9,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array
 from seed_estimation import Estimator, TactileImages
 from seed_estimation.calibration.file import Calibration
-from seed_sim.closed_loop.relative_poses import PoseSource, estimator_parameters
+from seed_sim.closed_loop.relative_poses import IMAGE_DELAY, PoseSource, estimator_parameters
 from seed_sim.identification.tactile_poses import GRASP_FRAMES, REFERENCE_FRAMES
 from seed_sim.plant.plant import DT, Plant
 from seed_sim.pressure import PressureSensors
@@ -17,7 +17,6 @@ from seed_sim.scenario import Scenario
 from seed_sim.world.cameras import WorldCameras
 from seed_sim.world.parameters import World
 
-IMAGE_DELAY = 0.03  # [s] from image to estimate, unless the scenario says otherwise
 _REFERENCE_AGE = 1.0  # [s] between the reference and the grasp
 HANGS = 0.4  # [s] after which a tool hangs still, for a grasp that is taken then
 

@@ -22,9 +22,9 @@ _WARM_UP = 1000  # steps, more than histories and windows hold: all that lives o
 class Pressing:
     """A controller that is fed a tool pressed with the wanted force, with noise, sliding along x."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self) -> None:
         self.t, self._count = 0.0, 0
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(0)
         tool = Tool()
         self.controller = Controller(ControllerParameters(), Hand(), tool, DEFAULT_STIFFNESS)
         self._X_W_tip = pose_from_rpy((np.pi, 0.0, 0.0), (0.4, 0.0, 0.0))

@@ -22,6 +22,7 @@ from seed_testing.recordings.npz import read_arrays
 
 REST, PRESSED = 0.091, 0.085  # [m] depth of the membrane's apex, and of the patch
 FALL = 0.003  # [m] by which the membrane at rest is nearer at the image's corners: a bubble is a dome
+RADIUS = 42.0  # [px] of the patch
 PERIOD = 1.0 / 45.0  # [s]
 MAX_BYTES = 200_000_000
 
@@ -37,15 +38,13 @@ class Motion(NamedTuple):
 class WarpedImage:
     """One recorded infrared image as a flat patch that can be turned and shifted."""
 
-    def __init__(
-        self, ir: Image, K: Array, radius: float = 42.0, brightness: float = 0.0, spot: bool = False, seed: int = 0
-    ) -> None:
-        """radius [px] of the patch; brightness: share by which it brightens once it moves; spot: a reflection."""
+    def __init__(self, ir: Image, K: Array, brightness: float = 0.0, spot: bool = False, seed: int = 0) -> None:
+        """brightness: share by which the patch brightens once it moves; spot: a reflection."""
         self.camera = PinholeCamera(ir.shape[1], ir.shape[0], K)
         self._spline = spline_filter(ir.astype(float), order=3)
         self._v, self._u = np.mgrid[: ir.shape[0], : ir.shape[1]].astype(float)
         self.centre = np.array((0.45 * ir.shape[1], 0.5 * ir.shape[0]))
-        self._radius, self._brightness, self._spot = radius, brightness, spot
+        self._brightness, self._spot = brightness, spot
         du, dv = self._u / ir.shape[1] - 0.5, self._v / ir.shape[0] - 0.5
         self._rest = REST - FALL * 2.0 * (du * du + dv * dv)  # (H, W) [m] of the membrane that touches nothing
         self._rng = np.random.default_rng(seed)
@@ -58,9 +57,9 @@ class WarpedImage:
         ir = map_coordinates(
             self._spline, (v + self.centre[1], u + self.centre[0]), order=3, mode="mirror", prefilter=False
         )
-        inside = u * u + v * v < self._radius**2
+        inside = u * u + v * v < RADIUS**2
         if motion != Motion():
-            ir = ir * (1.0 + self._brightness * np.exp(-(u * u + v * v) / (2.0 * (0.8 * self._radius) ** 2)))
+            ir = ir * (1.0 + self._brightness * np.exp(-(u * u + v * v) / (2.0 * (0.8 * RADIUS) ** 2)))
             if self._spot:
                 ir += 1500.0 * np.exp(
                     -((self._u - self.centre[0] - 12) ** 2 + (self._v - self.centre[1] + 9) ** 2) / 18.0

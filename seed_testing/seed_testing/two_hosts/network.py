@@ -84,17 +84,13 @@ class TwoHosts:
         names: of the namespaces. quality: of the link, may be changed at any time.
     """
 
-    def __init__(self, seed: int = 1) -> None:
-        """seed: of jitter and loss.
-
-        Raises:
-            FailedError: this machine does not have what it takes.
-        """
+    def __init__(self) -> None:
+        """Raises FailedError: this machine does not have what it takes."""
         if why := why_not():
             raise FailedError(why)
         self.names = tuple(f"seed-{which}-{os.getpid()}" for which in ("camera", "robot"))
         self.quality = Quality()
-        self._ways = Way(seed), Way(seed + 1)
+        self._ways = Way(1), Way(2)
         self._ends: list[int] = []
         self._over = threading.Event()
         self._stack = ExitStack()

@@ -73,7 +73,6 @@ class Bridge:
         namespace: str = "/",
         buttons: bool = False,
         context: Any = None,
-        name: str = "foxglove",
     ) -> None:
         """Listen. Raises FailedError: the port is taken, or the address is none of this computer."""
         self._namespace, self._lookers, self._graph = namespace, _Lookers(), Context()
@@ -99,8 +98,8 @@ class Bridge:
         except Exception as error:  # the library names no type for it
             raise FailedError(f"cannot listen on {host}, port {port}: {error}; name another with --port") from error
         self.port = self._server.port
-        self.node = client_node(name, context=context, namespace=namespace)
-        self.hands = CellHands(self.node.context, (), namespace, f"{name}_hands")
+        self.node = client_node("foxglove", context=context, namespace=namespace)
+        self.hands = CellHands(self.node.context, (), namespace, "foxglove_hands")
         self.loop = FixedRateLoop(self.node, RATE, self._tick, steady=True, catch_up=False)
         self._next_look = 0.0
 

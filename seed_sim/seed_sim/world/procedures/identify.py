@@ -91,26 +91,19 @@ def membrane_identification_of(scenario: Scenario) -> IdentificationScenario:
     return replace(s, grasp=replace(s.grasp, kind="membrane"), membrane=scenario.membrane, procedure=procedure)
 
 
-def identify(
-    believed: Scenario,
-    world: World,
-    seed: int,
-    scenario: IdentificationScenario | None = None,
-    progress: Progress | None = None,
-) -> Identified:
-    """Run the procedure and fit its samples.
+def identify(believed: Scenario, world: World, seed: int, progress: Progress | None = None) -> Identified:
+    """Run the procedure of `identification_of` and fit its samples.
 
     Args:
         believed: the cell as it is believed.
         world: what differs.
         seed: of the sensor and its faults.
-        scenario: of the identification; default: `identification_of` the cell.
         progress: is told the share of the poses.
 
     Raises:
         SeedError: the run ended early, or its data give no stiffness.
     """
-    scenario = scenario or identification_of(believed)
+    scenario = identification_of(believed)
     cell = WorldCell(scenario, seed, believed, world)
     data, _ = simulate(scenario, seed, None, cell=cell, progress=progress)
     analysis = analyse(data, "kinematic", scenario.procedure.fit)

@@ -16,6 +16,7 @@ K = np.array(((214.06, 0.0, 116.25), (0.0, 214.06, 87.57), (0.0, 0.0, 1.0)))
 D = np.array((0.368, -4.494, 0.0, 0.0, 7.971))
 SIZE = 224, 171  # [px]
 CELL = 1e-4  # [m] of the printed sheet's picture
+SQUEEZE = 0.006  # [m]
 MARCHES = 6
 NO_MOTION, UNIT = (np.zeros(3), np.zeros(3)), np.eye(3)
 
@@ -111,14 +112,12 @@ def printed(sheet: Sheet, rng: np.random.Generator) -> Field:
 class OtherRenderer:
     """Both bubbles; the first pose that is rendered is the grasp."""
 
-    def __init__(
-        self, held: Held, hand: Hand, seed: int, wrong: Mapping[str, Camera] | None = None, squeeze: float = 0.006
-    ) -> None:
+    def __init__(self, held: Held, hand: Hand, seed: int, wrong: Mapping[str, Camera] | None = None) -> None:
         """hand: as it is, not as believed; wrong: what else is not as believed, by finger."""
         rng, wrong = np.random.default_rng((seed, 31)), wrong or {}
         self.cameras = {f: PinholeCamera(*SIZE, K, D, "plumb_bob") for f in FINGERS}
         self.bubbles = {
-            f: Bubble(Sheet(held, side, (0.055, 0.041), 0.028, squeeze, 0.0095), X_CX, wrong.get(f, Camera()), rng)
+            f: Bubble(Sheet(held, side, (0.055, 0.041), 0.028, SQUEEZE, 0.0095), X_CX, wrong.get(f, Camera()), rng)
             for f, side, X_CX in (("left", 1.0, hand.X_CL), ("right", -1.0, hand.X_CR))
         }
 
