@@ -76,14 +76,8 @@ def run_trial(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     check_kind(world.kind, scenario, model)
-    if world.kind == "membrane":
-        scenario = on_membrane(scenario, world.seed, firm=True)
-    if estimator in FROM_IMAGES and not ("calibrate" in STEPS[world.kind] and world.procedures.run):
-        refuse_calibrate(scenario, "a world of membranes, or with one perturbation,")
+    scenario = _in_world(scenario, world, estimator, arm_sensor)
     model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
-    if arm_sensor:
-        m = scenario.measurement
-        scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
     began = time.perf_counter()
     if belief is None:
         method = estimator if estimator in FROM_IMAGES else "rigid_fit"
@@ -123,6 +117,18 @@ def run_trial(
         "seconds": {**belief.seconds, "all": time.perf_counter() - began},
     }
     return Trial(result, recording, belief)
+
+
+def _in_world(scenario: Scenario, world: World, estimator: str, arm_sensor: bool) -> Scenario:
+    """What a world departs from: with its membranes, where it has any, and the arm's sensor. Raises SeedError."""
+    if world.kind == "membrane":
+        scenario = on_membrane(scenario, world.seed, firm=True)
+    if estimator in FROM_IMAGES and not ("calibrate" in STEPS[world.kind] and world.procedures.run):
+        refuse_calibrate(scenario, "a world of membranes, or with one perturbation,")
+    if arm_sensor:
+        m = scenario.measurement
+        scenario = replace(scenario, measurement=replace(m, arm_sensor=replace(m.arm_sensor, present=True)))
+    return scenario
 
 
 def check_kind(kind: Kind, scenario: Scenario, model: WrenchModelName | None) -> None:
