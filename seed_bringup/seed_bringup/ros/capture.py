@@ -6,6 +6,7 @@ at while you hold still and judged by what the calibration will make of it; what
 Then:  ./seed calibrate CAPTURE.npz --out calibration.yaml
 """
 
+import argparse
 import os
 import select
 import sys
@@ -158,6 +159,35 @@ def save(capture: Capture, out: Path) -> None:
 @command("seed capture")
 def main(argv: list[str]) -> int:
     """Guide through a capture and write it."""
+    options = _parser().parse_args(argv)
+    if options.out.exists() and not options.force:
+        raise SeedError(f"{options.out} exists: name another file with --out, or say --force")
+    try_to_write(options.out)
+    shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
+    hand = read_hand(options.hand, alone=True)[0] if options.hand else Hand()
+    with ExitStack() as stack:
+        if options.practice:
+            stack.enter_context(Practice.domain())
+        else:
+            join(options)
+        check = stack.enter_context(interrupts())
+        session = stack.enter_context(closing(Session(check, follow=False, namespace=options.namespace)))
+        hands = stack.enter_context(closing(Practice(session))) if options.practice else None
+        prefixes = {"left": options.left, "right": options.right}
+        streams = TactileStreams(session.node, prefixes, options.brightness, options.rectified)
+        wait_for_images(session, streams)
+        first = next(iter(streams.recent[-1].values()))
+        capture = Capture(streams.cameras, hand, shape, options.radius, options.full or streams.full)
+        guide = Guide(session, streams, capture, hands.ask if hands else None)
+        frames = options.frames or (60 if np.size(first.depth) > 100_000 else 150)
+        guide.run(frames, options.per_pose, hands.begin if hands else lambda _: None)
+    save(capture, options.out)
+    also = "".join(f" --{name} {getattr(options, name)}" for name in ("membrane", "hand") if getattr(options, name))
+    print(f"written to {options.out}; now: ./seed calibrate {options.out} --radius {options.radius:g}{also}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
     p = Parser(prog="seed capture", description=__doc__)
     p.add_argument("--out", type=Path, default=Path("capture.npz"), help="file to write; default: %(default)s")
     p.add_argument("--left", default="bubble_left", help="prefix of the left bubble's topics; default: %(default)s")
@@ -184,29 +214,4 @@ def main(argv: list[str]) -> int:
     )
     p.add_argument("--force", action="store_true", help="write over an existing file")
     cell_arguments(p)
-    options = p.parse_args(argv)
-    if options.out.exists() and not options.force:
-        raise SeedError(f"{options.out} exists: name another file with --out, or say --force")
-    try_to_write(options.out)
-    shape = load_file(options.membrane, MembraneShape) if options.membrane else MembraneShape()
-    hand = read_hand(options.hand, alone=True)[0] if options.hand else Hand()
-    with ExitStack() as stack:
-        if options.practice:
-            stack.enter_context(Practice.domain())
-        else:
-            join(options)
-        check = stack.enter_context(interrupts())
-        session = stack.enter_context(closing(Session(check, follow=False, namespace=options.namespace)))
-        hands = stack.enter_context(closing(Practice(session))) if options.practice else None
-        prefixes = {"left": options.left, "right": options.right}
-        streams = TactileStreams(session.node, prefixes, options.brightness, options.rectified)
-        wait_for_images(session, streams)
-        first = next(iter(streams.recent[-1].values()))
-        capture = Capture(streams.cameras, hand, shape, options.radius, options.full or streams.full)
-        guide = Guide(session, streams, capture, hands.ask if hands else None)
-        frames = options.frames or (60 if np.size(first.depth) > 100_000 else 150)
-        guide.run(frames, options.per_pose, hands.begin if hands else lambda _: None)
-    save(capture, options.out)
-    also = "".join(f" --{name} {getattr(options, name)}" for name in ("membrane", "hand") if getattr(options, name))
-    print(f"written to {options.out}; now: ./seed calibrate {options.out} --radius {options.radius:g}{also}")
-    return 0
+    return p

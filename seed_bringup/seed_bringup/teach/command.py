@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed teach: path and force of what was shown become a task file that plays again."""
 
+import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,39 +22,8 @@ DEFAULTS = TeachSettings()
 @command("seed teach")
 def main(argv: list[str]) -> int:
     """Make a task file."""
-    p = Parser(
-        prog="seed teach",
-        description="Make a task file of a demonstration: of a bag, or of a running cell while its arm is led by hand\n"
-        "(--freedrive, or pulled by anything else) or plays a task. The tool must be grasped and its pose estimated.",
-    )
-    p.add_argument("out", type=Path, help="task file to write, such as mine.yaml")
-    p.add_argument("bag", nargs="?", type=Path, help="bag of the demonstration; without it a running cell is heard")
-    p.add_argument("--name", default="", help="of the task; default: that of the file")
-    p.add_argument("--tool", default="", help="that was held; a task without is played with any")
-    p.add_argument(
-        "--resists",
-        default="",
-        metavar="AXES",
-        help="axes of the tool about which the contact resists a rotation, as x for a blade along y: they carry no "
-        "torque; default: none, all angles are held",
-    )
-    p.add_argument(
-        "--path",
-        type=number(0.00001, "m", 0.01),
-        default=DEFAULTS.path,
-        help="[m] by which the path may be simplified; default: %(default)s",
-    )
-    p.add_argument("--freedrive", action="store_true", help="the driver lets the arm be led meanwhile")
-    p.add_argument("--seconds", type=number(0.0, "s"), default=0.0, help="[s] to listen; default: until Enter")
-    p.add_argument("--force", action="store_true", help="write over an existing file")
-    cell_arguments(p)
-    options = p.parse_args(argv)
-    if options.out.exists() and not options.force:
-        raise SeedError(f"{options.out} exists: name another file, or say --force")
-    if options.out.suffix not in (".yaml", ".yml"):
-        raise SeedError(f"{options.out} must end in .yaml: name the file first, then the bag")
-    if not options.out.absolute().parent.is_dir():
-        raise SeedError(f"{options.out}: there is no folder {options.out.absolute().parent}: make it first")
+    options = _parser().parse_args(argv)
+    _refuse_file(options.out, options.force)
     settings = replace(DEFAULTS, path=options.path, resists=tuple(options.resists))
     with leaving_at_once("teach"):
         from seed_bringup.teach.shown_bag import heard_in
@@ -85,3 +55,43 @@ def main(argv: list[str]) -> int:
         print(f"seed teach: some of the forces were in doubt: {heard.doubt}", file=sys.stderr)
     print(f"try it: ./seed evaluate {options.out}; then on the cell: ./seed play {options.out}")
     return 0
+
+
+def _refuse_file(out: Path, force: bool) -> None:
+    """Raises SeedError: the task cannot be written there."""
+    if out.exists() and not force:
+        raise SeedError(f"{out} exists: name another file, or say --force")
+    if out.suffix not in (".yaml", ".yml"):
+        raise SeedError(f"{out} must end in .yaml: name the file first, then the bag")
+    if not out.absolute().parent.is_dir():
+        raise SeedError(f"{out}: there is no folder {out.absolute().parent}: make it first")
+
+
+def _parser() -> argparse.ArgumentParser:
+    p = Parser(
+        prog="seed teach",
+        description="Make a task file of a demonstration: of a bag, or of a running cell while its arm is led by hand\n"
+        "(--freedrive, or pulled by anything else) or plays a task. The tool must be grasped and its pose estimated.",
+    )
+    p.add_argument("out", type=Path, help="task file to write, such as mine.yaml")
+    p.add_argument("bag", nargs="?", type=Path, help="bag of the demonstration; without it a running cell is heard")
+    p.add_argument("--name", default="", help="of the task; default: that of the file")
+    p.add_argument("--tool", default="", help="that was held; a task without is played with any")
+    p.add_argument(
+        "--resists",
+        default="",
+        metavar="AXES",
+        help="axes of the tool about which the contact resists a rotation, as x for a blade along y: they carry no "
+        "torque; default: none, all angles are held",
+    )
+    p.add_argument(
+        "--path",
+        type=number(0.00001, "m", 0.01),
+        default=DEFAULTS.path,
+        help="[m] by which the path may be simplified; default: %(default)s",
+    )
+    p.add_argument("--freedrive", action="store_true", help="the driver lets the arm be led meanwhile")
+    p.add_argument("--seconds", type=number(0.0, "s"), default=0.0, help="[s] to listen; default: until Enter")
+    p.add_argument("--force", action="store_true", help="write over an existing file")
+    cell_arguments(p)
+    return p
