@@ -248,6 +248,7 @@ def test_without_camera_info_it_says_what_is_missing(bench: Bench, renderer: Any
     rig = Rig(bench, renderer, **QUICK)
     rig.with_info = False
     assert rig.reason("no message on bubble_left/depth/camera_info yet")
+    assert min(rig.poses[-1].pose.covariance[::7]) > 1.0, "a pose of which nothing is known is not known exactly"
 
 
 def cropped(finger: str, kind: str, message: Image) -> Image:

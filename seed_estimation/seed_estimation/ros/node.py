@@ -26,6 +26,7 @@ from seed_estimation.estimator import Estimator
 from seed_estimation.images import identity
 from seed_estimation.images.tactile_images import TactileImages
 from seed_estimation.parameters import EstimatorParameters
+from seed_estimation.report import invalid
 from seed_estimation.ros.gathering import Gathering, GatheringError, Images
 from seed_estimation.ros.inputs import ImageInputs, InputSettings
 from seed_ros import COMMAND, QUEUE, SENSOR, FixedRateLoop, FrameNames, SeedNode, TransformBroadcaster, diagnostics
@@ -166,10 +167,7 @@ class EstimatorNode(SeedNode):
             self._tf.send(transform_stamped(estimate.X_CT, estimate.stamp, self.frames.compliance, self.frames.tool))
 
     def _publish_invalid(self, stamp: float, reason: str) -> None:
-        unseen, method = (False,) * 6, self.parameters.method
-        self._publish(
-            RelativePoseEstimate(stamp, np.eye(4), observed=unseen, valid=False, reason=reason, method=method)
-        )
+        self._publish(invalid(stamp, reason, self.parameters.method))
 
     def _publish_patches(self, stamp: float) -> None:
         assert self.core is not None

@@ -13,12 +13,11 @@ from seed_core.hand import FINGERS
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.checks import SET_BACK, EstimatorError
+from seed_estimation.report import SLIPPED, invalid
 from seed_estimation.sensors.contract import Image, Observation, Sensor
 from seed_estimation.sensors.fit import Fit, fit
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
 
-SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
-DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
 
 
@@ -157,10 +156,7 @@ class SensorEstimator(Generic[Image]):
         )  # fmt: skip
 
     def _invalid(self, stamp: float, reason: str) -> RelativePoseEstimate:
-        return RelativePoseEstimate(
-            stamp, np.eye(4), np.eye(6) * DOUBT**2, (False,) * 6, valid=False, reason=reason,
-            gross_slip=self._slid, method=self.method,
-        )  # fmt: skip
+        return invalid(stamp, reason, self.method, gross_slip=self._slid)
 
     def debug_image(self) -> NDArray[np.uint8]:
         """(H, W, 3) BGR: the fingers beside each other."""
