@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of the documents: python -m seed_bringup.pictures docs/images [NAME ...]"""
+"""The pictures of the documents that are PNGs: python -m seed_bringup.pictures docs/images [NAME ...]"""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ PICTURES = {
     "inserts": insertion.inserts,
     "follows": surface.follows,
     "sees": gallery.sees,
-    "holds": gallery.knows,
+    "holds": gallery.holds,
     "deforms": gallery.deforms,
     "gel": gel.gel_images,
     "answers_slip": grip.answers_slip,

@@ -111,7 +111,7 @@ def sees() -> bytes:
     return bytes(cv2.imencode(".png", page)[1])
 
 
-def knows() -> bytes:
+def holds() -> bytes:
     """Force over time: SEED, and the same path with nobody looking at the force."""
     with style.context(STYLE):
         figure = Figure(figsize=(6.0, 4.0), dpi=100, layout="constrained")
