@@ -24,17 +24,17 @@ import seed_ur
 from seed_bringup.page import style, words
 from seed_bringup.page.server import PageServer
 from seed_bringup.page.slow_browser import SCRIPT
-from seed_bringup.page.state import CellState, Control, Grasp, History
+from seed_bringup.page.state import CellState, ControlView, GraspView, History
 from seed_control.parameters import ControllerParameters
 from seed_control.state import Counting
 from seed_control.wrench.inputs import Inputs
 
-HELD = Grasp(np.eye(4), True, "", 0.02, False)
+HELD = GraspView(np.eye(4), True, "", 0.02, False)
 
 
-def control(mode: str, reason: str = "", enabled: bool = True, t: float = 1.0, force: float = 0.0) -> Control:
+def control(mode: str, reason: str = "", enabled: bool = True, t: float = 1.0, force: float = 0.0) -> ControlView:
     six = np.array((0.0, 0.0, force, 0.0, 0.0, 0.0))
-    return Control(t, enabled, mode, reason, mode == "contact", False, six, six + 0.1, np.full(6, 0.05))
+    return ControlView(t, enabled, mode, reason, mode == "contact", False, six, six + 0.1, np.full(6, 0.05))
 
 
 def test_before_a_cell_the_page_says_how_to_start_one() -> None:
@@ -90,8 +90,8 @@ def test_a_hold_is_told_with_its_reason_and_what_to_do(reason: str, remedy: str)
 
 def test_the_next_button_leads_from_reference_to_grasp_to_enable_to_play() -> None:
     off = control("disabled", enabled=False)
-    nothing = Grasp(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
-    empty = Grasp(
+    nothing = GraspView(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
+    empty = GraspView(
         np.eye(4), False, "no grasp: initialize_grasp has not been called since the last reference", 0.0, False
     )
     steps = [words.next_button(CellState(now=1.0, control=off, grasp=g)) for g in (nothing, empty, HELD)]
@@ -151,7 +151,7 @@ def test_the_plot_shows_the_axis_on_which_most_is_wanted() -> None:
     history = History()
     assert history.axis(slice(0, 3), 2) == 2
     six = np.array((4.0, 0.0, -1.0, 0.0, 0.0, 0.0))
-    history.add(Control(0.0, True, "contact", "", True, True, six, six, np.zeros(6)))
+    history.add(ControlView(0.0, True, "contact", "", True, True, six, six, np.zeros(6)))
     assert history.axis(slice(0, 3), 2) == 0
     assert history.axis(slice(3, 6), 3) == 3
 

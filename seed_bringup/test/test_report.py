@@ -22,7 +22,7 @@ from seed_bringup.demo.hidden import HIDDEN, at_camera_rate
 from seed_bringup.demo.live import LiveRun, patience_with
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
-from seed_bringup.demo.score import Belief, Curve, Phase, deviations, score_of_belief
+from seed_bringup.demo.score import BeliefCurves, Curve, Phase, deviations, score_of_belief
 from seed_bringup.demo.series import Series
 from seed_bringup.pictures.scene import Scene, bodies, setup_picture
 from seed_control.tasks import load_task
@@ -157,7 +157,7 @@ def test_numbers_stand_where_they_belong_and_missing_ones_are_dashes(report: Rep
 
 def test_the_figure_of_belief_stands_in_the_report_with_what_was_hidden(report: Report) -> None:
     t = np.linspace(0.0, 6.0, 200)
-    run = Belief(t, np.full(200, 9.8), np.full(200, 10.1), np.full(200, 0.2), np.full(200, 10.0))
+    run = BeliefCurves(t, np.full(200, 9.8), np.full(200, 10.1), np.full(200, 0.2), np.full(200, 10.0))
     figure = true_and_believed(run, (3.0, 6.0), [Phase("wipe", 2.0, 6.0)])
     assert "<!-- believed, with 2 stated deviations -->" in figure
     told = {"believed_z": {"rmse": 0.11, "error": 0.31, "bias": 0.3, "stated": 0.2, "in_band": 0.954}}

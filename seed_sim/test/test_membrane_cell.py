@@ -109,6 +109,7 @@ def test_the_band_around_each_patch_is_followed_where_the_membranes_have_it():
         X = make_pose(so3_exp(share * np.array((0.0, 0.1, 0.0))), share * np.array((0.001, 0.0, 0.003)))
         reading = cell.step(command(X, 1, measuring=True))
     hold = cell.hold
+    assert [m.finger for m in reading.membrane] == ["left", "right"]
     for motion in reading.membrane:
         before, after = hold.grasped.bubbles[motion.finger], hold.state.bubbles[motion.finger]
         band = around(before.nodes.T, before.patch.T)

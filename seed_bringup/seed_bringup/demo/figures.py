@@ -11,7 +11,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seed_bringup.demo.score import BAND, Belief, Curve, Phase
+from seed_bringup.demo.score import BAND, BeliefCurves, Curve, Phase
 from seed_bringup.demo.series import Series
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording
@@ -67,7 +67,7 @@ def path_on_table(recording: Recording, phase: str) -> str:
         return svg(figure)
 
 
-def true_and_believed(run: Belief, band: tuple[float, float], phases: list[Phase]) -> str:
+def true_and_believed(run: BeliefCurves, band: tuple[float, float], phases: list[Phase]) -> str:
     """True, believed and wanted pressing force [N] over time, and below what truth and belief differ by.
 
     The band is of BAND stated deviations either way. band: the scored stretch [s].

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from math import isnan
 from string import Template
 from typing import Any, NamedTuple
 
@@ -135,7 +136,7 @@ def _number(score: Score, column: Column) -> str:
     value: Any = score
     for key in column.path:
         value = value.get(key) if isinstance(value, Mapping) else None
-    return "-" if value is None or value != value else f"{column.scale * value:.{column.digits}f}"
+    return "-" if value is None or isnan(value) else f"{column.scale * value:.{column.digits}f}"
 
 
 def _table(scores: Mapping[str, Score], own_words: str) -> str:

@@ -33,7 +33,7 @@ class Phase(NamedTuple):
     end: float
 
 
-class Belief(NamedTuple):
+class BeliefCurves(NamedTuple):
     """Times (n,) [s] and pressing force (n,) [N]: true, believed, its stated deviation, wanted."""
 
     t: Array
@@ -56,10 +56,10 @@ def curve_of(recording: Recording) -> Curve:
     return Curve(recording["t"], -recording["force"][:, 2], recording["torque_T"][:, 0])
 
 
-def belief_of(recording: Recording) -> Belief:
+def belief_of(recording: Recording) -> BeliefCurves:
     """True and believed force of a live run."""
     force, believed, wanted = (-recording[name][:, 2] for name in ("force", "believed_force", "wanted_force"))
-    return Belief(recording["t"], force, believed, recording["stated_force"][:, 2], wanted)
+    return BeliefCurves(recording["t"], force, believed, recording["stated_force"][:, 2], wanted)
 
 
 def scored_stretch(phases: list[Phase], name: str, contact: float) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from seed_bringup.page.state import CellState, Touch
+from seed_bringup.page.state import CellState, WrenchView
 from seed_core.hand import FINGERS, Hand, Tool
 from seed_core.meshes import (
     BUBBLE,
@@ -163,7 +163,7 @@ class Scene:
                 handle.vertices = shape.pressed(state.grasp.X_CT).astype(np.float32)
             _place(handle, X_WC)
 
-    def _show_wrench(self, touch: Touch | None, tip: Array | None) -> None:
+    def _show_wrench(self, touch: WrenchView | None, tip: Array | None) -> None:
         if touch is None or tip is None:
             self._force.hide()
             self._torque.hide()

@@ -4,7 +4,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import nan
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ SPAN = 20.0  # [s] that the plots show
 
 
 @dataclass(frozen=True)
-class Control:
+class ControlView:
     """The controller's words and forces; forces of the tool on the environment, in the task frame.
 
     Attributes:
@@ -38,7 +38,7 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Grasp:
+class GraspView:
     """The pose of the tool in the grasp, and how well it sticks there.
 
     Attributes:
@@ -54,7 +54,7 @@ class Grasp:
 
 
 @dataclass(frozen=True)
-class Touch:
+class WrenchView:
     """The wrench of the tool on the environment about the tip, in W.
 
     Attributes:
@@ -68,7 +68,7 @@ class Touch:
     doubt: str
 
 
-class Depth(NamedTuple):
+class DepthView(NamedTuple):
     """image: (H, W) [m]; intrinsics: fx, fy, cx, cy [px]."""
 
     image: NDArray[np.float32]
@@ -99,11 +99,11 @@ class CellState:
     table: Mesh | None = None
     joints: Array | None = None
     fixed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
-    control: Control | None = None
-    grasp: Grasp | None = None
-    touch: Touch | None = None
+    control: ControlView | None = None
+    grasp: GraspView | None = None
+    touch: WrenchView | None = None
     tool: Tool | None = None
-    depths: Mapping[str, Depth] = field(default_factory=dict)
+    depths: Mapping[str, DepthView] = field(default_factory=dict)
     picture: NDArray[np.uint8] | None = None
     contact: Mapping[str, float] = field(default_factory=dict)
     arm: str = ""
@@ -115,7 +115,7 @@ class CellState:
     @property
     def alive(self) -> bool:
         """Whether there is anything to show."""
-        return self.now == self.now
+        return not isnan(self.now)
 
 
 class History:
@@ -125,7 +125,7 @@ class History:
         self.span = span
         self._rows: deque[tuple[float, Array, Array, Array]] = deque()
 
-    def add(self, control: Control | None) -> None:
+    def add(self, control: ControlView | None) -> None:
         """One more moment; time that goes back begins anew."""
         if control is None:
             return

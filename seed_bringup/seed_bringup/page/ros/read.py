@@ -17,7 +17,7 @@ from std_msgs.msg import Float32, String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
-from seed_bringup.page.state import CellState, Control, Depth, Grasp, Touch
+from seed_bringup.page.state import CellState, ControlView, DepthView, GraspView, WrenchView
 from seed_core.errors import SeedError
 from seed_core.hand import FINGERS, Tool
 from seed_core.meshes import Mesh
@@ -157,23 +157,23 @@ class TableShape:
 _TABLE = TableShape()
 
 
-def _control(m: Any) -> Control:
-    return Control(
+def _control(m: Any) -> ControlView:
+    return ControlView(
         seconds(m.header.stamp), m.enabled, m.mode, m.reason, m.in_contact, m.settled,
         _six(m.desired), _six(m.estimated), _six(m.deviation),
     )  # fmt: skip
 
 
-def _grasp(m: Any) -> Grasp:
-    return Grasp(pose_to_matrix(m.pose.pose), m.valid, m.reason, float(m.slip), m.gross_slip)
+def _grasp(m: Any) -> GraspView:
+    return GraspView(pose_to_matrix(m.pose.pose), m.valid, m.reason, float(m.slip), m.gross_slip)
 
 
-def _touch(m: Any) -> Touch:
+def _touch(m: Any) -> WrenchView:
     six = _six(m.wrench)
-    return Touch(six[:3], six[3:], np.array(m.covariance, float).reshape(6, 6), m.reason)
+    return WrenchView(six[:3], six[3:], np.array(m.covariance, float).reshape(6, 6), m.reason)
 
 
-def _depths(newest: Mapping[str, Any]) -> Iterator[tuple[str, Depth]]:
+def _depths(newest: Mapping[str, Any]) -> Iterator[tuple[str, DepthView]]:
     """Each membrane as its camera sees it; what little a lens distorts is not seen in a picture of the cell."""
     for finger in FINGERS:
         depth, info = newest.get(f"bubble_{finger}/{IMAGES['depth']}"), newest.get(f"bubble_{finger}/{INFO}")
@@ -181,7 +181,7 @@ def _depths(newest: Mapping[str, Any]) -> Iterator[tuple[str, Depth]]:
             continue
         with suppress(SeedError, ValueError):
             k = intrinsics(info, rectified=False).k
-            yield finger, Depth(depth_from_message(read_image(depth)), (k[0], k[4], k[2], k[5]))
+            yield finger, DepthView(depth_from_message(read_image(depth)), (k[0], k[4], k[2], k[5]))
 
 
 def _picture(newest: Mapping[str, Any]) -> NDArray[np.uint8] | None:
