@@ -8,7 +8,7 @@ from math import nan
 import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
-from seed_sim.scenario import PressureSection, Scenario
+from seed_sim.scenario import Scenario
 
 _HPA = 100.0  # [Pa]
 
@@ -16,9 +16,9 @@ _HPA = 100.0  # [Pa]
 class PressureSensors:
     """Reads the true pressures; a sensor that is silent reports nothing."""
 
-    def __init__(self, section: PressureSection, ambient: float, seed: int) -> None:
-        """ambient: [hPa] around; seed: of the noise."""
-        self._section, self._ambient = section, ambient
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        """seed: of the noise."""
+        self._section, self._ambient = scenario.pressure, scenario.membrane.ambient / _HPA
         self._rng = np.random.default_rng([seed, 5])
         self._stuck: dict[str, float] = {}
 
@@ -48,8 +48,3 @@ class PressureSensors:
         told = self.read(true, t)
         membrane = tuple(replace(m, pressure=told.get(m.finger, nan)) for m in estimate.membrane)
         return replace(estimate, membrane=membrane)
-
-
-def ambient_of(scenario: Scenario) -> float:
-    """Absolute pressure around the bubbles [hPa]."""
-    return scenario.membrane.ambient / _HPA

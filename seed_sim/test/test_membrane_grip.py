@@ -245,7 +245,7 @@ def test_tool_with_hardly_any_inertia_is_refused_with_numbers():
     ],
 )
 def test_pressure_sensors_fail_as_they_are_told(fault, left, right):
-    sensors = PressureSensors(PressureSection(fault=fault, fault_from=1.0), 1013.25, 0)
+    sensors = PressureSensors(Scenario(pressure=PressureSection(fault=fault, fault_from=1.0)), 0)
     assert sensors.read({"left": 1040.0, "right": 1041.0}, 0.5) == {"left": 1040.0, "right": 1041.0}
     told = sensors.read({"left": 1050.0, "right": 1051.0}, 1.5)
     expected = {name: value for name, value in (("left", left), ("right", right)) if value is not None}
@@ -253,7 +253,7 @@ def test_pressure_sensors_fail_as_they_are_told(fault, left, right):
 
 
 def test_sensor_noise_is_as_large_as_it_says():
-    sensors = PressureSensors(PressureSection(noise=0.05, offset=2.0), 1013.25, 3)
+    sensors = PressureSensors(Scenario(pressure=PressureSection(noise=0.05, offset=2.0)), 3)
     told = [sensors.read({"left": 1040.0, "right": 1040.0}, 0.01 * i)["right"] for i in range(400)]
     assert_allclose(np.mean(told), 1042.0, atol=0.02)
     assert_allclose(np.std(told), 0.05, rtol=0.15)

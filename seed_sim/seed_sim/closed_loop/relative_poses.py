@@ -18,7 +18,7 @@ from seed_sim.gel.estimator import calibrate_gels, gel_estimator
 from seed_sim.gel.renderer import GelRenderer
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.plant import DT, Plant
-from seed_sim.pressure import PressureSensors, ambient_of
+from seed_sim.pressure import PressureSensors
 from seed_sim.scenario import Scenario
 
 FROM_IMAGES = tuple(sorted(METHODS))
@@ -135,7 +135,7 @@ class PosesFromImages(PoseSource):
         held = [-self.period * (_GRASP_FRAMES - i) for i in range(_GRASP_FRAMES)]
         self.estimator.initialize_grasp([self.renderer.render(X_taken, t) for t in held])
         self.images: dict[str, TactileImages] = {}
-        self._pressures = PressureSensors(scenario.pressure, ambient_of(scenario), seed)
+        self._pressures = PressureSensors(scenario, seed)
         if hold is not None:
             hold.restart()
 

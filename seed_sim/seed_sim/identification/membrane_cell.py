@@ -9,7 +9,7 @@ from seed_core.spatial import Array, inverse_pose
 from seed_sim.identification.cell import EstimatedPoses, SimulatedCell
 from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.tactile_poses import TactilePoses
-from seed_sim.membrane.hold import MembraneHold, pressures
+from seed_sim.membrane.hold import MembraneHold
 
 _CREEPS = 0.5  # [s] between solves of a pose that rests
 
@@ -42,7 +42,7 @@ class MembraneCell(SimulatedCell):
         for imprint in self._squeezes:
             self.hold.close(imprint)
             stiffness.append(np.diag(self.hold.state.tangent))
-            gas.append(np.mean(list(self._gas().values())))
+            gas.append(np.mean(list(self.hold.pressures.values())))
         self.truth = replace(self.truth, stiffness=np.array(stiffness), pressures=np.array(gas))
         self._grip: int | None = None
         self._load, self._solved, self._asked = np.zeros(6), -np.inf, np.full((4, 4), np.nan)
@@ -50,9 +50,6 @@ class MembraneCell(SimulatedCell):
     def grip_anew(self) -> None:
         """At the next step the membranes are closed on the tool anew, and the estimator takes a new grasp."""
         self._grip = None
-
-    def _gas(self) -> dict[str, float]:
-        return pressures(self.hold.state.bubbles, self.hold.parameters.ambient)
 
     def _spring(self, X_TC: Array, grip: int) -> Array:
         if grip != self._grip:
@@ -70,7 +67,7 @@ class MembraneCell(SimulatedCell):
         """What both bubbles report [hPa], of the gas as the tool's motion squeezes it, not of the grip alone."""
         del grip
         noise = self.scenario.grasp.pressure_noise * self._rng.normal(size=2)
-        return tuple((np.array(list(self._gas().values())) + noise).tolist())
+        return tuple((np.array(list(self.hold.pressures.values())) + noise).tolist())
 
 
 def hold_of(scenario: IdentificationScenario) -> MembraneHold:

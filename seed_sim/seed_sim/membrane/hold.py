@@ -6,7 +6,7 @@ import numpy as np
 from seed_core.spatial import Array, Wrench, make_pose, so3_exp
 from seed_sim.membrane.grasp import MembraneGrasp
 from seed_sim.membrane.parameters import MembraneError, MembraneParameters
-from seed_sim.membrane.state import BubbleState, GraspState
+from seed_sim.membrane.state import GraspState
 from seed_sim.tactile.parameters import ToolShape
 
 _PATIENCE = 0.5, 25  # [s] and solves in a row that may not settle
@@ -100,6 +100,11 @@ class MembraneHold:
             f"the membranes do not bear {np.round(load.vector(), 3)} (N m, N): {np.abs(off).max():.2g} is left over"
         )
 
+    @property
+    def pressures(self) -> dict[str, float]:
+        """Absolute pressure in each bubble [hPa]."""
+        return {name: 0.01 * (self.parameters.ambient + b.pressure) for name, b in self.state.bubbles.items()}
+
     def _count(self) -> None:
         self.solves += 1
         if self.state.converged or self._failed == 0:
@@ -116,8 +121,3 @@ class MembraneHold:
                 f"the membranes find no equilibrium, {self._failed} times in a row for {lasting:.2f} s: the tool is "
                 "torn out of the grasp; load it less or squeeze more"
             )
-
-
-def pressures(bubbles: dict[str, BubbleState], ambient: float) -> dict[str, float]:
-    """Absolute pressure in each bubble [hPa]; ambient [Pa]."""
-    return {name: 0.01 * (ambient + bubble.pressure) for name, bubble in bubbles.items()}

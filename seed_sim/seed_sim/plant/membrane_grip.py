@@ -8,7 +8,7 @@ import numpy as np
 from seed_core.bushing import Stiffness
 from seed_core.spatial import Array, Wrench, inverse_pose, so3_log
 from seed_sim.membrane import MembraneError
-from seed_sim.membrane.hold import MembraneHold, pressures
+from seed_sim.membrane.hold import MembraneHold
 from seed_sim.membrane.state import push_of
 from seed_sim.plant.grip import MOST_SUBSTEPS, PlantError, damping_of, rate_of
 from seed_sim.plant.tools import ToolInertia
@@ -102,7 +102,7 @@ class MembraneGrip:
     @property
     def pressures(self) -> dict[str, float]:
         """Absolute pressure in each bubble [hPa]."""
-        return pressures(self.hold.state.bubbles, self.hold.parameters.ambient)
+        return self.hold.pressures
 
     @property
     def pressure(self) -> float:

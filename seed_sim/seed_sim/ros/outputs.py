@@ -66,10 +66,7 @@ class Outputs:
         membranes = plant.membranes
         self._membranes = create(Float64MultiArray, f"~/{TOPIC}", SENSOR) if membranes is not None else None
         self._told = -1.0  # [s] the solve that was published last
-        ambient = (
-            0.01 * membranes.parameters.ambient if membranes is not None else plant.scenario.grasp.nominal_pressure
-        )
-        self._sensors = PressureSensors(plant.scenario.pressure, ambient, 0)
+        self._sensors = PressureSensors(plant.scenario, 0)
         self._true_pose = create(RelativePose, "~/ground_truth/relative_pose", QUEUE)
         self._true_wrench = create(WrenchStamped, "~/ground_truth/contact_wrench", QUEUE)
         self._true_tip = create(PoseStamped, "~/ground_truth/tip_pose", QUEUE)

@@ -73,8 +73,7 @@ class WorldPoses(PoseSource):
         super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, np.eye(4))
         hold = plant.membranes if plant is not None else None
         self._cameras = WorldCameras(scenario, world, seed, hold)
-        ambient = scenario.grasp.nominal_pressure if hold is None else 0.01 * hold.parameters.ambient
-        self._pressures = PressureSensors(scenario.pressure, ambient, seed)
+        self._pressures = PressureSensors(scenario, seed)
         self._clock, self._offset = world.images.clock, clock_offset
         self._first = max(self._cameras.early, key=self._cameras.early.__getitem__)  # finger
         self._lead = round(self._cameras.early[self._first] / DT) * DT  # [s] of it before the other

@@ -15,7 +15,6 @@ from seed_sim.identification.scenario import IdentificationScenario, identify_on
 from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane import MembraneGrasp
-from seed_sim.membrane.hold import pressures
 from seed_sim.scenario import Scenario, on_membrane, tactile_of
 from seed_sim.tactile.parameters import ToolShape
 from seed_testing.validation.maps.membrane_run import RADII, RATE, Run, Truth, combined_motion, poses, size_of
@@ -72,7 +71,7 @@ def _moved(
         estimate = seen.look(X_CT, (i + 1) / (IMAGES * RATE))
         sliding.append(hold.state.sliding_share)
         if estimate.valid and len(estimate.membrane) == 2 and hold.state.converged:
-            gas = np.array(list(pressures(hold.state.bubbles, scenario.membrane.ambient).values()))
+            gas = np.array(list(hold.pressures.values()))
             told = tuple((gas + scenario.grasp.pressure_noise * rng.normal(size=2)).tolist())
             estimates.append(replace(estimate, membrane=SimulatedCell.with_pressure(estimate.membrane, told)))
             loads.append(hold.state.wrench.vector())
