@@ -60,7 +60,8 @@ class RigRobot:
         self.states: deque[tuple[float, Any]] = deque()
         self.connected, self.control, self.tool, self.taking = True, None, Tool(), False
         self.newest = (0.0, self._sample())
-        self.cycles, self.sent = 0, [0.0] * 0
+        self.cycles = 0
+        self.sent: list[float] = []
         self.top_joint = self.top_speed = self.top_turning = 0.0
         self.track: list[tuple[float, ...]] = []  # time [s], position [m], quaternion, scale
 
@@ -161,7 +162,7 @@ def play(
     session.robot, session.linked, session.sample = robot, True, robot.sample()  # type: ignore[assignment]
     session.start()
     session.watch.restart(robot.timestamp, 0.0)
-    deadlines, due, targets, holds = Deadlines(PERIOD, 0.0), 0.0, 0, [""] * 0
+    deadlines, due, targets, holds = Deadlines(PERIOD, 0.0), 0.0, 0, list[str]()
     start_p, start_q = session.sample.p, session.sample.orientation
     while due < seconds:
         now = at["process"].over(due)
