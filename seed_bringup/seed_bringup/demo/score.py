@@ -9,7 +9,7 @@ import numpy as np
 from seed_bringup.demo.series import Series
 from seed_control.tasks import Task
 from seed_core.spatial import Array, inverse_pose
-from seed_sim.closed_loop.recording import SETTLING, Recording, lean_of, torque_axes_of
+from seed_sim.closed_loop.recording import SETTLING, Recording, lean_of, rms, torque_axes_of
 
 TOPICS = {
     "state": "/controller/state",
@@ -132,16 +132,12 @@ def score_of_belief(recording: Recording, phase: str) -> dict[str, Any] | None:
     true, believed = recording["force"][keep, 2], recording["believed_force"][keep, 2]
     off, stated = believed - true, recording["stated_force"][keep, 2]
     return {
-        "rmse": _rms(believed - recording["wanted_force"][keep, 2]),
-        "error": _rms(off),
+        "rmse": rms(believed - recording["wanted_force"][keep, 2]),
+        "error": rms(off),
         "bias": float(off.mean()),
-        "stated": _rms(stated),
+        "stated": rms(stated),
         "in_band": float((np.abs(off) <= BAND * stated).mean()),
     }
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _turned(R: Array, vectors: Array) -> Array:

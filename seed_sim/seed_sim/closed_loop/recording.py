@@ -133,13 +133,17 @@ def score(recording: Recording, phase: str) -> dict[str, Any]:
         "force_z": _errors(force[:, 2], wanted_force[:, 2]),
         "torque_x": _errors(torque[:, 0], wanted_torque[:, 0]),
         "torque_z": _errors(torque[:, 2], wanted_torque[:, 2]) if recording.torque_axes[2] else None,
-        "lean_deg": {"rms": float(np.sqrt(np.mean(lean**2))), "max": float(lean.max())},
-        "path_rmse_mm": float(1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1)))),
+        "lean_deg": {"rms": rms(lean), "max": float(lean.max())},
+        "path_rmse_mm": 1e3 * rms(np.linalg.norm(off, axis=1)),
         "samples": int(keep.sum()),
     }
 
 
+def rms(values: Array) -> float:
+    """Root mean square of all values."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def _errors(actual: Array, wanted: Array) -> dict[str, float]:
     error = actual - wanted
-    rmse, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return dict(zip(_ERRORS, (rmse, float(actual.mean()), worst), strict=True))
+    return dict(zip(_ERRORS, (rms(error), float(actual.mean()), float(np.abs(error).max())), strict=True))

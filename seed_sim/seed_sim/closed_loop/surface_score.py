@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from seed_control.tasks import Task
-from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.recording import Recording, rms
 
 
 def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
@@ -32,8 +32,8 @@ def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
     force = -np.einsum("ij,ij->i", recording["force"][keep], normal)
     angle = np.rad2deg(np.arccos(np.clip(np.einsum("ij,ij->i", normal, found), -1.0, 1.0)))
     return out | {
-        "force_rms": float(np.sqrt(np.mean((force - size) ** 2))),
+        "force_rms": rms(force - size),
         "force_mean": float(force.mean()),
-        "normal_rms_deg": float(np.sqrt(np.mean(angle**2))),
+        "normal_rms_deg": rms(angle),
         "normal_max_deg": float(angle.max()),
     }

@@ -4,7 +4,7 @@
 import numpy as np
 
 from seed_core.spatial import Array
-from seed_sim.closed_loop.recording import CONTACT_FORCE, Recording
+from seed_sim.closed_loop.recording import CONTACT_FORCE, Recording, rms
 
 IMPACT = 0.3  # [s] after first contact in which its peak is looked for
 REST = 0.1, 0.3  # share of the wanted force, and [N], within which it has come to rest
@@ -46,14 +46,14 @@ def scores_of(recording: Recording, force: float) -> dict[str, float | None]:
         out |= _of_press(t[press], pressed[press], force)
     if not recording.finished or not working.any():
         return out | {"rms": force, "p90": force}
-    out |= {"rms": _rms(error[working]), "p90": float(np.percentile(np.abs(error[working]), 90))}
+    out |= {"rms": rms(error[working]), "p90": float(np.percentile(np.abs(error[working]), 90))}
     if steps:
         rises = [_rise(t[s], pressed[s], wanted[s]) for s in steps]
         out["bandwidth"] = float(np.median([0.35 / r for r in rises]))
     else:
         held = [i for i in range(3) if not recording.torque_axes[i]]
-        out["lean"] = _rms(np.rad2deg(np.linalg.norm(recording["lean"][wipe][:, held], axis=1)))
-        out["torque"] = _rms(recording["torque_T"][wipe][:, 0])
+        out["lean"] = rms(np.rad2deg(np.linalg.norm(recording["lean"][wipe][:, held], axis=1)))
+        out["torque"] = rms(recording["torque_T"][wipe][:, 0])
     out["lost"] = float(_lost(pressed[press | working], force))
     return out
 
@@ -63,7 +63,7 @@ def _of_press(t: Array, pressed: Array, force: float) -> dict[str, float | None]
     late = np.flatnonzero(away)
     at_rest = not len(late) or late[-1] + 1 < len(t)
     return {
-        "press_rms": _rms(pressed - force),
+        "press_rms": rms(pressed - force),
         "peak": float(max(pressed[t <= t[0] + IMPACT].max() - force, 0.0)),
         "overshoot": float(max(100.0 * (pressed.max() / force - 1.0), 0.0)),
         "rest": float(t[late[-1] + 1] - t[0] if len(late) else 0.0) if at_rest else None,
@@ -85,7 +85,3 @@ def _lost(pressed: Array, force: float) -> int:
         return 0
     off = pressed[made[0] :] < LOST * force
     return int((off[1:] & ~off[:-1]).sum())
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

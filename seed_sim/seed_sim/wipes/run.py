@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.recording import Recording, rms
 from seed_sim.closed_loop.run import SeedSteering, play, start_pose
 from seed_sim.faults.poses import MovingTable
 from seed_sim.plant.plant import Plant
@@ -55,8 +55,7 @@ def wipe(condition: str | Condition, seed: int, law: str = "seed") -> Wipe:
     first, last = recording["t"][wiped][[0, -1]]
     noise = [e[2] for t, e in poses.noise if first <= t <= last]
     unknowable = scenario.grasp.stiffness.translation[2] * abs(float(np.mean(noise)))
-    rms = float(np.sqrt(np.mean(error**2)))
-    return Wipe(c.name, seed, rms, float(np.abs(error).max()), _lean(recording, wiped), unknowable, "")
+    return Wipe(c.name, seed, rms(error), float(np.abs(error).max()), _lean(recording, wiped), unknowable, "")
 
 
 def _lean(recording: Recording, rows: Rows | slice = slice(None)) -> float:

@@ -16,7 +16,7 @@ from seed_core.spatial import Array
 from seed_core.wrench_settings import WrenchModelName
 from seed_sim.closed_loop.evaluate import scenario_of
 from seed_sim.closed_loop.progress import Progress
-from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.closed_loop.recording import Recording, rms, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
 from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
@@ -223,4 +223,4 @@ def _nees(recording: Recording, keep: NDArray[np.bool_]) -> float | None:
 
 def _rms(values: Array) -> float:
     good = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
+    return rms(good) if len(good) else float("nan")
