@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy, so3_exp
-from seed_sim.bubbles import HeldRenderer, renderer_of
+from seed_sim.bubble_renderer import HeldRenderer, renderer_of
 from seed_sim.membrane import MembraneError, MembraneGrasp, MembraneParameters
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.plant.grip import PlantError

@@ -10,9 +10,9 @@ from seed_core.hand import Hand
 from seed_core.spatial import pose_from_rpy
 from seed_sim import Scenario
 from seed_sim.tactile.trajectory import TrajectorySection
-from seed_testing.validation.other.renderer import OtherRenderer
-from seed_testing.validation.other.run import run_other
-from seed_testing.validation.other.sheet import Held
+from seed_testing.validation.other_renderer.renderer import OtherRenderer
+from seed_testing.validation.other_renderer.run import run_other
+from seed_testing.validation.other_renderer.sheet import Held
 from seed_testing.validation.scores import scores
 
 SHORT = replace(Scenario(), trajectory=TrajectorySection(duration=3.0))

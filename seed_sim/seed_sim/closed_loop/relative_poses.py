@@ -13,7 +13,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp
 from seed_estimation import METHODS, Estimator, EstimatorParameters, TactileImages
 from seed_estimation.gel.image import GelImage
-from seed_sim.bubbles import renderer_of
+from seed_sim.bubble_renderer import renderer_of
 from seed_sim.gel.estimator import calibrate_gels, gel_estimator
 from seed_sim.gel.renderer import GelRenderer
 from seed_sim.membrane.hold import MembraneHold

@@ -32,7 +32,7 @@ class TactilePoses:
 
     def __init__(self, scenario: IdentificationScenario, seed: int) -> None:
         from seed_estimation import Estimator, EstimatorParameters
-        from seed_sim.bubbles import HeldRenderer
+        from seed_sim.bubble_renderer import HeldRenderer
         from seed_sim.tactile import TactileRenderer
 
         self.hold: MembraneHold | None = None

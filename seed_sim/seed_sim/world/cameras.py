@@ -9,7 +9,7 @@ import numpy as np
 from seed_core.hand import FINGERS, Frame, Hand
 from seed_core.spatial import Array, rpy_from_rotation, so3_exp
 from seed_estimation import PinholeCamera, TactileImages
-from seed_sim.bubbles import HeldRenderer
+from seed_sim.bubble_renderer import HeldRenderer
 from seed_sim.membrane.hold import MembraneHold
 from seed_sim.scenario import Scenario, tactile_of
 from seed_sim.tactile import TactileRenderer

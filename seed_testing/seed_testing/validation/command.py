@@ -37,7 +37,7 @@ from seed_sim.scenario import load_scenario, on_membrane, shipped_scenarios
 from seed_testing.validation import gel, run, slip, worlds
 from seed_testing.validation.figure import draw
 from seed_testing.validation.maps import band, score
-from seed_testing.validation.other.run import run_other
+from seed_testing.validation.other_renderer.run import run_other
 from seed_testing.validation.scores import NAMED, scores
 
 

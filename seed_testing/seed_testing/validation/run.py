@@ -11,7 +11,7 @@ from seed_core.config import from_mapping
 from seed_core.errors import SeedError
 from seed_estimation import Estimator, EstimatorParameters
 from seed_sim import TactileRenderer
-from seed_sim.bubbles import HeldRenderer, renderer_of
+from seed_sim.bubble_renderer import HeldRenderer, renderer_of
 from seed_sim.scenario import SHIPPED, Scenario, on_membrane
 from seed_sim.tactile.trajectory import poses
 from seed_testing.validation.calibrate import calibration

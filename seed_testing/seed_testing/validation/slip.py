@@ -16,7 +16,7 @@ from joblib import delayed
 from seed_core.errors import FailedError
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation import TactileImages
-from seed_sim.bubbles import HeldRenderer, renderer_of
+from seed_sim.bubble_renderer import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.membrane import MembraneError
 from seed_sim.scenario import Scenario, on_membrane, tactile_of

@@ -17,7 +17,7 @@ from seed_core.estimate import MembraneMotion
 from seed_core.hand import FINGERS
 from seed_core.membrane.features import DEFORMATION, RIGID
 from seed_core.spatial import Array, rotation_error
-from seed_sim.bubbles import HeldRenderer, renderer_of
+from seed_sim.bubble_renderer import HeldRenderer, renderer_of
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.scenario import load_scenario
 from seed_sim.tactile.trajectory import poses

@@ -10,7 +10,7 @@ import numpy as np
 from seed_core.hand import FINGERS, Hand
 from seed_core.spatial import Array
 from seed_estimation import PinholeCamera, TactileImages
-from seed_testing.validation.other.sheet import STEP, Field, Held, Sheet
+from seed_testing.validation.other_renderer.sheet import STEP, Field, Held, Sheet
 
 K = np.array(((214.06, 0.0, 116.25), (0.0, 214.06, 87.57), (0.0, 0.0, 1.0)))
 D = np.array((0.368, -4.494, 0.0, 0.0, 7.971))

@@ -14,8 +14,8 @@ from seed_estimation.calibration.file import frame_of
 from seed_sim.closed_loop.relative_poses import estimator_parameters, refuse_calibrate
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.trajectory import poses
-from seed_testing.validation.other.renderer import Camera, OtherRenderer
-from seed_testing.validation.other.sheet import Held
+from seed_testing.validation.other_renderer.renderer import Camera, OtherRenderer
+from seed_testing.validation.other_renderer.sheet import Held
 from seed_testing.validation.scores import Series
 
 MOUNT_DEG, MOUNT_MM, FOCAL, SCALE, OFFSET = 0.5, 0.5, 0.01, 0.01, 0.00035  # largest errors, drawn uniformly
