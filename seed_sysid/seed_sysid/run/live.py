@@ -38,6 +38,9 @@ class Streams:
     """The newest of every input; wrenches are averaged between two steps.
 
     Attributes:
+        X_WE: (4, 4) flange, pose_stamp: when it was there [s]. wrenches: (6,) each, about S, in S [N m, N], since the
+            last step; wrench: their mean, or the last; wrench_stamp: when the newest came [s].
+        pressures: [hPa] by finger. width: of the gripper [m]. slip: [1] of the last three images.
         heard: when each of the inputs that a cell may lack last came [s]: estimate, width and pressures.
     """
 

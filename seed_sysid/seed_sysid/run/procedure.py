@@ -36,6 +36,7 @@ class Reading:
     Attributes:
         X_TC: displacement from kinematics (4, 4); X_TC_estimated: from the estimator, None without a new image.
         wrench: load on the sensor about S, in S (6,) [N m, N].
+        width: of the gripper [m]. pressures: of the bubbles that tell theirs [hPa]. slip: of the estimate [1].
         membrane: what the membranes do, () without a new image.
         followed: whether the estimator follows the tool; None without a new image, or without an estimator.
     """
@@ -54,7 +55,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Command:
-    """Where C should be in T now, how wide the gripper, and what is being done."""
+    """Where C should be in T now (4, 4), how wide the gripper [m], and what is being done."""
 
     X_TC: Array
     width: float
