@@ -69,7 +69,7 @@ def test_a_run_that_was_cut_short_is_all_error() -> None:
 
 
 def test_each_step_of_the_force_is_a_phase_of_its_own() -> None:
-    """Steps that share a name share a row of the score: those down were left out."""
+    """Steps that share a name share a row of the score."""
     for case in CASES:
         names = [p.name for p in case.task().phases]
         assert len(set(names)) == len(names)

@@ -45,7 +45,7 @@ def test_a_force_that_is_off_is_told(kind: str, seed: int, told: str) -> None:
 
 
 def test_poses_that_step_by_4_mm_hold_where_the_gripper_stands() -> None:
-    """They once made 20 N of 13.4 N: in a lean that was not seen, and that the hold itself went on turning."""
+    """In a lean that is not seen, and that the hold itself would go on turning."""
     outcome = run_fault("wrong masks", 74)
     assert "though the gripper stood" in outcome.held
     assert outcome.norm < 2.5

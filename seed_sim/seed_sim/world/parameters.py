@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one world is and the suite is not told. Every default is a world that is exactly as believed.
 
-Sources: an audit of this suite's figures under single perturbations; docs/tactile_simulation.md for the bubbles;
-docs/worlds.md tells where each range of the draw comes from.
+docs/worlds.md tells where each range of the draw comes from, docs/tactile_simulation.md what bubbles do.
 """
 
 from dataclasses import dataclass
