@@ -19,12 +19,13 @@ from seed_sim.closed_loop.recording import Recording
 from seed_sim.identification import session
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world import draw, perturb, score
+from seed_sim.world.belief import Belief
 from seed_sim.world.cameras import WorldCameras, true_hand
 from seed_sim.world.cell import true_scenario
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
 from seed_sim.world.procedures import find_out, membranes
 from seed_sim.world.procedures.clocks import motion
-from seed_sim.world.procedures.find_out import Belief, told
+from seed_sim.world.procedures.find_out import told
 from seed_sim.world.procedures.identify import identify, identify_draws
 from seed_sim.world.procedures.identify import table as identify_table
 from seed_sim.world.score import score_draws, summarised

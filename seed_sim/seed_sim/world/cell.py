@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from seed_control.tasks import Task
-from seed_core.wrench_model import WrenchModel
-from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.closed_loop.run import SeedSteering, start_pose
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
+from seed_sim.world.belief import Belief
 from seed_sim.world.cameras import true_hand
 from seed_sim.world.parameters import World
 from seed_sim.world.poses import WorldPoses
@@ -46,19 +45,10 @@ def make_plant(scenario: Scenario, world: World, seed: int, task: Task) -> Plant
 
 
 def make_steering(
-    plant: Plant,
-    believed: Scenario,
-    world: World,
-    seed: int,
-    *,
-    law: str = "seed",
-    estimator: str = "rigid_fit",
-    calibration: Calibration | None = None,
-    clock_offset: float = 0.0,
-    wrench_model: WrenchModel | None = None,
+    plant: Plant, belief: Belief, world: World, seed: int, *, law: str = "seed", estimator: str = "rigid_fit"
 ) -> SeedSteering:
     """The controller with what the suite believes, and with relative poses from the world's images, or the truth's."""
-    poses = None
+    scenario, poses = belief.scenario, None
     if estimator in FROM_IMAGES:
-        poses = WorldPoses(believed, world, seed, estimator, calibration, clock_offset, plant)
-    return SeedSteering(plant, believed, law, estimator, seed, poses, wrench_model)
+        poses = WorldPoses(scenario, world, seed, estimator, belief.calibration, belief.clock_offset, plant)
+    return SeedSteering(plant, scenario, law, estimator, seed, poses, belief.wrench_model())

@@ -20,9 +20,10 @@ from seed_sim.closed_loop.recording import Recording, rms, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
 from seed_sim.closed_loop.run import START_HEIGHT, play
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
+from seed_sim.world.belief import Belief
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import Kind, World
-from seed_sim.world.procedures.find_out import STEPS, Belief, find_out
+from seed_sim.world.procedures.find_out import STEPS, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
@@ -87,17 +88,7 @@ def run_trial(
     plant = make_plant(replace(scenario, membrane=belief.scenario.membrane), world, seed, task)
     recording = Recording([])
     try:
-        steering = make_steering(
-            plant,
-            belief.scenario,
-            world,
-            seed,
-            law=law,
-            estimator=estimator,
-            calibration=belief.calibration,
-            clock_offset=belief.clock_offset,
-            wrench_model=belief.wrench_model(),
-        )
+        steering = make_steering(plant, belief, world, seed, law=law, estimator=estimator)
         recording = play(task, plant, steering, progress)
         scored = score(recording, scored_phase(task)) | beliefs(recording, scored_phase(task))
     except SeedError as error:

@@ -6,7 +6,7 @@ comparison of clocks in the motion between its poses, and the tool's weight (`id
 runs in that very world on what the ones before have found. Nothing else is handed on.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -15,16 +15,13 @@ import numpy as np
 from seed_control.payload.identify import PayloadError
 from seed_core.bushing import Stiffness
 from seed_core.errors import SeedError
-from seed_core.hysteretic.spring import HystereticSpring, HystereticStiffness
-from seed_core.membrane.map import MembraneMap
-from seed_core.membrane.map_file import MembraneMapFile
-from seed_core.wrench_model import WrenchModel
 from seed_core.wrench_settings import WrenchModelName
 from seed_estimation.calibration.calibrate import MembraneShape, calibrate
 from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.scenario import Scenario
 from seed_sim.tactile.parameters import ToolShape
+from seed_sim.world.belief import Belief
 from seed_sim.world.cameras import WorldCameras
 from seed_sim.world.parameters import Kind, World
 from seed_sim.world.procedures.captures import captures
@@ -42,35 +39,6 @@ STEPS: dict[Kind, tuple[str, ...]] = {
 _NEEDED = ("identify", "identify_membranes")  # without what it finds no force is controlled
 _DISAGREE = 3.0  # [standard deviations] from which the stated mass is not believed
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
-
-
-@dataclass(frozen=True)
-class Belief:
-    """What estimator and controller go by.
-
-    Attributes:
-        scenario: the cell as believed: hand as drawn, tool as weighed, `grasp.believed` the stiffness as identified.
-        calibration: of range and cameras; None: hand as drawn, range as it comes.
-        clock_offset: [s] that is taken off the images' stamps.
-        spring, membranes: what the wrench is computed from; None: the stiffness.
-        figures: what the procedures say about themselves; seconds: that each took.
-        problems: what a procedure other than the identification could not do, in words.
-    """
-
-    scenario: Scenario
-    calibration: Calibration | None = None
-    clock_offset: float = 0.0
-    spring: HystereticStiffness | None = None
-    membranes: MembraneMapFile | None = None
-    figures: dict[str, Any] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    problems: tuple[str, ...] = ()
-
-    def wrench_model(self) -> WrenchModel | None:
-        """The model at a new grasp; None: the map of the stiffness."""
-        if self.membranes is not None:
-            return MembraneMap(self.membranes)
-        return HystereticSpring(self.spring) if self.spring is not None else None
 
 
 def find_out(
@@ -99,11 +67,9 @@ def find_out(
         except SeedError as error:
             if name in _NEEDED:
                 raise SeedError(f"{name.replace('_', ' ')}: {error}") from error
-            work.problems.append(f"{name}: {error}")
-        work.seconds[name] = perf_counter() - began
-    problems = tuple(work.problems)
-    models = (work.spring, work.membranes)
-    return Belief(work.believed, work.calibration, work.offset, *models, work.figures, work.seconds, problems)
+            work.believe(problems=(*work.belief.problems, f"{name}: {error}"))
+        work.belief.seconds[name] = perf_counter() - began
+    return work.belief
 
 
 def calibrate_cameras(scenario: Scenario, world: World, seed: int) -> Calibration:
@@ -134,7 +100,7 @@ def told(scenario: Scenario, world: World) -> Scenario:
 
 
 class _Work:
-    """The procedures of one world, and what they have found so far."""
+    """The procedures of one world, and what is believed after those that have run."""
 
     def __init__(
         self,
@@ -145,70 +111,71 @@ class _Work:
         model: WrenchModelName,
         progress: Progress | None,
     ) -> None:
-        self.believed, self._world, self._seed = told(scenario, world), world, seed
-        self._method, self._model = method, model
+        self.belief = Belief(told(scenario, world))
+        self._world, self._seed, self._method, self._model = world, seed, method, model
         self.tell: Progress = progress or (lambda *_: None)
-        self.spring: HystereticStiffness | None = None
-        self.membranes: MembraneMapFile | None = None
-        self.calibration: Calibration | None = None
-        self.offset = 0.0
-        self.figures: dict[str, Any] = {}
-        self.seconds: dict[str, float] = {}
-        self.problems: list[str] = []
+
+    def believe(self, **found: Any) -> None:
+        """From now on, by the names of `Belief`."""
+        self.belief = replace(self.belief, **found)
+
+    def _believe_stiffness(self, stiffness: Stiffness) -> None:
+        scenario = self.belief.scenario
+        self.believe(scenario=replace(scenario, grasp=replace(scenario.grasp, believed=stiffness)))
 
     def calibrate(self) -> None:
         """Range by the drawn dome, camera poses by a grasped cylinder."""
-        self.calibration = calibrate_cameras(self.believed, self._world, self._seed)
+        self.believe(calibration=calibrate_cameras(self.belief.scenario, self._world, self._seed))
 
     def identify(self) -> None:
         """The stiffness, on a fixed force/torque sensor."""
-        found = identify(self.believed, self._world, self._seed, progress=self._identifying)
-        self.figures["identify"] = found.figures
-        self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found.stiffness))
+        found = identify(self.belief.scenario, self._world, self._seed, progress=self._identifying)
+        self.belief.figures["identify"] = found.figures
+        self._believe_stiffness(found.stiffness)
         if self._model == "hysteretic":
             fit = fit_hysteretic(found.analysis)
-            self.spring = fit.identified
-            self.figures["hysteretic"] = figures_of(fit)
+            self.believe(spring=fit.identified)
+            self.belief.figures["hysteretic"] = figures_of(fit)
 
     def identify_membranes(self) -> None:
         """Stiffness and membrane map, on a fixed force/torque sensor, as the world's cameras see the membranes."""
-        self.believed, analysis, file = identify_membranes(
-            self.believed, self._world, self._seed, self._method, self._identifying
+        scenario, analysis, file = identify_membranes(
+            self.belief.scenario, self._world, self._seed, self._method, self._identifying
         )
+        self.believe(scenario=scenario)
         found = Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal])
-        self.believed = replace(self.believed, grasp=replace(self.believed.grasp, believed=found))
+        self._believe_stiffness(found)
         assert analysis.membrane is not None
         share = dict(zip(CHANNELS, analysis.membrane.fit.share.tolist(), strict=True))
         stiffness = dict(zip(AXES, found.vector().tolist(), strict=True))
-        squeeze = self.believed.membrane.squeeze
-        self.figures["membranes"] = {"unexplained": share, "stiffness": stiffness, "squeeze": squeeze}
+        self.belief.figures["membranes"] = {
+            "unexplained": share, "stiffness": stiffness, "squeeze": scenario.membrane.squeeze,
+        }  # fmt: skip
         if self._model == "membrane":
-            self.membranes = file
+            self.believe(membranes=file)
         elif self._model == "hysteretic":
-            self.spring = fit_hysteretic(analysis).identified
+            self.believe(spring=fit_hysteretic(analysis).identified)
 
     def _identifying(self, share: float, what: str) -> None:
         self.tell(share, f"identify: {what}")
 
     def clocks(self) -> None:
         """The offset of the cameras' clock."""
-        found = compare_clocks(self.believed, self._world, self._seed, self._method, self.calibration)
-        self.figures["clocks"] = {"offset": found.value, "std": found.std}
-        self.offset = found.value
+        belief = self.belief
+        found = compare_clocks(belief.scenario, self._world, self._seed, self._method, belief.calibration)
+        belief.figures["clocks"] = {"offset": found.value, "std": found.std}
+        self.believe(clock_offset=found.value)
 
     def weigh(self) -> None:
         """The tool's mass: as stated and as it hangs, each by how well it is known; if they disagree, as it hangs.
 
         Its centre of mass stays as drawn, which a spring cannot tell better, unless the mass disagrees.
         """
-        model = HystereticSpring(self.spring) if self.spring is not None else None
-        payload, deviation = weigh(
-            self.believed, self._world, self._seed, self._method, self.calibration, self.offset, model
-        )
+        payload, deviation = weigh(self.belief, self._world, self._seed, self._method)
         if not payload.mass > 0.0:
             raise PayloadError(f"a tool of {payload.mass:g} kg is none")
-        stated = self.believed.tool
-        of_stated = self.believed.reference.mass_deviation * stated.mass
+        scenario = self.belief.scenario
+        stated, of_stated = scenario.tool, scenario.reference.mass_deviation * scenario.tool.mass
         mass, com = payload.mass, stated.center_of_mass
         if abs(payload.mass - stated.mass) < _DISAGREE * np.hypot(deviation, of_stated):
             mass = stated.mass + (payload.mass - stated.mass) * of_stated**2 / (of_stated**2 + deviation**2)
@@ -216,8 +183,10 @@ class _Work:
             known = np.isfinite(payload.center_of_mass_std)
             x, y, z = np.where(known, payload.center_of_mass, com).tolist()
             com = (x, y, z)
-        self.figures["weigh"] = {"hanging": payload.mass, "deviation": deviation, "mass": mass, "center_of_mass": com}
-        self.believed = replace(self.believed, tool=replace(stated, mass=mass, center_of_mass=com))
+        self.belief.figures["weigh"] = {
+            "hanging": payload.mass, "deviation": deviation, "mass": mass, "center_of_mass": com,
+        }  # fmt: skip
+        self.believe(scenario=replace(scenario, tool=replace(stated, mass=mass, center_of_mass=com)))
 
 
 def figures_of(fit: HystereticFit) -> dict[str, Any]:
