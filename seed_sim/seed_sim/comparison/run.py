@@ -12,7 +12,7 @@ from seed_sim.comparison.bumps import BumpyTable
 from seed_sim.comparison.cases import SWING_RATE, Case, case_named
 from seed_sim.comparison.methods import Settings, method_named
 from seed_sim.comparison.score import SCORES, scores_of
-from seed_sim.faults.poses import MovingTable
+from seed_sim.plant.arm import MovingTable
 from seed_sim.plant.plant import Plant
 
 TRACED = 10  # every tenth seed keeps its force over time

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noisy relative poses, as an estimator would tell them that has a fault; and a table that moves."""
+"""Noisy relative poses, as an estimator would tell them that has a fault."""
 
 from dataclasses import replace
-from math import pi, sin
 
 import numpy as np
 
 from seed_core.estimate import Regrasp, RelativePoseEstimate
-from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp
+from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp
 from seed_sim.closed_loop.relative_poses import NoisyPoses
 from seed_sim.faults.draw import Fault
-from seed_sim.plant.arm import Repeatability
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario
 
@@ -70,18 +68,3 @@ class FaultyPoses(NoisyPoses):
             self._X_TT0 = inverse_pose(plant.X_CT)
             self._regrasp.end()
         return self._regrasp.through(estimate)
-
-
-class MovingTable(Repeatability):
-    """A table that moves up and down, seen from the table: what counts is where the tool is over it."""
-
-    def __init__(self, error: Repeatability, amplitude: float, frequency: float, since: float) -> None:
-        """amplitude [m], downwards first where it is negative; frequency [Hz]; since [s]."""
-        self._error = error
-        self._amplitude, self._rate, self._since = amplitude, 2.0 * pi * frequency, since
-
-    def at(self, t: float) -> Array:
-        out = self._error.at(t)
-        if t > self._since:
-            out = out - (0.0, 0.0, self._amplitude * sin(self._rate * (t - self._since)))
-        return out

@@ -13,7 +13,8 @@ from seed_control.state import ControllerState
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rotation_from_rpy
 from seed_sim.closed_loop.run import SETTLE, SeedSteering
 from seed_sim.faults.draw import Fault, draw
-from seed_sim.faults.poses import FaultyPoses, MovingTable
+from seed_sim.faults.poses import FaultyPoses
+from seed_sim.plant.arm import MovingTable
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
 

@@ -34,6 +34,22 @@ class Repeatability:
         return np.array([self._amplitude * sum([sin(w * t + phase) for w, phase in axis]) for axis in self._sines])
 
 
+class MovingTable(Repeatability):
+    """A table that moves up and down, seen from the table: what counts is where the tool is over it."""
+
+    def __init__(self, error: Repeatability, amplitude: float, frequency: float, since: float) -> None:
+        """amplitude [m], downwards first where it is negative; frequency [Hz]; since [s]."""
+        self._error = error
+        self._amplitude, self._rate, self._since = amplitude, 2.0 * pi * frequency, since
+
+    def at(self, t: float) -> Array:
+        """The error at time t [s]."""
+        out = self._error.at(t)
+        if t > self._since:
+            out = out - (0.0, 0.0, self._amplitude * sin(self._rate * (t - self._since)))
+        return out
+
+
 class Arm:
     """Flange pose by time. `command` a target, `advance` by a step, read `reported` and `actual`.
 

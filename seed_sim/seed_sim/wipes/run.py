@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from seed_sim.closed_loop.recording import Recording, rms
 from seed_sim.closed_loop.run import SeedSteering, play, start_pose
-from seed_sim.faults.poses import MovingTable
+from seed_sim.plant.arm import MovingTable
 from seed_sim.plant.plant import Plant
 from seed_sim.wipes.conditions import CONDITIONS, Condition
 from seed_sim.wipes.poses import CorrelatedPoses
