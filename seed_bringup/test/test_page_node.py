@@ -351,7 +351,7 @@ def test_an_own_task_is_sent_as_text_and_the_cell_s_own_by_its_place_there(
     until(hands._action.server_is_ready)
     mine = tmp_path / "mine.yaml"
     mine.write_text(shipped_tasks()["squeegee"].read_text(encoding="utf-8"), encoding="utf-8")
-    monkeypatch.setattr(hands._held, "task", "/of/the/cell.yaml")
+    monkeypatch.setattr(hands._known, "task", "/of/the/cell.yaml")
     for task, good in ((str(mine), True), ("/of/the/cell.yaml", True), ("/of/nobody.yaml", False)):
         assert hands.play(task, None).result(10.0)[0] == good
     server.destroy()

@@ -26,7 +26,7 @@ from unique_identifier_msgs.msg import UUID
 
 from seed_bringup.demo.terminal import done_in
 from seed_bringup.page.panel import Playing
-from seed_bringup.page.ros.held import Held
+from seed_bringup.page.ros.cell_parameters import CellParameters
 from seed_bringup.page.ros.waiting import Deadlines, NotDoneError, UnansweredError
 from seed_bringup.ros.played_goal import PlayedGoal
 from seed_control.tasks import task_to_send
@@ -81,7 +81,7 @@ class CellHands:
         self._triggers = {t: self.node.create_client(Trigger, t) for t in TRIGGERS}
         self._enable = self.node.create_client(SetBool, ENABLE)
         self._cancel = self.node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
-        self._held = Held(self.node)
+        self._known = CellParameters(self.node)
         self._action = ActionClient(self.node, FollowSetpoints, ACTION)
         self._here = self.node.create_publisher(UUID, "controller/operator", COMMAND)
         self.node.create_timer(BEAT, self._beat)
@@ -113,21 +113,21 @@ class CellHands:
     @property
     def tool(self) -> Tool | None:
         """As the controller knows it."""
-        return self._held.tool
+        return self._known.tool
 
     @property
     def begun(self) -> str:
         """As the simulation knows it."""
-        return self._held.task
+        return self._known.task
 
     @property
     def arm(self) -> str:
         """As its driver knows it."""
-        return self._held.arm
+        return self._known.arm
 
     def forget(self) -> None:
         """Tool, arm and task are those of a cell that may have ended: until they are told anew."""
-        self._held.forget()
+        self._known.forget()
 
     @property
     def simulated(self) -> bool:

@@ -17,8 +17,8 @@ TOOL = ("tool.name", "tool.T_tip.position", "tool.T_tip.rpy_deg")
 ARM = ("model", "robot_ip")
 
 
-class Held:
-    """Asks by itself.
+class CellParameters:
+    """Asks nodes for theirs by itself.
 
     Attributes:
         tool: the last that the controller has named, or None.
