@@ -10,8 +10,8 @@ from seed_estimation.gel.settings import GelSettings
 from seed_estimation.gel.shading import Shading
 from seed_estimation.sensors.estimator import SensorEstimator
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
-from seed_sim.gel.parameters import mount
 from seed_sim.gel.renderer import GelRenderer
+from seed_sim.tactile.cameras import mount
 
 BALL = 0.002  # [m]
 _DEPTH = 0.0008, 0.0010  # [m] from which to which it is pressed in, by hand

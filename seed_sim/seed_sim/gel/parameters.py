@@ -7,7 +7,6 @@ import numpy as np
 
 from seed_core.config import field
 from seed_core.hand import FINGERS_OF, Frame, Hand
-from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
 from seed_estimation import PinholeCamera
 from seed_sim.tactile.parameters import ToolShape
@@ -63,8 +62,3 @@ def gel_hand(p: GelParameters) -> Hand:
     left: Vector3 = (0.0, y, 0.0)
     right: Vector3 = (0.0, -y, 0.0)
     return Hand(name="gel", C_L=Frame(left, (90.0, 0.0, 0.0)), C_R=Frame(right, (-90.0, 0.0, 0.0)))
-
-
-def mount(hand: Hand, finger: str) -> Array:
-    """X_CX (4, 4) of a finger's optical frame."""
-    return hand.X_CL if finger == "left" else hand.X_CR

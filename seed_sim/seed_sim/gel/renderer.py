@@ -10,9 +10,10 @@ from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera
 from seed_estimation.gel.image import GelImage
 from seed_sim.gel.light import Dots, Exposure, Lamps, seen_points
-from seed_sim.gel.parameters import GelParameters, gel_camera, mount
+from seed_sim.gel.parameters import GelParameters, gel_camera
 from seed_sim.gel.shapes import Field, ball_surface, tool_surface
 from seed_sim.gel.surface import CELL, SIZE, GelSurface, Pressed
+from seed_sim.tactile.cameras import mount
 from seed_sim.tactile.membrane import followed
 
 _LOOKS = 3  # steps to find where a pixel's ray meets the surface

@@ -18,6 +18,11 @@ def camera_model(name: str) -> PinholeCamera:
     return PinholeCamera(640, 480, K, np.array((-0.0568, 0.0607, 0.00076, 0.00099, -0.0202)), "inverse_brown_conrady")
 
 
+def mount(hand: Hand, finger: str) -> Array:
+    """X_CX (4, 4) of a finger's optical frame."""
+    return hand.X_CL if finger == "left" else hand.X_CR
+
+
 def coarse_factor(camera: PinholeCamera) -> int:
     """Pixels per cell of the grid on which the membrane's shape is computed."""
     return 2 if camera.width < 400 else 4
@@ -30,6 +35,6 @@ def coarse_rays(camera: PinholeCamera, hand: Hand, finger: str) -> Rays:
     v = np.arange(0, camera.height, n) + 0.5 * (n - 1)
     rays = camera.pixel_rays(np.stack(np.meshgrid(u, v), axis=-1))
     rays = np.where(np.isfinite(rays), rays, 0.0)
-    X_CX: Array = hand.X_CL if finger == "left" else hand.X_CR
+    X_CX = mount(hand, finger)
     directions = np.moveaxis(rays @ X_CX[:3, :3].T, -1, 0)
     return Rays(X_CX[:3, 3], np.ascontiguousarray(directions, np.float32), 1.0 if finger == "left" else -1.0)

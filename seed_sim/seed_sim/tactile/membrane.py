@@ -26,7 +26,7 @@ _REACH = (1, 2, 4)  # [coarse pixels] of the dilations that make the skirt
 _FAR_REACH = (4, 4)  # [coarse pixels / 2] of those that make its outer part
 
 
-class Shape(NamedTuple):
+class DeformedMembrane(NamedTuple):
     """Deformed membrane on the coarse grid.
 
     Attributes:
@@ -54,11 +54,11 @@ class Membrane:
         h, w = self.dome.shape
         self._columns, self._rows = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
         self._in_image = self._axes_in_image() / self._pixel
-        self.rest = Shape(self.dome, np.zeros_like(self.dome), points[::2])
+        self.rest = DeformedMembrane(self.dome, np.zeros_like(self.dome), points[::2])
         _, _, raw, contact = self._imprint(np.eye(4))
         self.sheet = Sheet(rays.at(self.dome - raw)[::2, contact > 0.5].T, p)
 
-    def press(self, X_CT: Array, X_stuck: Array, load: float = 0.0) -> Shape:
+    def press(self, X_CT: Array, X_stuck: Array, load: float = 0.0) -> DeformedMembrane:
         """With the tool at X_CT and material that has followed it to X_stuck; both (4, 4), identity at the grasp.
 
         load: share of the largest tangential load, from 0 (all of the patch sticks) to 1 (all of it slides).
@@ -72,7 +72,7 @@ class Membrane:
         imprint = np.where(contact > 0.5, imprint, np.maximum(imprint, rounded))
         off = self._distance(contact)
         depth = np.minimum(self.dome + self._bulge(imprint, off) - imprint, tool)
-        return Shape(
+        return DeformedMembrane(
             depth, imprint, self._material(depth, np.minimum(tool - depth, off), X_stuck, self.sheet.share(load))
         )
 

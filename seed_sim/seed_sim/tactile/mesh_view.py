@@ -13,7 +13,7 @@ from scipy.interpolate import RBFInterpolator
 
 from seed_core.spatial import Array
 from seed_sim.tactile.geometry import Image, Rays
-from seed_sim.tactile.membrane import Shape
+from seed_sim.tactile.membrane import DeformedMembrane
 
 CELL = 0.0015  # [m] of the grid on the flat sheet
 _STEPS = 2  # of Newton's method
@@ -46,7 +46,8 @@ class MeshView:
         self._weights = weights.astype(np.float32)
         self._corners = np.dstack([material[self._triangles], np.ones(self._triangles.shape)]).transpose(0, 2, 1)
         self._prepare_pixels()
-        self.rest = Shape(*self._seen(nodes))
+        depth, seen = self._seen(nodes)
+        self.rest = DeformedMembrane(depth, np.zeros_like(depth), seen)
 
     def _prepare_pixels(self) -> None:
         """Where each pixel of the coarse grid lies in the drawing of the triangles, which knows no distortion."""
@@ -62,18 +63,18 @@ class MeshView:
         points = self._rays.at(rim_depth.astype(np.float32))
         self._beside = rim_depth.astype(np.float32), points[::2]
 
-    def shape(self, nodes: Array) -> Shape:
+    def shape(self, nodes: Array) -> DeformedMembrane:
         """The membrane with its nodes (n, 3) in C; the camera moves along y with the rim."""
-        depth, _, material = self._seen(nodes)
-        return Shape(depth, np.maximum(self.rest.depth - depth, np.float32(0.0)), material)
+        depth, material = self._seen(nodes)
+        return DeformedMembrane(depth, np.maximum(self.rest.depth - depth, np.float32(0.0)), material)
 
     def _in_camera(self, nodes: Array) -> Array:
         """Nodes (n, 3) in the optical frame, the rim where it was when free."""
         shift = np.array((0.0, self._rim - float(nodes[self._clamped, 1].mean()), 0.0))
         return np.asarray((nodes + (shift - self._p)) @ self._R)
 
-    def _seen(self, nodes: Array) -> tuple[Image, Image, NDArray[np.float32]]:
-        """Depth (h, w), nothing (h, w), material (2, h, w)."""
+    def _seen(self, nodes: Array) -> tuple[Image, NDArray[np.float32]]:
+        """Depth (h, w) and material (2, h, w) [m]."""
         corners = self._in_camera(nodes)
         hit, triangle = self._first_hit(corners)
         seen = np.einsum("nij,nj->ni", self._planes(corners)[triangle], self._ahead[hit])
@@ -82,7 +83,7 @@ class MeshView:
         found = self._smoothed(self._fields(nodes), hit, inverse, on)
         depth, material = self._beside[0].copy(), self._beside[1].copy()
         depth.ravel()[hit], material.reshape(2, -1)[:, hit] = found
-        return depth, np.zeros_like(depth), material
+        return depth, material
 
     def _first_hit(self, corners: Array) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
         """Pixels whose ray meets the membrane, and the triangle that it meets first: painted from far to near."""

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from seed_core.hand import FINGERS, FINGERS_OF, Hand
 from seed_core.spatial import Array, inverse_pose
 from seed_estimation import PinholeCamera, TactileImages
-from seed_sim.tactile.cameras import camera_model, coarse_factor, coarse_rays
+from seed_sim.tactile.cameras import camera_model, coarse_factor, coarse_rays, mount
 from seed_sim.tactile.geometry import Image, Rays
-from seed_sim.tactile.membrane import Membrane, Shape, followed
+from seed_sim.tactile.membrane import DeformedMembrane, Membrane, followed
 from seed_sim.tactile.mesh_view import MeshView
 from seed_sim.tactile.noise import CameraNoise, D405Noise, PicoFlexxNoise
 from seed_sim.tactile.parameters import TactileParameters
@@ -37,7 +37,9 @@ class Nodes(Protocol):
 class FingerRenderer:
     """One bubble. Dots and fixed pattern come from the seed, and so does the noise, frame by frame."""
 
-    def __init__(self, rays: Rays, rest: Shape, p: TactileParameters, camera: PinholeCamera, rng: Generator) -> None:
+    def __init__(
+        self, rays: Rays, rest: DeformedMembrane, p: TactileParameters, camera: PinholeCamera, rng: Generator
+    ) -> None:
         """rest: what the free membrane looks like."""
         self.camera, self._rest, self._p = camera, rest, p
         self._n = coarse_factor(camera)
@@ -57,13 +59,13 @@ class FingerRenderer:
         fine = cv2.resize(coarse, (w * self._n, h * self._n), interpolation=cv2.INTER_LINEAR)
         return np.ascontiguousarray(fine[: self.camera.height, : self.camera.width])
 
-    def clean(self, shape: Shape, stamp: float) -> tuple[Image, Image, Image]:
+    def clean(self, shape: DeformedMembrane, stamp: float) -> tuple[Image, Image, Image]:
         """Depth [m], albedo and infrared [counts], each (H, W), as a camera without error would see them."""
         albedo = self._dots.at(np.stack([self._fine(plane) for plane in self._dots.cells(shape.material)]))
         ir = self._light.with_spot(albedo * self._fine(self._light.counts(shape, stamp)))
         return self._fine(shape.depth), albedo, ir
 
-    def render(self, shape: Shape, stamp: float) -> TactileImages:
+    def render(self, shape: DeformedMembrane, stamp: float) -> TactileImages:
         """What the camera delivers."""
         depth, ir = self.noise.add_to(*self.clean(shape, stamp))
         return TactileImages(depth, ir, stamp)
@@ -83,7 +85,7 @@ class _Bubbles:
         self._names = FINGERS_OF[parameters.fingers]
         self.fingers: dict[str, FingerRenderer] = {}
 
-    def _add(self, finger: str, rays: Rays, rest: Shape, seed: int) -> None:
+    def _add(self, finger: str, rays: Rays, rest: DeformedMembrane, seed: int) -> None:
         """A finger of its own stream of random numbers."""
         stream = np.random.SeedSequence(seed).spawn(len(FINGERS))[FINGERS.index(finger)]
         rng = Generator(np.random.SFC64(stream))
@@ -154,8 +156,7 @@ class MeshRenderer(_Bubbles):
         self._views: dict[str, MeshView] = {}
         for name in self._names:
             rays, f = coarse_rays(self._lenses[name], hand, name), free[name]
-            X_CX = hand.X_CL if name == "left" else hand.X_CR
-            self._views[name] = MeshView(rays, X_CX, f.nodes, f.triangles, f.material)
+            self._views[name] = MeshView(rays, mount(hand, name), f.nodes, f.triangles, f.material)
             self._add(name, rays, self._views[name].rest, seed)
 
     def render(self, bubbles: Mapping[str, Nodes], stamp: float) -> dict[str, TactileImages]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_sim.tactile.geometry import Image, Rays
-from seed_sim.tactile.membrane import Shape
+from seed_sim.tactile.membrane import DeformedMembrane
 from seed_sim.tactile.parameters import TactileParameters
 
 CELL = 0.0002  # [m] of the texture; a dot's radius is two cells
@@ -65,7 +65,7 @@ class Light:
     """Counts that a membrane of albedo 1 gives: the lamp's uneven beam, distance, slope, contact."""
 
     def __init__(
-        self, rays: Rays, rest: Shape, shape: tuple[int, int], p: TactileParameters, rng: np.random.Generator
+        self, rays: Rays, rest: DeformedMembrane, shape: tuple[int, int], p: TactileParameters, rng: np.random.Generator
     ) -> None:
         """rays, rest: on the coarse grid; shape (H, W) of the image."""
         self._p, self._rays = p, rays
@@ -78,7 +78,7 @@ class Light:
         self._beam *= np.float32(1330.0 / bright)
         self._spot = _spot(shape, p) if p.specular > 0.0 else np.zeros(shape, np.float32)
 
-    def counts(self, shape: Shape, stamp: float) -> Image:
+    def counts(self, shape: DeformedMembrane, stamp: float) -> Image:
         """(h, w) coarse."""
         touched = 1.0 - np.exp(shape.imprint * np.float32(-1.0 / _BROAD))
         swing = 0.5 * self._p.brightness_change * (1.0 - math.cos(2.0 * math.pi * stamp / _PERIOD))

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from seed_control.tasks.load import shipped_tasks
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
-from seed_core.hand import DEFAULT_STIFFNESS, FINGERS, Hand, Tool
+from seed_core.hand import DEFAULT_STIFFNESS, FINGERS, GRAVITY, Hand, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose, pose_from_rpy
 from seed_ros.conversions import (
     estimate_to_message,
@@ -49,7 +49,7 @@ class ArmScene(Subject):
     def estimate(self) -> Any:
         """relative_pose of a tool that hangs, with the motion of both membranes."""
         K = np.array(DEFAULT_STIFFNESS.translation)
-        load = np.array((0.0, 0.0, self.pressed - Tool().mass * 9.81))
+        load = np.array((0.0, 0.0, self.pressed - Tool().mass * GRAVITY))
         X_CT = make_pose(None, self.X_WE[:3, :3].T @ load / K)
         small = np.diag([1e-8] * 6)
         motions = tuple(MembraneMotion(f, X_CT, small, deformation=np.zeros(9), pressure=1030.0) for f in FINGERS)

@@ -21,8 +21,9 @@ from seed_estimation.sensors.estimator import SensorEstimator
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
 from seed_sim.closed_loop.progress import in_parallel
 from seed_sim.gel.estimator import PLACES, calibrate_gels
-from seed_sim.gel.parameters import GelParameters, gel_hand, mount
+from seed_sim.gel.parameters import GelParameters, gel_hand
 from seed_sim.gel.renderer import GelRenderer
+from seed_sim.tactile.cameras import mount
 from seed_sim.tactile.parameters import ToolShape
 from seed_sim.tactile.trajectory import TrajectorySection, poses
 from seed_testing.validation.scores import NAMED, Series, scores
