@@ -51,34 +51,45 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="seed validate", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="estimator|slip|grip|map|band|faults|surfaces|gel")
-    one = commands.add_parser("estimator", help="accuracy, honesty and cost of an estimator over a trajectory")
-    one.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help=METHOD_HELP)
-    one.add_argument(
+    for add in (_add_estimator, _add_slip, _add_map, _add_faults, _add_grip, _add_surfaces, _add_gel, _add_band):
+        p = add(commands)
+        p.add_argument("--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core")
+        p.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
+        p.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _add_estimator(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "estimator", help="accuracy, honesty and cost of an estimator over a trajectory"
+    )
+    p.add_argument("--method", choices=sorted(METHODS), default="rigid_fit", help=METHOD_HELP)
+    p.add_argument(
         "--scenario", default="long_cylinder", help=f"{', '.join(shipped_scenarios(run.VALIDATE))}, or a .yaml file"
     )
-    one.add_argument(
+    p.add_argument(
         "--renderer",
         choices=("own", "other"),
         default="own",
         help="other: one that shares nothing with the simulator's",
     )
-    one.add_argument(
+    p.add_argument(
         "--astray", type=number(0.0, "1"), default=0.0, metavar="SHARE",
         help="other renderer: mounts up to 0.5 degrees and 0.5 mm off, focal length and depth 1 %%, times SHARE",
     )  # fmt: skip
-    one.add_argument(
+    p.add_argument(
         "--membrane",
         type=seed_number,
         metavar="SEED",
         help="hold the tool between two membranes with mechanics, drawn from this seed; the motion is "
         f"{run.SCALE:g} of the scenario's, so that the tool stays in the grasp",
     )
-    one.add_argument(
+    p.add_argument(
         "--larger", type=number(0.0, "1"), default=1.0, metavar="TIMES",
         help="with --membrane: times as large a motion; the more the tool slides on the membranes",
     )  # fmt: skip
-    one.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
-    one.add_argument(
+    p.add_argument("--from", dest="bag", type=Path, help="a bag with images and ground truth instead of a scenario")
+    p.add_argument(
         "--report",
         nargs="?",
         const=results_folder() / "validation.png",
@@ -86,23 +97,31 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         help="draw truth and estimate; default: validation.png in results/",
     )
-    one.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
-    one.add_argument("--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed")
-    one.set_defaults(run=_estimator)
-    two = commands.add_parser("slip", help="alarms when the tool slides, and none when it does not")
-    two.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
-    two.add_argument("--slips", type=whole(0), default=40, help="how many slips")
-    two.add_argument(
-        "--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms"
+    p.add_argument("--world", choices=("known", "hidden"), default="known", help="hidden: see docs/worlds.md")
+    p.add_argument("--draws", type=whole(1), default=20, help="of hidden worlds, the first being --seed")
+    p.set_defaults(run=_estimator)
+    return p
+
+
+def _add_slip(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "slip", help="alarms when the tool slides, and none when it does not"
     )
-    two.add_argument("--membranes", action="store_true", help="between membranes with mechanics, others for each pull")
-    two.set_defaults(run=_slip)
-    three = commands.add_parser(
+    p.add_argument("--scenario", default="long_cylinder", help="what is held, and by which camera it is seen")
+    p.add_argument("--slips", type=whole(0), default=40, help="how many slips")
+    p.add_argument("--minutes", type=number(0.0, "min"), default=10.0, help="of ordinary manipulation for false alarms")
+    p.add_argument("--membranes", action="store_true", help="between membranes with mechanics, others for each pull")
+    p.set_defaults(run=_slip)
+    return p
+
+
+def _add_map(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
         "map",
         help="which function of what the membranes do gives the wrench",
     )
-    three.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
-    errors = three.add_mutually_exclusive_group()
+    p.add_argument("--membranes", type=whole(1), default=20, help="how many, the first drawn from --seed")
+    errors = p.add_mutually_exclusive_group()
     errors.add_argument(
         "--images",
         action="store_true",
@@ -114,39 +133,61 @@ def _parser() -> argparse.ArgumentParser:
         default=0.0,
         help="errors of the membranes' motion, as a share of the estimator's, which validate band measures",
     )
-    three.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
-    three.set_defaults(run=_map)
-    four = commands.add_parser(
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="keep each membrane's scores, and go on from there")
+    p.set_defaults(run=_map)
+    return p
+
+
+def _add_faults(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
         "faults", help="the controller in closed loop with something wrong: force, way and reason"
     )
-    four.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
-    four.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
-    four.add_argument("--law", choices=LAWS, default="seed", help=LAW_HELP)
-    four.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
-    four.set_defaults(run=_faults)
-    five = commands.add_parser("grip", help="pulls at grasps on membranes: what breaks with the grip that answers slip")
-    five.add_argument("--runs", type=whole(1), default=20, help="of each kind, the first drawn from --seed")
-    five.add_argument("--kind", choices=PULLS, action="append", help="only this kind; may be given more than once")
-    five.set_defaults(run=_grip)
-    six = commands.add_parser("surfaces", help="a task along surfaces that nobody drew: force along the true normal")
-    six.add_argument("--runs", type=whole(1), default=20, help="how many, of every kind in turn, each another seed")
-    six.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
-    six.add_argument("--task", default="follow", help="name or file of a task along a surface")
-    six.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
-    six.set_defaults(run=_surfaces)
-    seven = commands.add_parser("gel", help="two GelSight-class gels, and one alone, over drawn tools and poses")
-    seven.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
-    seven.set_defaults(run=_gel)
-    eight = commands.add_parser("band", help="how far off the estimator's motion of the membranes is, on their images")
-    eight.add_argument("--membranes", type=whole(1), default=10, help="how many, the first drawn from --seed")
-    eight.set_defaults(run=_band)
-    for either in (one, two, three, four, five, six, seven, eight):
-        either.add_argument(
-            "--jobs", type=whole(1), default=os.cpu_count() or 1, help="processes; default: one per core"
-        )
-        either.add_argument("--seed", type=seed_number, default=0, help="draws motion and noise")
-        either.add_argument("--json", action="store_true", help="print one JSON object")
-    return parser
+    p.add_argument("--runs", type=whole(1), default=500, help="how many, of every kind in turn")
+    p.add_argument("--kind", choices=KINDS, action="append", help="only this kind; may be given more than once")
+    p.add_argument("--law", choices=LAWS, default="seed", help=LAW_HELP)
+    p.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
+    p.set_defaults(run=_faults)
+    return p
+
+
+def _add_grip(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "grip", help="pulls at grasps on membranes: what breaks with the grip that answers slip"
+    )
+    p.add_argument("--runs", type=whole(1), default=20, help="of each kind, the first drawn from --seed")
+    p.add_argument("--kind", choices=PULLS, action="append", help="only this kind; may be given more than once")
+    p.set_defaults(run=_grip)
+    return p
+
+
+def _add_surfaces(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "surfaces", help="a task along surfaces that nobody drew: force along the true normal"
+    )
+    p.add_argument("--runs", type=whole(1), default=20, help="how many, of every kind in turn, each another seed")
+    p.add_argument("--kind", choices=SCENARIOS, action="append", help="only this kind; may be given more than once")
+    p.add_argument("--task", default="follow", help="name or file of a task along a surface")
+    p.add_argument("--out", type=Path, metavar="FILE", help="keep each run as a line of JSON, and go on from there")
+    p.set_defaults(run=_surfaces)
+    return p
+
+
+def _add_gel(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "gel", help="two GelSight-class gels, and one alone, over drawn tools and poses"
+    )
+    p.add_argument("--draws", type=whole(1), default=20, help="how many, the first being --seed")
+    p.set_defaults(run=_gel)
+    return p
+
+
+def _add_band(commands: Any) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(
+        "band", help="how far off the estimator's motion of the membranes is, on their images"
+    )
+    p.add_argument("--membranes", type=whole(1), default=10, help="how many, the first drawn from --seed")
+    p.set_defaults(run=_band)
+    return p
 
 
 def _estimator(options: argparse.Namespace) -> int:
