@@ -20,14 +20,24 @@ from seed_sim.replay.film import Film
 from seed_sim.scenario import Scenario, load_scenario, on_membrane, shipped_scenarios
 
 LAWS = (*CONTROL_LAWS, *BASELINES)
-SCENARIO_OF_TOOL = {"squeegee": "nominal"}  # others have a scenario of the tool's name
-NOMINAL = "nominal"
 
 
 def scenario_of(task: Task) -> str:
-    """Name of the scenario that a task is simulated in when none is named: the one whose tool it is made for."""
-    name = SCENARIO_OF_TOOL.get(task.tool, task.tool)
-    return name if name in shipped_scenarios() else NOMINAL
+    """Name of the scenario that a task is simulated in when none is named: that of its tool's name, or nominal."""
+    return task.tool if task.tool in shipped_scenarios() else "nominal"
+
+
+def load_both(task: str | Task, scenario: str | Path | Scenario | None, force: float | None) -> tuple[Task, Scenario]:
+    """A task with the size [N] of its forces, and its scenario; names and files are loaded, what is loaded is kept.
+
+    Raises:
+        SeedError: a name is unknown, or a file cannot be used.
+    """
+    if isinstance(task, str):
+        task = load_task(task, force)
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario_of(task) if scenario is None else scenario)
+    return task, scenario
 
 
 def check_task(task: Task, scenario: Scenario, law: str) -> None:
@@ -78,12 +88,7 @@ def evaluate(
     Raises:
         SeedError: unknown names, or values that cannot be used.
     """
-    if isinstance(task, str):
-        task = load_task(task, force)
-    if scenario is None:
-        scenario = scenario_of(task)
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario)
+    task, scenario = load_both(task, scenario, force)
     if membrane is not None:
         scenario = on_membrane(scenario, membrane, firm=True)
     if law not in LAWS:

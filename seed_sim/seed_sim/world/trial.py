@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_control.tasks import Task, load_task
+from seed_control.tasks import Task
 from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_core.wrench_settings import WrenchModelName
-from seed_sim.closed_loop.evaluate import scenario_of
+from seed_sim.closed_loop.evaluate import load_both
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, rms, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
 from seed_sim.closed_loop.run import START_HEIGHT, play
-from seed_sim.scenario import Scenario, load_scenario, on_membrane
+from seed_sim.scenario import Scenario, on_membrane
 from seed_sim.world.belief import Belief
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import Kind, World
@@ -71,11 +71,7 @@ def run_trial(
     Raises:
         SeedError: unknown names, or values that cannot be used.
     """
-    if isinstance(task, str):
-        task = load_task(task, force)
-    scenario = scenario_of(task) if scenario is None else scenario
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario)
+    task, scenario = load_both(task, scenario, force)
     check_kind(world.kind, scenario, model)
     scenario = _in_world(scenario, world, estimator, arm_sensor)
     model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
