@@ -15,16 +15,17 @@ from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply,
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, Sample
-from seed_driver.robot import link, registers, rtde_client, tool
+from seed_driver.robot import link, registers, rtde_client, tcp_and_payload
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.program import ProgramFile, program
 from seed_driver.robot.state_checks import check_state
+from seed_driver.robot.tcp_and_payload import TcpAndPayload
 from seed_ur import rtde
 
 STATES = (
     "timestamp", "actual_q", "actual_qd", "actual_current", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
     "robot_mode", "safety_mode", "runtime_state", "safety_status_bits", "speed_scaling", "target_speed_fraction",
-    *tool.OUTPUTS,  # of the controllers that know them
+    *tcp_and_payload.OUTPUTS,  # of the controllers that know them
 )  # fmt: skip
 CONTROL_RATE = 125.0  # [Hz] of what ur_rtde's own thread reads: a third of the process's time at the full rate
 TAKING = 1.0  # [s] from sending TCP and payload to states that show them
@@ -59,7 +60,7 @@ class Robot:
         self.offset = registers.offset(config.registers, self.version)
         self.control: Any = None
         self.ours = False  # the program that plays, if one does
-        self.tool: tool.Tool | None = None  # what the robot is to have while our program runs
+        self.tool: TcpAndPayload | None = None  # what the robot is to have while our program runs
         self._taken_until = 0.0  # [s] monotonic, until when it may not have taken it yet
         self._untold_tcp = config.tcp  # of controllers that do not tell theirs
         self._good: Mapping[str, Any] = {}  # the newest state that can be
@@ -203,7 +204,7 @@ class Robot:
 
     def apply_tool(self, config: DriverConfig) -> None:
         """Send to the controller what is configured of TCP, payload and speed slider; the rest stays as it is there."""
-        self.config, want = config, tool.wanted(config)
+        self.config, want = config, tcp_and_payload.wanted(config)
         if want.tcp is not None:
             require(self.control.setTcp(list(want.tcp)), "take the TCP")
             self._untold_tcp = config.tcp
@@ -213,7 +214,7 @@ class Robot:
         if want.inertia is not None:
             if self.version[:2] < INERTIA:
                 raise LinkError("payload_inertia needs PolyScope 5.11 or later: set it to zero")
-            load = want.else_from(tool.told(self.states.values))
+            load = want.else_from(self._told)
             mass, cog = load.mass or (0.0,), load.cog or (0.0,) * 3
             require(self.control.setTargetPayload(mass[0], list(cog), list(want.inertia)), "take the payload")
         elif want.mass is not None:
@@ -222,28 +223,33 @@ class Robot:
         if config.speed_slider:
             self._set_slider(config.speed_slider)
 
-    def _await_tool(self, want: tool.Tool) -> None:
+    @property
+    def _told(self) -> TcpAndPayload:
+        """What the robot says in its newest state."""
+        return tcp_and_payload.told(self.states.values)
+
+    def _await_tool(self, want: TcpAndPayload) -> None:
         """The states show a moment later what was sent."""
         self._taken_until = time.monotonic() + TAKING
-        while tool.difference(want, tool.told(self.states.values)) and time.monotonic() < self._taken_until:
+        while tcp_and_payload.difference(want, self._told) and time.monotonic() < self._taken_until:
             if self.tool is not None and time.monotonic() > self._taken_until - TAKING + SHORTLY:
                 break  # while our program runs, servo commands must not wait: `tool_changed` sees to the rest
             self.control.kickWatchdog()
             time.sleep(0.002)
             self.states.poll()
         self.sample()  # servo commands are for the TCP of these states from now on
-        found = tool.told(self.states.values)
+        found = self._told
         if self.tool is None:
-            tool.require(want, found)
+            tcp_and_payload.require(want, found)
         self.tool = want.else_from(found)
-        if not tool.difference(want, found):
+        if not tcp_and_payload.difference(want, found):
             self._taken_until = 0.0
 
     def tool_changed(self) -> str:
         """How the robot's TCP or payload is not what it was when our program started, in words; else empty."""
         if self.tool is None:
             return ""
-        words = tool.difference(self.tool, tool.told(self.states.values))
+        words = tcp_and_payload.difference(self.tool, self._told)
         if not words:
             self._taken_until = 0.0
         elif time.monotonic() < self._taken_until:

@@ -15,7 +15,7 @@ from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import Deadlines
 from seed_driver.process.shared_memory import Modes, Sample, SharedMemory, TargetSlot
-from seed_driver.robot.tool import Tool
+from seed_driver.robot.tcp_and_payload import TcpAndPayload
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
 from seed_ur.pose import pose_from_matrix
@@ -58,7 +58,7 @@ class RigRobot:
         self.tells = True  # how it is scaled
         self.commands: deque[tuple[float, Any]] = deque()  # time of arrival, and what arrives
         self.states: deque[tuple[float, Any]] = deque()
-        self.connected, self.control, self.tool, self.taking = True, None, Tool(), False
+        self.connected, self.control, self.tool, self.taking = True, None, TcpAndPayload(), False
         self.newest = (0.0, self._sample())
         self.cycles = 0
         self.sent: list[float] = []

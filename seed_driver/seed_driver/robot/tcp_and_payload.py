@@ -27,7 +27,7 @@ class _Quantity(NamedTuple):
     tolerance: float  # of each number
 
 
-class Tool(NamedTuple):
+class TcpAndPayload(NamedTuple):
     """TCP and payload; None: not configured, or not told."""
 
     tcp: Sequence[float] | None = None  # pose vector in the flange frame [m, rad]
@@ -35,9 +35,9 @@ class Tool(NamedTuple):
     cog: Sequence[float] | None = None  # in the flange frame [m]
     inertia: Sequence[float] | None = None  # about the centre of mass: xx, yy, zz, xy, xz, yz [kg m^2]
 
-    def else_from(self, other: Tool) -> Tool:
+    def else_from(self, other: TcpAndPayload) -> TcpAndPayload:
         """What the other has where this one has nothing."""
-        return Tool(*(b if a is None else a for a, b in zip(self, other, strict=True)))
+        return TcpAndPayload(*(b if a is None else a for a, b in zip(self, other, strict=True)))
 
 
 QUANTITIES = (
@@ -49,10 +49,10 @@ QUANTITIES = (
 OUTPUTS = tuple(q.output for q in QUANTITIES)
 
 
-def wanted(config: DriverConfig) -> Tool:
+def wanted(config: DriverConfig) -> TcpAndPayload:
     """What is configured."""
     loaded = config.payload_mass > 0.0
-    return Tool(
+    return TcpAndPayload(
         tcp=config.tcp if any(config.tcp) else None,
         mass=(config.payload_mass,) if loaded else None,
         cog=config.payload_cog if loaded else None,
@@ -60,13 +60,13 @@ def wanted(config: DriverConfig) -> Tool:
     )
 
 
-def told(values: Mapping[str, Any]) -> Tool:
+def told(values: Mapping[str, Any]) -> TcpAndPayload:
     """What the robot says in a state, by RTDE's names; older ones do not tell everything."""
     found = [values.get(name) for name in OUTPUTS]
-    return Tool(*((v,) if isinstance(v, float | int) else v for v in found))
+    return TcpAndPayload(*((v,) if isinstance(v, float | int) else v for v in found))
 
 
-def difference(expected: Tool, found: Tool) -> str:
+def difference(expected: TcpAndPayload, found: TcpAndPayload) -> str:
     """The first of these that both have and that differs, in words; empty when there is none."""
     for quantity, a, b in zip(QUANTITIES, expected, found, strict=True):
         if a is not None and b is not None and not _same(quantity, a, b):
@@ -74,7 +74,7 @@ def difference(expected: Tool, found: Tool) -> str:
     return ""
 
 
-def require(expected: Tool, found: Tool) -> None:
+def require(expected: TcpAndPayload, found: TcpAndPayload) -> None:
     """Raise LinkError where the robot has not taken what is configured."""
     if words := difference(expected, found):
         raise LinkError(f"the robot's {words} as configured: it has not taken it; look at the pendant")

@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from seed_core.arm.quaternion import IDENTITY, inverse, rotate
 from seed_core.config import ConfigError
 from seed_driver.config import DriverConfig
-from seed_driver.robot import tool
 from seed_driver.robot.connection import SLIDER, Robot
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.rtde_client import RtdeClient
+from seed_driver.robot.tcp_and_payload import TcpAndPayload, difference, require, wanted
 from seed_testing.fault_bench.bench import FaultBench
 from seed_ur.kinematics import URKinematics
 from seed_ur.standin_client import StandIn
@@ -244,17 +244,17 @@ def test_a_speed_slider_that_another_client_holds_is_named_and_set_once_it_is_fr
 
 
 def test_the_difference_names_the_first_quantity_that_differs_beyond_its_tolerance() -> None:
-    here = tool.Tool(TCP, (2.5,), (0.01, 0.0, 0.04))
-    assert tool.difference(here, here._replace(mass=(2.5004,), tcp=(0.0, 0.0, 0.1501, 0.0, 0.0, 0.0))) == ""
-    assert tool.difference(here, tool.Tool()) == ""  # of an old controller
-    assert tool.difference(here, here._replace(mass=(0.0,))) == "payload is 0 kg, not 2.5 kg"
+    here = TcpAndPayload(TCP, (2.5,), (0.01, 0.0, 0.04))
+    assert difference(here, here._replace(mass=(2.5004,), tcp=(0.0, 0.0, 0.1501, 0.0, 0.0, 0.0))) == ""
+    assert difference(here, TcpAndPayload()) == ""  # of an old controller
+    assert difference(here, here._replace(mass=(0.0,))) == "payload is 0 kg, not 2.5 kg"
     half_a_turn, same = (0.0, 0.0, 0.1, 0.0, 0.0, np.pi), (0.0, 0.0, 0.1, 0.0, 0.0, -np.pi)
-    assert tool.difference(tool.Tool(half_a_turn), tool.Tool(same)) == ""
+    assert difference(TcpAndPayload(half_a_turn), TcpAndPayload(same)) == ""
     with pytest.raises(LinkError, match=r"payload is 0 kg, not 1\.2 kg as configured: it has not taken it"):
-        tool.require(tool.Tool(mass=(1.2,)), tool.Tool(mass=(0.0,)))
+        require(TcpAndPayload(mass=(1.2,)), TcpAndPayload(mass=(0.0,)))
 
 
 def test_a_payload_that_is_not_configured_is_not_wanted() -> None:
-    assert tool.wanted(DriverConfig(robot_ip="127.0.0.1")) == tool.Tool()
+    assert wanted(DriverConfig(robot_ip="127.0.0.1")) == TcpAndPayload()
     with pytest.raises(ConfigError, match="payload_mass"):
         DriverConfig(robot_ip="127.0.0.1", payload_mass=-1.0).check()
