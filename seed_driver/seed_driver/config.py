@@ -109,7 +109,7 @@ FIXED = (  # while the driver is configured
     *_NAMES[_NAMES.index("robot_ip") : _NAMES.index("servo_gain")],
 )
 # What the robot's own controller has to be told
-TOOL = ("payload_mass", "payload_cog", "payload_inertia", "tcp", "speed_slider")
+TOLD_TO_CONTROLLER = ("payload_mass", "payload_cog", "payload_inertia", "tcp", "speed_slider")
 
 
 def from_json(data: dict[str, Any]) -> DriverConfig:

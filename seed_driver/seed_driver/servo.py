@@ -17,7 +17,7 @@ from typing import Any
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json
 from seed_driver.motion.kinematics import arm_kinematics
-from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
 from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above
 from seed_driver.process.shared_memory import (
@@ -45,7 +45,7 @@ class ServoProcess:
     def __init__(self, memory: SharedMemory, wire: socket.socket, config: DriverConfig, start: bool) -> None:
         """wire: requests from the node, replies to it; start: whether the robot program is wanted at once."""
         self.memory, self.wire = memory, wire
-        self.motion = Motion(memory, arm_kinematics(config), config)
+        self.motion = ServoMotion(memory, arm_kinematics(config), config)
         self.session = Session(self.motion, config, start)
         self.periods = PeriodHistogram()
         self.cycles = self.sent = 0
@@ -90,7 +90,7 @@ class ServoProcess:
                 with threads_above(config):
                     return Robot(config)
             except (LinkError, RuntimeError) as error:
-                self.session.refused(error)
+                self.session.attempt_failed(error)
             except (struct.error, ValueError, KeyError) as error:
                 self.motion.hold(f"{config.robot_ip} answers like no UR controller: {error}")
             next_look = time.monotonic() + RETRY
@@ -103,11 +103,11 @@ class ServoProcess:
             self.end(LOST, end)
         if self.cycles % CHECK_EVERY == 0:
             self._hear()
-            if s.wants_start:
+            if s.start_is_due:
                 try:
                     self._start()
                 except (LinkError, RuntimeError) as error:
-                    s.refused(error)
+                    s.attempt_failed(error)
         held_back = s.held_back(now)
         self.motion.take_target(now - held_back, held_back)
         if s.running:
@@ -161,7 +161,7 @@ class ServoProcess:
             case "stop":
                 return s.stop()
             case "refuse":
-                return s.refuse(str(message["reason"]))
+                return s.target_refused(str(message["reason"]))
             case "zero_ft":
                 return s.zero_ft()
             case "freedrive":

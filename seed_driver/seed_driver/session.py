@@ -5,9 +5,9 @@ import time
 from math import dist
 
 from seed_core.vector3 import norm
-from seed_driver.config import TOOL, DriverConfig
+from seed_driver.config import TOLD_TO_CONTROLLER, DriverConfig
 from seed_driver.motion.path_clock import PathClock
-from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import Sample
 from seed_driver.robot import link
@@ -32,7 +32,7 @@ def _moves(s: Sample) -> bool:
 class Session:
     """From the first look at a robot to the end of the servo process; requests raise LinkError with the reason."""
 
-    def __init__(self, motion: Motion, config: DriverConfig, want_start: bool) -> None:
+    def __init__(self, motion: ServoMotion, config: DriverConfig, want_start: bool) -> None:
         """want_start: our program, as soon as the robot allows it."""
         self.motion, self.config = motion, config
         self.robot: Robot | None = None
@@ -180,11 +180,11 @@ class Session:
         return self.robot is not None and (self.robot.tool is None or bool(self.robot.tool_changed()))
 
     @property
-    def wants_start(self) -> bool:
+    def start_is_due(self) -> bool:
         """Whether it is time to start the program by ourselves."""
         return self.want_start and not self.running and self.linked
 
-    def refused(self, why: LinkError | RuntimeError) -> None:
+    def attempt_failed(self, why: LinkError | RuntimeError) -> None:
         """A look at the robot, or a start by ourselves, has failed: from now on only a request starts the program.
 
         Where nobody was there, or the link broke, nothing was refused.
@@ -228,7 +228,7 @@ class Session:
             self.motion.hold("stopped on request")
         return "holding"
 
-    def refuse(self, reason: str) -> str:
+    def target_refused(self, reason: str) -> str:
         """The node has refused a target: whatever moves, decelerates."""
         if self.motion.latch.following:
             self.motion.hold(reason)
@@ -262,7 +262,7 @@ class Session:
         if self.robot is None:
             return ""
         self.robot.config = config
-        if self.running and any(getattr(before, n) != getattr(config, n) for n in TOOL):
+        if self.running and any(getattr(before, n) != getattr(config, n) for n in TOLD_TO_CONTROLLER):
             try:
                 self.robot.apply_tool(config)
             except (LinkError, RuntimeError) as error:  # the latter is ur_rtde's

@@ -18,7 +18,7 @@ from seed_driver.motion.clearances import Clearances
 from seed_driver.motion.joint_speeds import JointSpeeds
 from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.motion.overload import Overload
-from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.motion.stop_check import _Stop
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 from seed_ur import URKinematics
@@ -37,7 +37,7 @@ class Run:
     def __init__(self, memory: SharedMemory, q=READY, **settings) -> None:
         self.config = DriverConfig(robot_ip="127.0.0.1", **{"hand_file": HAND_FILE, **settings})
         self.memory, self.arm, self.now = memory, URKinematics.for_model("ur5e"), 5.0
-        self.motion = Motion(memory, self.arm, self.config)
+        self.motion = ServoMotion(memory, self.arm, self.config)
         X = self.arm.forward(q)
         self.p, self.q, self.joints = as_vector3(X[:3, 3]), as_quaternion(X[:3, :3]), [list(q)]
         self.motion.restart(Sample()._replace(q=tuple(q), p=self.p, orientation=self.q))
@@ -309,7 +309,7 @@ def test_standing_still_is_no_reason() -> None:
     X = arm.forward(READY)
     limiter = CommandLimiter(as_vector3(X[:3, 3]), as_quaternion(X[:3, :3]), DT, DriverConfig(robot_ip="x"))
     memory = SharedMemory.create()
-    motion = Motion(memory, arm, DriverConfig(robot_ip="x", floor_height=1.0))
+    motion = ServoMotion(memory, arm, DriverConfig(robot_ip="x", floor_height=1.0))
     assert motion.stop_check.check(limiter, READY) == ""
     memory.close()
 

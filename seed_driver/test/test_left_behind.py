@@ -5,7 +5,7 @@ import pytest
 
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics
-from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.shared_memory import Sample, SharedMemory
 from seed_driver.session import Session
 from seed_testing.fault_bench.slider import ELBOW_UP
@@ -20,7 +20,7 @@ THERE = (HERE[0] - FAR, *HERE[1:])
 def session():
     memory = SharedMemory.create()
     config = DriverConfig(robot_ip="127.0.0.1")
-    motion = Motion(memory, arm_kinematics(config), config)
+    motion = ServoMotion(memory, arm_kinematics(config), config)
     motion.restart(Sample(q=ELBOW_UP, p=THERE))
     motion.accept_targets()
     made = Session(motion, config, want_start=False)

@@ -10,7 +10,7 @@ from seed_core.arm.quaternion import as_quaternion, to_pose, turned
 from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics
-from seed_driver.motion.servo_motion import COMMANDED, Motion
+from seed_driver.motion.servo_motion import COMMANDED, ServoMotion
 from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
 
 DT = 0.002  # [s]
@@ -24,7 +24,7 @@ class Run:
     def __init__(self, memory: SharedMemory, q=ELBOW_UP, **settings) -> None:
         config = DriverConfig(robot_ip="127.0.0.1", **settings)
         self.memory, self.arm, self.now, self.number = memory, arm_kinematics(config), 5.0, 0
-        self.motion = Motion(memory, self.arm, config)
+        self.motion = ServoMotion(memory, self.arm, config)
         X_WE = self.arm.forward(q)
         self.p, self.q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
         self.motion.restart(Sample()._replace(q=q, p=self.p, orientation=self.q))

@@ -7,7 +7,7 @@ By simulated time; the robot's servo is the stand-in's, scaled in time as UR des
 import pytest
 
 from seed_core.arm.quaternion import turned
-from seed_driver.motion.servo_motion import Motion
+from seed_driver.motion.servo_motion import ServoMotion
 from seed_testing.fault_bench.rig import play
 from seed_testing.fault_bench.slider import CASES, ELBOW_UP, MAX_SPEED, MAX_TURNING, circle, measure
 
@@ -24,8 +24,8 @@ def test_the_arm_keeps_its_speed_and_comes_back_to_its_path(case: str) -> None:
 
 def test_a_command_that_is_not_scaled_would_have_the_arm_jump(monkeypatch) -> None:
     """What these cases are about: the bounds above can be missed."""
-    step = Motion.step
-    monkeypatch.setattr(Motion, "step", lambda self, share: [step(self) for _ in range(1 if share >= 0.9 else 2)])
+    step = ServoMotion.step
+    monkeypatch.setattr(ServoMotion, "step", lambda self, share: [step(self) for _ in range(1 if share >= 0.9 else 2)])
     monkeypatch.setattr("seed_driver.motion.path_clock.STANDSTILL", 0.0)
     f = measure(CASES["10 %"], max_tracking_error=0.5, max_angular_tracking_error=3.0)
     assert f.top_speed > MAX_SPEED

@@ -22,7 +22,7 @@ from seed_ur.kinematics import URKinematics
 COMMANDED = 0.93  # of a speed limit: commands that reach the robot early, late or two at once make its own speed ripple
 
 
-class Motion:
+class ServoMotion:
     """The arm's motion: `command` is where it is sent, `latch.reason` tells why it holds."""
 
     def __init__(self, memory: SharedMemory, arm: URKinematics, config: DriverConfig) -> None:
