@@ -7,7 +7,7 @@ Without ROS: a `Supervisor(DriverConfig(robot_ip=...))`, its `step` called often
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics, load_calibration
 from seed_driver.motion.limiter import CommandLimiter
-from seed_driver.process.shared_memory import Sample, Stage, State
+from seed_driver.process.shared_memory import RobotState, ServoState, Stage
 from seed_driver.process.supervisor import Reply, Supervisor
 from seed_driver.robot.link import LinkError
 from seed_driver.target_guard import GuardConfig, TargetGuard
@@ -18,9 +18,9 @@ __all__ = [
     "GuardConfig",
     "LinkError",
     "Reply",
-    "Sample",
+    "RobotState",
     "Stage",
-    "State",
+    "ServoState",
     "Supervisor",
     "TargetGuard",
     "arm_kinematics",

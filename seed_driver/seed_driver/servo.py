@@ -25,9 +25,9 @@ from seed_driver.process.shared_memory import (
     LARGEST_MESSAGE,
     LOST,
     ORPHANED,
+    ServoState,
     SharedMemory,
     Stage,
-    State,
     TargetSlot,
 )
 from seed_driver.robot.connection import Robot, load_ur_rtde
@@ -200,7 +200,7 @@ class ServoProcess:
     def publish(self, stage: Stage) -> None:
         """Write the state, and that we live."""
         s, m, now = self.session, self.motion, time.monotonic()
-        state = State(
+        state = ServoState(
             heartbeat=now,
             sample_time=s.sample_time,
             stage=stage,

@@ -9,7 +9,7 @@ from seed_driver.config import TOLD_TO_CONTROLLER, DriverConfig
 from seed_driver.motion.path_clock import PathClock
 from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.realtime import threads_above
-from seed_driver.process.shared_memory import Sample
+from seed_driver.process.shared_memory import RobotState
 from seed_driver.robot import link
 from seed_driver.robot.connection import Robot, require
 from seed_driver.robot.link import AbsentError, LinkError
@@ -17,14 +17,14 @@ from seed_driver.robot.state_checks import StateError
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 WAITING = "waiting for the robot program"
-NO_SAMPLE = Sample()
+NO_SAMPLE = RobotState()
 MODEL_TOLERANCE = 0.03  # [m] more is not calibration but the wrong model
 SET_BACK = 0.1  # [s] a clock that goes back by more was set
 CREEP, CREEP_TURNING = 0.01, 0.05  # [m/s], [rad/s] an arm that is no faster stands, for a jump back to it
 BAD_CYCLES = 5  # with states that cannot be, after which a motion is not gone on with: the arm stands by then
 
 
-def _moves(s: Sample) -> bool:
+def _moves(s: RobotState) -> bool:
     """Whether the arm of this state is on its way."""
     return norm(s.twist[:3]) > CREEP or norm(s.twist[3:]) > CREEP_TURNING
 
@@ -87,7 +87,7 @@ class Session:
         self.motion.hold(f"the controller's clock went back by {self.clock - clock:.1f} s; call resend_robot_program")
         self.motion.halt()
 
-    def _judge(self, s: Sample) -> None:
+    def _judge(self, s: RobotState) -> None:
         why = link.unable(s.modes.robot_mode, s.modes.safety_bits)
         was_unable, self._unable = self._unable, bool(why)
         if why:
@@ -106,7 +106,7 @@ class Session:
             if self.robot is not None:
                 self.robot.clear_command()
 
-    def _compare(self, s: Sample) -> None:
+    def _compare(self, s: RobotState) -> None:
         """Go on with the path as the robot does, and hold when the arm is not where it was sent.
 
         An arm that moves is braked first: its state may be late, and going back to it would be a jump.
@@ -126,7 +126,7 @@ class Session:
         if stood or (why and not _moves(s)):
             self.take_back(s)  # nothing is made up for
 
-    def take_back(self, s: Sample) -> None:
+    def take_back(self, s: RobotState) -> None:
         """Command what is: the pose of this state, unless our model says that the arm is elsewhere."""
         if self._off_model(s) <= MODEL_TOLERANCE:
             self.motion.restart(s)
@@ -195,7 +195,7 @@ class Session:
         self.want_start = False
         self.motion.hold(f"{why}; then call resend_robot_program")
 
-    def _require_model(self, s: Sample) -> None:
+    def _require_model(self, s: RobotState) -> None:
         """Raise LinkError unless the arm is where our model of it says."""
         off = self._off_model(s)
         if off > MODEL_TOLERANCE:
@@ -204,7 +204,7 @@ class Session:
                 f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
             )
 
-    def _off_model(self, s: Sample) -> float:
+    def _off_model(self, s: RobotState) -> float:
         """How far [m] the flange of this state is from where its joints put that of our model."""
         return dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
 

@@ -20,7 +20,7 @@ from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.motion.overload import Overload
 from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.motion.stop_check import _Stop
-from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
+from seed_driver.process.shared_memory import RobotState, SharedMemory, TargetSlot
 from seed_ur import URKinematics
 from seed_ur.capsules import HAND, JOINED
 
@@ -40,7 +40,7 @@ class Run:
         self.motion = ServoMotion(memory, self.arm, self.config)
         X = self.arm.forward(q)
         self.p, self.q, self.joints = as_vector3(X[:3, 3]), as_quaternion(X[:3, :3]), [list(q)]
-        self.motion.restart(Sample()._replace(q=tuple(q), p=self.p, orientation=self.q))
+        self.motion.restart(RobotState()._replace(q=tuple(q), p=self.p, orientation=self.q))
         self.motion.accept_targets()
 
     def go(self, way=ZERO, turn=ZERO) -> str:

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from seed_driver.process.heartbeat import IDLE, LONGEST_START, SILENT, Heartbeat
-from seed_driver.process.shared_memory import Stage, State
+from seed_driver.process.shared_memory import ServoState, Stage
 from seed_driver.process.supervisor import exit_reason
 
 FINE, GONE, HOPELESS = (False, False), (True, False), (True, True)
@@ -16,14 +16,14 @@ FINE, GONE, HOPELESS = (False, False), (True, False), (True, True)
 
 @pytest.mark.parametrize("stage", SILENT)
 def test_a_silent_process_counts_as_gone_and_then_as_hopeless(stage: Stage) -> None:
-    heart, last, patience = Heartbeat(), State(heartbeat=100.0, stage=stage), SILENT[stage]
+    heart, last, patience = Heartbeat(), ServoState(heartbeat=100.0, stage=stage), SILENT[stage]
     assert heart.doubts(100.0 + 0.99 * patience.gone, last) == FINE
     assert heart.doubts(100.0 + 1.01 * patience.gone, last) == GONE
     assert heart.doubts(100.0 + 1.01 * patience.hopeless, last) == HOPELESS
 
 
 def test_a_start_that_does_not_get_on_is_told_from_a_slow_one() -> None:
-    starting = State(heartbeat=0.0, stage=Stage.STARTING)
+    starting = ServoState(heartbeat=0.0, stage=Stage.STARTING)
     command = [sys.executable, "-c", "print(flush=True); input()"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
@@ -49,7 +49,7 @@ def test_a_process_that_has_ended_is_not_idle() -> None:
         process.wait()
     heart = Heartbeat()
     heart.restart(process.pid, 100.0)
-    assert heart.doubts(130.0, State(stage=Stage.STARTING)) == FINE
+    assert heart.doubts(130.0, ServoState(stage=Stage.STARTING)) == FINE
 
 
 @pytest.mark.parametrize(

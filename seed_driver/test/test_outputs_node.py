@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 
 from seed_driver.config import DriverConfig
-from seed_driver.process.shared_memory import State
+from seed_driver.process.shared_memory import ServoState
 from seed_driver.ros.node import DriverNode
 from seed_driver.ros.outputs import Outputs
 from seed_ros.testing import Bench
@@ -36,7 +36,7 @@ def test_poses_come_at_the_rate_that_is_set_or_at_that_of_the_states(
         for i in range(int(DURATION * states)):
             at = 100.0 + (i + rng.uniform(0.0, 0.25)) / states
             for _ in range(2):
-                outputs.publish(State(linked=True, armed=True, sample_time=at), at, 0, 0, 0)
+                outputs.publish(ServoState(linked=True, armed=True, sample_time=at), at, 0, 0, 0)
         assert len(poses) == pytest.approx(published * DURATION, rel=0.01, abs=1.5)
     finally:
         bench.close()

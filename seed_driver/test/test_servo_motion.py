@@ -11,7 +11,7 @@ from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
 from seed_driver.motion.kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import COMMANDED, ServoMotion
-from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
+from seed_driver.process.shared_memory import RobotState, SharedMemory, TargetSlot
 
 DT = 0.002  # [s]
 ELBOW_UP = (0.0, -1.7, 2.1, -1.97, -1.57, 0.0)  # [rad]
@@ -27,7 +27,7 @@ class Run:
         self.motion = ServoMotion(memory, self.arm, config)
         X_WE = self.arm.forward(q)
         self.p, self.q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
-        self.motion.restart(Sample()._replace(q=q, p=self.p, orientation=self.q))
+        self.motion.restart(RobotState()._replace(q=q, p=self.p, orientation=self.q))
         self.commands = [(self.p, self.q)]
 
     def target(self, p, q=None) -> None:
@@ -171,6 +171,6 @@ def test_after_a_restart_elsewhere_the_first_step_is_looked_at(memory, phase: in
     run.steps(100 + phase, run.along_y(0.02))
     X_WE = run.arm.forward(SINGULAR)
     p, q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
-    run.motion.restart(Sample()._replace(q=SINGULAR, p=p, orientation=q))
+    run.motion.restart(RobotState()._replace(q=SINGULAR, p=p, orientation=q))
     run.steps(1, p, turned(q, (0.0, 0.0, 0.1)))
     assert run.motion.joints.q != list(SINGULAR)

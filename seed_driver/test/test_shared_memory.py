@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from seed_driver.process.shared_memory import Sample, SharedMemory, Stage, State, TargetSlot
+from seed_driver.process.shared_memory import RobotState, ServoState, SharedMemory, Stage, TargetSlot
 
 
 def test_targets_and_states_come_out_as_they_went_in() -> None:
@@ -15,10 +15,10 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
     memory.write_target(target)
     assert memory.read_target(2) == target
     assert memory.read_target(3) is None
-    sample = Sample()._replace(q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), speed_scaling=0.5)
+    sample = RobotState()._replace(q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), speed_scaling=0.5)
     head = (9.0, 8.0, Stage.SERVOING, True, False, sample)
     command, words = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (True, "5.12.4", "grüße")
-    state = State(*head, command, 4.0, 5, 6, 0.7, 0.1, 0.2, 0.3, *words)
+    state = ServoState(*head, command, 4.0, 5, 6, 0.7, 0.1, 0.2, 0.3, *words)
     memory.write_state(state)
     assert memory.read_state() == state
     memory.close()
@@ -27,7 +27,7 @@ def test_targets_and_states_come_out_as_they_went_in() -> None:
 def test_a_long_reason_comes_out_whole() -> None:
     memory = SharedMemory.create()
     reason = 400 * "x" + "; call resend_robot_program"
-    memory.write_state(State(reason=reason))
+    memory.write_state(ServoState(reason=reason))
     state = memory.read_state()
     assert state is not None
     assert state.reason == reason

@@ -16,7 +16,7 @@ from seed_driver.motion.joint_speeds import JointSpeeds
 from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.motion.overload import Overload
 from seed_driver.motion.stop_check import StopCheck
-from seed_driver.process.shared_memory import Sample, SharedMemory, TargetSlot
+from seed_driver.process.shared_memory import RobotState, SharedMemory, TargetSlot
 from seed_ur.kinematics import URKinematics
 
 COMMANDED = 0.93  # of a speed limit: commands that reach the robot early, late or two at once make its own speed ripple
@@ -49,7 +49,7 @@ class ServoMotion:
         self._phase = 1.0  # share of the way from there on
         self.command: tuple[Vector3, Quaternion] = self._last  # [m]
 
-    def restart(self, sample: Sample) -> None:
+    def restart(self, sample: RobotState) -> None:
         """Command what is: the pose where the arm stands now."""
         self.limiter.hold()
         self.limiter.restart(sample.p, sample.orientation)
@@ -126,7 +126,7 @@ class ServoMotion:
         c = self.limiter.limits
         return min(c.max_acceleration / c.max_speed, c.max_angular_acceleration / c.max_angular_speed)
 
-    def off(self, sample: Sample) -> tuple[float, float]:
+    def off(self, sample: RobotState) -> tuple[float, float]:
         """How far the arm is from its command: [m], [rad]."""
         p, q = self.command
         return norm(minus(p, sample.p)), norm(turn_between(q, sample.orientation))

@@ -4,7 +4,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from seed_driver.process.shared_memory import Stage, State
+from seed_driver.process.shared_memory import ServoState, Stage
 
 LONGEST_START = 40.0  # [s] without a heartbeat while the process starts, from a cold disk of a busy machine
 WORKING = "RD"  # states of a process that waits for a processor or a disk
@@ -39,7 +39,7 @@ class Heartbeat:
         self._began = self._worked_at = now
         self._used = 0  # [ticks] of processor time
 
-    def doubts(self, now: float, state: State) -> tuple[bool, bool]:
+    def doubts(self, now: float, state: ServoState) -> tuple[bool, bool]:
         """Whether the process counts as gone, and whether it is to be killed; called often with its newest state."""
         if state.stage != Stage.STARTING:
             silent, patience = now - state.heartbeat, SILENT[state.stage]

@@ -20,7 +20,7 @@ from seed_core.arm.quaternion import IDENTITY, Quaternion
 from seed_core.vector3 import ZERO, Vector3
 
 _TARGET = struct.Struct("<Qd 3d 4d")  # the fields of TargetSlot in their order
-_STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s512s")  # the fields of State in their order
+_STATE = struct.Struct("<ddI?? 6d6d6d3d4d6d6d iiIId 7d dQQdddd? 64s512s")  # the fields of ServoState in their order
 _NUMBER = struct.Struct("<Q")  # the first field of TargetSlot
 _CHECK = struct.Struct("<I")
 _HALF = 4096
@@ -56,7 +56,7 @@ class Modes(NamedTuple):
     safety_bits: int = 0
 
 
-class Sample(NamedTuple):
+class RobotState(NamedTuple):
     """One state of the robot; everything in `base`."""
 
     q: tuple[float, ...] = (0.0,) * 6  # [rad]
@@ -70,7 +70,7 @@ class Sample(NamedTuple):
     speed_scaling: float = 1.0
 
 
-class State(NamedTuple):
+class ServoState(NamedTuple):
     """What the servo process knows; times are the host's monotonic clock [s]."""
 
     heartbeat: float = 0.0
@@ -78,7 +78,7 @@ class State(NamedTuple):
     stage: Stage = Stage.STARTING
     armed: bool = False  # targets are followed
     linked: bool = False
-    sample: Sample = Sample()
+    sample: RobotState = RobotState()
     command: tuple[Vector3, Quaternion] = (ZERO, IDENTITY)  # pose of the flange: position [m], rotation
     timestamp: float = 0.0  # [s] the controller's clock
     target_number: int = 0  # of the newest target used
@@ -105,7 +105,7 @@ class SharedMemory:
         fd = os.memfd_create("seed_driver")
         os.ftruncate(fd, 2 * _HALF)
         memory = cls(fd)
-        memory.write_state(State(reason="starting"))
+        memory.write_state(ServoState(reason="starting"))
         return memory
 
     def close(self) -> None:
@@ -127,7 +127,7 @@ class SharedMemory:
         number, received, x, y, z, qx, qy, qz, qw = _TARGET.unpack(data)
         return TargetSlot(number, received, (x, y, z), (qx, qy, qz, qw))
 
-    def write_state(self, state: State) -> None:
+    def write_state(self, state: ServoState) -> None:
         """Servo process: publish the state; before it lives, the node does."""
         s = state.sample
         vectors = *s.q, *s.qd, *s.current, *s.p, *s.orientation, *s.twist, *s.wrench
@@ -136,7 +136,7 @@ class SharedMemory:
         data = _STATE.pack(*state[:5], *vectors, *s.modes, s.speed_scaling, *p, *q, *state[7:15], *texts)
         self._write(_HALF, data)
 
-    def read_state(self) -> State | None:
+    def read_state(self) -> ServoState | None:
         """Node: the newest state, None while one is being written."""
         data = self._read(_HALF, _STATE.size)
         if data is None:
@@ -148,10 +148,12 @@ class SharedMemory:
 
         heartbeat, sample_time, stage, armed, linked = take(5)
         vectors = [take(n) for n in (6, 6, 6, 3, 4, 6, 6)]
-        sample = Sample._make((*vectors, Modes._make(take(4)), next(values)))
+        sample = RobotState._make((*vectors, Modes._make(take(4)), next(values)))
         command, numbers = (take(3), take(4)), take(8)
         texts = (text.rstrip(b"\0").decode("utf-8", "replace") for text in values)
-        return State._make((heartbeat, sample_time, Stage(stage), armed, linked, sample, command, *numbers, *texts))
+        return ServoState._make(
+            (heartbeat, sample_time, Stage(stage), armed, linked, sample, command, *numbers, *texts)
+        )
 
     def _write(self, at: int, data: bytes) -> None:
         whole = data + _CHECK.pack(zlib.crc32(data))

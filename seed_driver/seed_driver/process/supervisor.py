@@ -19,7 +19,15 @@ from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.heartbeat import Heartbeat
 from seed_driver.process.realtime import raise_niceness
-from seed_driver.process.shared_memory import CRASHED, LARGEST_MESSAGE, LOST, SharedMemory, Stage, State, TargetSlot
+from seed_driver.process.shared_memory import (
+    CRASHED,
+    LARGEST_MESSAGE,
+    LOST,
+    ServoState,
+    SharedMemory,
+    Stage,
+    TargetSlot,
+)
 
 ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
@@ -45,7 +53,7 @@ class Supervisor:
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config.check()
-        self.state = State()
+        self.state = ServoState()
         self.replies: dict[int, Reply] = {}
         self.deaths = 0
         self.memory: SharedMemory | None = None  # while the driver is active
@@ -65,7 +73,7 @@ class Supervisor:
 
     def _spawn(self, memory: SharedMemory, now: float) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        memory.write_state(State(heartbeat=now, reason=self.state.reason if self.deaths else "starting"))
+        memory.write_state(ServoState(heartbeat=now, reason=self.state.reason if self.deaths else "starting"))
         process = subprocess.Popen(
             [sys.executable, "-m", "seed_driver.servo", str(memory.fd), str(theirs.fileno())],
             pass_fds=(memory.fd, theirs.fileno()),
@@ -85,7 +93,7 @@ class Supervisor:
         """Process number of the servo process."""
         return self._life.process.pid if self._life is not None else None
 
-    def step(self, now: float) -> State:
+    def step(self, now: float) -> ServoState:
         """Look after the process, at `now` [s, monotonic].
 
         Returns:
@@ -116,7 +124,7 @@ class Supervisor:
             self.state = state
         return self.state
 
-    def _ended(self, life: _Life, now: float, last: State, reason: str) -> None:
+    def _ended(self, life: _Life, now: float, last: ServoState, reason: str) -> None:
         life.wire.close()
         self._life = None
         self.deaths += 1
@@ -169,7 +177,7 @@ class Supervisor:
             now: time of receipt [s, monotonic].
 
         Returns:
-            The target's number, as in State.target_number.
+            The target's number, as in ServoState.target_number.
 
         Raises:
             SeedError: the driver is not active.
@@ -202,7 +210,7 @@ class Supervisor:
         if self.memory is not None:
             self.memory.close()
             self.memory = None
-        self.state = State(reason="not active")
+        self.state = ServoState(reason="not active")
 
 
 def exit_reason(code: int) -> str:

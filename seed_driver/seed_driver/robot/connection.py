@@ -14,7 +14,7 @@ from typing import Any
 from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.process.shared_memory import Modes, Sample
+from seed_driver.process.shared_memory import Modes, RobotState
 from seed_driver.robot import link, registers, rtde_client, tcp_and_payload
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.program import ProgramFile, program
@@ -102,7 +102,7 @@ class Robot:
         """Whether poses are those of the flange before our program runs, too."""
         return "tcp_offset" in self.states.values
 
-    def sample(self) -> Sample:
+    def sample(self) -> RobotState:
         """The newest state, of the flange: what the controller tells is of its TCP. Raises StateError."""
         v = self.states.values
         check_state(v)
@@ -121,7 +121,7 @@ class Robot:
             fx, fy, fz, tx, ty, tz = wrench
             wrench = fx, fy, fz, tx + ay * fz - az * fy, ty + az * fx - ax * fz, tz + ax * fy - ay * fx
             twist = vx - (wy * az - wz * ay), vy - (wz * ax - wx * az), vz - (wx * ay - wy * ax), wx, wy, wz
-        return Sample(
+        return RobotState(
             q=v["actual_q"],
             qd=v["actual_qd"],
             current=v["actual_current"],

@@ -15,7 +15,7 @@ from tf2_msgs.msg import TFMessage
 
 from seed_core.arm.quaternion import inverse, rotate
 from seed_driver.config import DriverConfig
-from seed_driver.process.shared_memory import Sample, Stage, State
+from seed_driver.process.shared_memory import RobotState, ServoState, Stage
 from seed_ros import LATCHED, QUEUE, TF, Diagnostics, SeedNode, diagnostics
 from seed_ros.conversions import fill, stamp_from_seconds, stamped
 from seed_ur.models import JOINT_NAMES
@@ -53,7 +53,7 @@ class Outputs:
         self._due = 0.0  # [s] monotonic, after which the next sample to be published was measured
         self._words: tuple[Any, ...] = (None,) * 5
         self._diagnosed = 0.0
-        self._told = State(), 0, 0, 0  # state, targets accepted and refused, restarts of the servo process
+        self._told = ServoState(), 0, 0, 0  # state, targets accepted and refused, restarts of the servo process
 
     def _publisher(self, kind: Any, topic: str, qos: QoSProfile | int = QUEUE) -> Publisher:
         publisher = self.node.publisher(kind, topic, qos)
@@ -65,7 +65,7 @@ class Outputs:
         for publisher in self._publishers:
             self.node.destroy_publisher(publisher)
 
-    def publish(self, state: State, now: float, refused: int, accepted: int, deaths: int) -> None:
+    def publish(self, state: ServoState, now: float, refused: int, accepted: int, deaths: int) -> None:
         """Everything that is due; measurements only while they are fresh."""
         changed = self._publish_words(state)
         if changed or now - self._diagnosed > DIAGNOSTICS_EVERY:
@@ -83,20 +83,20 @@ class Outputs:
         if self._count % 4 == 0:
             self._publish_joints(state.sample, stamp)
 
-    def publish_inactive(self, state: State) -> None:
+    def publish_inactive(self, state: ServoState) -> None:
         """Tell late joiners that nothing runs any more."""
         self._publish_words(state)
         self._told = state, 0, 0, 0
         self.diagnostics.publish()
 
-    def _stamp(self, state: State) -> Time:
+    def _stamp(self, state: ServoState) -> Time:
         """When the sample was measured."""
         if self.config.simulated:
             return stamp_from_seconds(state.timestamp)
         age = time.monotonic() - state.sample_time  # read together with the ROS clock, or stamps jitter
         return (self.node.get_clock().now() - Duration(seconds=max(0.0, age))).to_msg()
 
-    def _publish_words(self, s: State) -> bool:
+    def _publish_words(self, s: ServoState) -> bool:
         running = s.linked and s.stage == Stage.SERVOING
         mode = s.sample.modes.robot_mode if s.linked else 0  # 0: disconnected
         safety = s.sample.modes.safety_mode if s.linked else 0
@@ -115,13 +115,13 @@ class Outputs:
                 self.node.get_logger().info("ready: following target_frame")
         return True
 
-    def _publish_pose(self, s: Sample, stamp: Time) -> None:
+    def _publish_pose(self, s: RobotState, stamp: Time) -> None:
         message = stamped(PoseStamped, stamp, self.config.base_frame)
         fill(message.pose.position, s.p)
         fill(message.pose.orientation, s.orientation)
         self.pose.publish(message)
 
-    def _publish_motion(self, s: Sample, stamp: Time) -> None:
+    def _publish_motion(self, s: RobotState, stamp: Time) -> None:
         twist = stamped(TwistStamped, stamp, self.config.base_frame)
         fill(twist.twist.linear, s.twist[:3])
         fill(twist.twist.angular, s.twist[3:])
@@ -132,7 +132,7 @@ class Outputs:
         fill(wrench.wrench.torque, rotate(into_tool, s.wrench[3:]))
         self.wrench.publish(wrench)
 
-    def _publish_joints(self, s: Sample, stamp: Time) -> None:
+    def _publish_joints(self, s: RobotState, stamp: Time) -> None:
         joints = stamped(JointState, stamp, self.config.base_frame)
         joints.name, joints.position, joints.velocity, joints.effort = self.names, s.q, s.qd, s.current
         self.joints.publish(joints)
@@ -164,7 +164,7 @@ class Outputs:
         return level if s.linked else diagnostics.ERROR, _say(s) or "ready", values
 
 
-def _say(s: State) -> str:
+def _say(s: ServoState) -> str:
     """Why the arm holds, empty when it follows."""
     if s.linked and s.armed:
         return ""

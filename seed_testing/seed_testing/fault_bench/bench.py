@@ -17,7 +17,7 @@ from seed_core.arm.quaternion import Quaternion
 from seed_core.errors import SeedError
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
-from seed_driver.process.shared_memory import State
+from seed_driver.process.shared_memory import ServoState
 from seed_driver.process.supervisor import Reply, Supervisor
 from seed_ur.standin_client import StandIn, private_host
 
@@ -49,11 +49,11 @@ class FaultBench:
             self.robot.close()
 
     @property
-    def state(self) -> State:
+    def state(self) -> ServoState:
         """The newest state."""
         return self.supervisor.state
 
-    def step(self) -> State:
+    def step(self) -> ServoState:
         """One turn: supervision, and a target if there is a path and the driver follows."""
         now = time.monotonic()
         state = self.supervisor.step(now)
@@ -70,7 +70,7 @@ class FaultBench:
         while time.monotonic() < until:
             self.step()
 
-    def wait(self, condition: Callable[[State], bool], timeout: float, what: str) -> float:
+    def wait(self, condition: Callable[[ServoState], bool], timeout: float, what: str) -> float:
         """Turn until `condition`; the seconds it took. Raises SeedError after `timeout` [s]."""
         start = time.monotonic()
         while not condition(self.step()):

@@ -14,7 +14,7 @@ from seed_core.arm.quaternion import Quaternion, from_rotation_vector, to_pose
 from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import Deadlines
-from seed_driver.process.shared_memory import Modes, Sample, SharedMemory, TargetSlot
+from seed_driver.process.shared_memory import Modes, RobotState, SharedMemory, TargetSlot
 from seed_driver.robot.tcp_and_payload import TcpAndPayload
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
@@ -65,9 +65,9 @@ class RigRobot:
         self.top_joint = self.top_speed = self.top_turning = 0.0
         self.track: list[tuple[float, ...]] = []  # time [s], position [m], quaternion, scale
 
-    def _sample(self) -> Sample:
+    def _sample(self) -> RobotState:
         x, y, z, rx, ry, rz = self.arm.tcp_pose()
-        return Sample()._replace(
+        return RobotState()._replace(
             q=tuple(self.arm.q),
             p=(x, y, z),
             orientation=from_rotation_vector((rx, ry, rz)),
@@ -112,7 +112,7 @@ class RigRobot:
             self.newest = self.states.popleft()[1]
         return self.newest[0]
 
-    def sample(self) -> Sample:
+    def sample(self) -> RobotState:
         """The newest state."""
         return self.newest[1]
 
