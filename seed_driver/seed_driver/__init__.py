@@ -5,7 +5,7 @@ Without ROS: a `Supervisor(DriverConfig(robot_ip=...))`, its `step` called often
 """
 
 from seed_driver.config import DriverConfig
-from seed_driver.motion.kinematics import arm_kinematics, load_calibration
+from seed_driver.motion.calibrated_kinematics import arm_kinematics, load_calibration
 from seed_driver.motion.limiter import CommandLimiter
 from seed_driver.process.shared_memory import RobotState, ServoState, Stage
 from seed_driver.process.supervisor import Reply, Supervisor

@@ -16,7 +16,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_driver.config import DriverConfig, from_json
-from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.calibrated_kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.cycle_timing import Deadlines, PeriodHistogram
 from seed_driver.process.realtime import become_realtime, die_with_parent, threads_above

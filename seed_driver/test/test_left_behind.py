@@ -4,7 +4,7 @@
 import pytest
 
 from seed_driver.config import DriverConfig
-from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.calibrated_kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.shared_memory import RobotState, SharedMemory
 from seed_driver.session import Session

@@ -9,7 +9,7 @@ import pytest
 from seed_core.arm.quaternion import as_quaternion, to_pose, turned
 from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.kinematics import arm_kinematics
+from seed_driver.motion.calibrated_kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import COMMANDED, ServoMotion
 from seed_driver.process.shared_memory import RobotState, SharedMemory, TargetSlot
 

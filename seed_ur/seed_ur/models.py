@@ -3,7 +3,7 @@
 
 Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (lengths, masses,
 centres of mass); user manuals SW 5.8 (range, speed, torque). Real arms deviate by their calibration
-(seed_driver.motion.kinematics).
+(seed_driver.motion.calibrated_kinematics).
 """
 
 from collections.abc import Mapping

@@ -15,8 +15,8 @@ from seed_core.arm.target_checks import Target, refusal
 from seed_core.config import ConfigError, check_values
 from seed_core.errors import SeedError
 from seed_driver.config import FIXED, DriverConfig, from_json
+from seed_driver.motion.calibrated_kinematics import arm_kinematics, out_of_reach
 from seed_driver.motion.clearances import Clearances
-from seed_driver.motion.kinematics import arm_kinematics, out_of_reach
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import DIAGNOSTICS_EVERY, Outputs, link_status
 from seed_driver.ros.requests import Requests

@@ -25,7 +25,7 @@ from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_map, save_membrane_map, texts
 from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
-from seed_driver.motion.kinematics import KEYS, LINKS, load_calibration
+from seed_driver.motion.calibrated_kinematics import KEYS, LINKS, load_calibration
 from seed_estimation.calibration import file as camera_calibration
 from seed_estimation.calibration.calibrate import read_capture
 from seed_estimation.images import identity

@@ -14,7 +14,7 @@ from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
 from seed_core.vector3 import as_vector3
 from seed_driver.config import DriverConfig
-from seed_driver.motion.kinematics import KEYS, LINKS, arm_kinematics, load_calibration, out_of_reach
+from seed_driver.motion.calibrated_kinematics import KEYS, LINKS, arm_kinematics, load_calibration, out_of_reach
 from seed_ur.kinematics import URKinematics
 
 NOMINAL = URKinematics.for_model("ur5e")
