@@ -43,19 +43,19 @@ class Requests:
         group = ReentrantCallbackGroup()  # a call that waits for the robot does not hold up another
         services: dict[str, Callable[..., Any]] = {
             "stop": self._stop,
-            "zero_ftsensor": partial(self._ask, "zero_ft"),
-            "resend_robot_program": partial(self._ask, "start"),
+            "zero_ftsensor": partial(self._ask_servo, "zero_ft"),
+            "resend_robot_program": partial(self._ask_servo, "start"),
             "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
             "power_on": self._power_on,
-            "restart_safety": partial(self._apart, restart_safety),
+            "restart_safety": partial(self._in_thread, restart_safety),
             "recover": self._recover,
         }
         for name, method in services.items():
             node.serve(Trigger, f"~/{name}", method, group=group)
         for pin in TOOL_OUTPUTS:
-            node.serve(SetBool, f"~/set_tool_output_{pin}", partial(self._apart, set_tool_output, pin), group=group)
+            node.serve(SetBool, f"~/set_tool_output_{pin}", partial(self._in_thread, set_tool_output, pin), group=group)
         node.serve(SetBool, "~/set_tool_power", self._power_tool, group=group)
-        node.serve(SetBool, "~/set_freedrive", lambda on: self._ask("freedrive", on=on), group=group)
+        node.serve(SetBool, "~/set_freedrive", lambda on: self._ask_servo("freedrive", on=on), group=group)
 
     def begin(self, supervisor: Supervisor, robot_ip: str) -> None:
         """The driver is active."""
@@ -75,9 +75,9 @@ class Requests:
         self.end()
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    async def _ask(self, do: str, **arguments: Any) -> str:
+    async def _ask_servo(self, do: str, **arguments: Any) -> str:
         """The servo process's answer to a request."""
-        supervisor, _ = self._where()
+        supervisor, _ = self._require_active()
         future, number = Future(), supervisor.send(do, **arguments)
         self._waiting[number] = (future, time.monotonic() + ANSWER_TIMEOUT)
         return str(await future)
@@ -85,7 +85,7 @@ class Requests:
     async def _stop(self) -> str:
         """Come to rest; no brake is released any more that somebody has asked for before."""
         self._give_up()
-        return await self._ask("stop")
+        return await self._ask_servo("stop")
 
     def _give_up(self) -> None:
         """End what the thread repeats until the robot does it, and what waits for the thread."""
@@ -94,21 +94,21 @@ class Requests:
         for call, _ in self._thread_calls:
             call.cancel()
 
-    async def _apart(self, call: Callable[..., str], *arguments: Any) -> str:
+    async def _in_thread(self, call: Callable[..., str], *arguments: Any) -> str:
         """What `call(address of the robot, ...)` returns, made in the thread."""
-        _, robot_ip = self._where()
+        _, robot_ip = self._require_active()
         future = Future()
         self._thread_calls.append((self._thread.submit(call, robot_ip, *arguments), future))
         return str(await future)
 
     async def _power_tool(self, on: bool) -> str:
         """The voltage that is configured at the tool's connector, or none."""
-        self._where()
-        return await self._apart(set_tool_voltage, self._tool_voltage() if on else 0)
+        self._require_active()
+        return await self._in_thread(set_tool_voltage, self._tool_voltage() if on else 0)
 
     async def _release(self, *commands: str) -> str:
         """The controller's answer to commands of which the last releases something."""
-        return await self._apart(partial(switch, said="releasing", pause=self._pause()), *commands)
+        return await self._in_thread(partial(switch, said="releasing", pause=self._pause()), *commands)
 
     def _pause(self) -> Callable[[float], None]:
         """Waits so long [s], as time.sleep does. Raises LinkError: it was given up meanwhile."""
@@ -121,19 +121,19 @@ class Requests:
         return pause
 
     async def _power_on(self) -> str:
-        return await self._apart(partial(power_on, pause=self._pause()))
+        return await self._in_thread(partial(power_on, pause=self._pause()))
 
     async def _recover(self) -> str:
-        return await self._apart(partial(recover, pause=self._pause()))
+        return await self._in_thread(partial(recover, pause=self._pause()))
 
-    def _where(self) -> tuple[Supervisor, str]:
+    def _require_active(self) -> tuple[Supervisor, str]:
         if self._active is None:
             raise RequestError("the driver is not active")
         return self._active
 
     def answer(self, now: float) -> None:
         """Pass on what has been answered since the last look; now: time.monotonic() [s]."""
-        supervisor, _ = self._where()
+        supervisor, _ = self._require_active()
         for number, (future, deadline) in list(self._waiting.items()):
             reply = supervisor.replies.pop(number, None)
             if reply is not None and reply.ok:
