@@ -12,9 +12,11 @@ from geometry_msgs.msg import Wrench as WrenchMsg
 from seed_msgs.msg import MembraneMotion as MembraneMotionMsg
 from seed_msgs.msg import RelativePose
 
+from seed_core.arm.quaternion import Quaternion
 from seed_core.errors import SeedError
 from seed_core.estimate import DEFORMATIONS, MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, pose_from_quaternion, quaternion_from_rotation
+from seed_core.vector3 import Vector3
 
 _SWAP = [3, 4, 5, 0, 1, 2]  # rotation-first to translation-first and back
 
@@ -35,10 +37,16 @@ def stamp_from_seconds(t: float) -> Time:
     return Time(sec=int(whole) + nanosec // 1_000_000_000, nanosec=nanosec % 1_000_000_000)
 
 
+def pose_to_tuples(pose: Pose) -> tuple[Vector3, Quaternion]:
+    """Position [m] and quaternion x, y, z, w of a Pose, unchecked."""
+    p, q = pose.position, pose.orientation
+    return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
 def pose_to_matrix(pose: Pose, name: str = "pose") -> Array:
     """(4, 4) from a Pose. Raises SpatialError: not finite, or no unit quaternion."""
-    p, q = pose.position, pose.orientation
-    return pose_from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z), name)
+    p, q = pose_to_tuples(pose)
+    return pose_from_quaternion(q, p, name)
 
 
 def fill(message: Any, numbers: Iterable[float]) -> None:
@@ -54,8 +62,8 @@ def fill_pose(pose: Pose, X: Array) -> Pose:
     return pose
 
 
-def force_first(covariance: Array) -> Array:
-    """(6, 6) of (torque, force) or (rotation, translation), with both halves changed over, as messages have them."""
+def swap_halves(covariance: Array) -> Array:
+    """(6, 6) covariance of (rotation, translation) or (torque, force) with the halves changed over, as messages are."""
     return covariance[np.ix_(_SWAP, _SWAP)]
 
 
@@ -111,9 +119,9 @@ def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: s
     message = stamped(RelativePose, estimate.stamp, frame_c)
     message.child_frame_id = frame_t
     fill_pose(message.pose.pose, estimate.X_CT)
-    message.pose.covariance = estimate.covariance[np.ix_(_SWAP, _SWAP)].ravel()
+    message.pose.covariance = swap_halves(estimate.covariance).ravel()
     fill_pose(message.slid.pose, estimate.X_PT)
-    message.slid.covariance = estimate.covariance_PT[np.ix_(_SWAP, _SWAP)].ravel()
+    message.slid.covariance = swap_halves(estimate.covariance_PT).ravel()
     message.observed = [bool(o) for o in estimate.observed]
     message.valid = bool(estimate.valid)
     message.reason = estimate.reason
@@ -124,10 +132,15 @@ def estimate_to_message(estimate: RelativePoseEstimate, frame_c: str, frame_t: s
     return message
 
 
+def _observed(message: RelativePose | MembraneMotionMsg) -> tuple[bool, bool, bool, bool, bool, bool]:
+    x, y, z, roll, pitch, yaw = map(bool, message.observed)
+    return x, y, z, roll, pitch, yaw
+
+
 def _motion_to_message(motion: MembraneMotion) -> MembraneMotionMsg:
     message = MembraneMotionMsg(finger=motion.finger)
     fill_pose(message.motion.pose, motion.X_CM)
-    message.motion.covariance = motion.covariance[np.ix_(_SWAP, _SWAP)].ravel()
+    message.motion.covariance = swap_halves(motion.covariance).ravel()
     message.observed = [bool(o) for o in motion.observed]
     message.deformation = motion.deformation.tolist()
     fill(message.centroid, motion.centroid)
@@ -145,13 +158,12 @@ def _motion_from_message(message: MembraneMotionMsg) -> MembraneMotion:
         raise MessageError(
             f"relative_pose.membrane.deformation has {deformation.size} values; {DEFORMATIONS} or none are wanted"
         )
-    o = [bool(v) for v in message.observed]
     c = message.centroid
     return MembraneMotion(
         finger=message.finger,
         X_CM=pose_to_matrix(message.motion.pose, "relative_pose.membrane"),
-        covariance=covariance[np.ix_(_SWAP, _SWAP)],
-        observed=(o[0], o[1], o[2], o[3], o[4], o[5]),
+        covariance=swap_halves(covariance),
+        observed=_observed(message),
         deformation=deformation,
         area=float(message.area),
         centroid=np.array((c.x, c.y, c.z)),
@@ -175,12 +187,11 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
     if not math.isfinite(message.slip):
         raise MessageError(f"relative_pose.slip = {message.slip} is not finite")
     X_CT = pose_to_matrix(message.pose.pose, "relative_pose") if message.valid else np.eye(4)
-    o = [bool(v) for v in message.observed]
     return RelativePoseEstimate(
         stamp=seconds(message.header.stamp),
         X_CT=X_CT,
-        covariance=covariance[np.ix_(_SWAP, _SWAP)],
-        observed=(o[0], o[1], o[2], o[3], o[4], o[5]),
+        covariance=swap_halves(covariance),
+        observed=_observed(message),
         valid=bool(message.valid),
         reason=message.reason,
         slip=float(message.slip),
@@ -188,7 +199,7 @@ def estimate_from_message(message: RelativePose) -> RelativePoseEstimate:
         method=message.method,
         membrane=tuple(_motion_from_message(m) for m in message.membrane) if message.valid else (),
         X_PT=pose_to_matrix(message.slid.pose, "relative_pose.slid") if message.valid else np.eye(4),
-        covariance_PT=slid[np.ix_(_SWAP, _SWAP)],
+        covariance_PT=swap_halves(slid),
     )
 
 

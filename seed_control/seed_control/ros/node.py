@@ -48,11 +48,11 @@ from seed_ros.conversions import (
     check_not_ahead,
     estimate_from_message,
     fill_wrench,
-    force_first,
     pose_stamped,
     pose_to_matrix,
     seconds,
     stamped,
+    swap_halves,
     transform_stamped,
     wrench_stamped,
     wrench_to_core,
@@ -321,7 +321,7 @@ class ControllerNode(SeedNode):
         message = stamped(WrenchEstimate, stamp, self.frames.base)
         fill_wrench(message.wrench, wrench)
         if state.covariance is not None:
-            message.covariance = force_first(state.covariance).ravel()
+            message.covariance = swap_halves(state.covariance).ravel()
         message.model = self.core.wrench_estimator.model.name
         message.reason = "; ".join((*state.contradictions, *filter(None, (state.doubt,))))
         return message

@@ -21,7 +21,7 @@ from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import DIAGNOSTICS_EVERY, Outputs, link_status
 from seed_driver.ros.requests import Requests
 from seed_ros import COMMAND, Counters, Diagnostics, FixedRateLoop, SeedNode, diagnostics, run
-from seed_ros.conversions import seconds
+from seed_ros.conversions import pose_to_tuples, seconds
 from seed_ros.parameters import Declared, checking
 
 LOOP_RATE = 500.0  # [Hz] at which targets are looked for
@@ -180,9 +180,8 @@ class DriverNode(SeedNode, LifecycleNode):
         self.counters.add(re.split(r"['=\d]", words)[0][:40].strip(), words)  # a cause without its numbers
 
     def _target(self, message: PoseStamped) -> Target:
-        p, q = message.pose.position, message.pose.orientation
         age = self.now() - seconds(message.header.stamp)
-        return Target(message.header.frame_id, age, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+        return Target(message.header.frame_id, age, *pose_to_tuples(message.pose))
 
 
 def _create() -> DriverNode:

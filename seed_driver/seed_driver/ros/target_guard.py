@@ -11,9 +11,9 @@ from std_srvs.srv import Trigger
 
 from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
-from seed_driver.target_guard import GuardConfig, Pose, TargetGuard
+from seed_driver.target_guard import GuardConfig, TargetGuard
 from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, SeedNode, diagnostics
-from seed_ros.conversions import fill, seconds, stamped
+from seed_ros.conversions import fill, pose_to_tuples, seconds, stamped
 
 
 class GuardNode(SeedNode):
@@ -39,12 +39,12 @@ class GuardNode(SeedNode):
     def _on_target(self, message: PoseStamped) -> None:
         age = self.now() - seconds(message.header.stamp)
         self._age = age
-        why = self.guard.target(Target(message.header.frame_id, age, *_pose(message)), self._time())
+        why = self.guard.target(Target(message.header.frame_id, age, *pose_to_tuples(message.pose)), self._time())
         if why:
             self.counters.add("targets_refused", f"target_frame is not followed: {why}")
 
     def _on_pose(self, message: PoseStamped) -> None:
-        self.guard.measured(_pose(message), self._time())
+        self.guard.measured(pose_to_tuples(message.pose), self._time())
 
     def _resume(self) -> str:
         refusal = self.guard.resume(self._time())
@@ -72,11 +72,6 @@ class GuardNode(SeedNode):
         if self.guard.reason:
             return diagnostics.WARN, f"holds: {self.guard.reason}", self.counters.values()
         return diagnostics.OK, "following target_frame", self.counters.values()
-
-
-def _pose(message: PoseStamped) -> Pose:
-    p, q = message.pose.position, message.pose.orientation
-    return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 
 
 main = GuardNode.main
