@@ -32,9 +32,9 @@ from seed_core.errors import SeedError
 from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
-from seed_ros.qos import LATCHED, TF, Mismatch
-from seed_ros.services.answers import insist
-from seed_ros.services.standard import withstand
+from seed_ros.qos import LATCHED, TF, QosMismatch
+from seed_ros.services.answers import resend_unsent_answers
+from seed_ros.services.standard import harden_standard_services
 
 QUIET = PublisherEventCallbacks(use_default_callbacks=False)  # each event handler is one more thing to wait for
 
@@ -62,7 +62,7 @@ class SeedNode(Node):
         self._actions: list[ActionServer] = []
         super().__init__(name, **arguments)
         self.add_on_set_parameters_callback(parameters.checking(self._keep_clock))
-        withstand(self)
+        harden_standard_services(self)
         self.counters = Counters(self)
         self.beats = Beats()
 
@@ -102,7 +102,7 @@ class SeedNode(Node):
     def create_service(self, *arguments: Any, **named: Any) -> Service:
         """As rclpy's; an answer is sent again while the middleware does not know yet who asked."""
         service = super().create_service(*arguments, **named)
-        insist(self, service)
+        resend_unsent_answers(self, service)
         return service
 
     def serve(
@@ -164,7 +164,7 @@ class SeedNode(Node):
 
         Publishers that cannot be heard are told of as often.
         """
-        mismatch = Mismatch(self, self.counters)
+        mismatch = QosMismatch(self, self.counters)
 
         def looked() -> Report:
             mismatch.look()

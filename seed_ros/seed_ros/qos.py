@@ -20,7 +20,7 @@ TF = QoSProfile(depth=100)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Mismatch:
+class QosMismatch:
     """Publishers whose quality of service is not what a node asks for: `look` now and then.
 
     rclpy tells that by an event of each subscription, which the streams of a `FixedRateLoop` do without; and silence

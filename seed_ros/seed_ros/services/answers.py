@@ -16,7 +16,7 @@ AGAIN = 0.2  # [s] to the second attempt, twice as long to each further one: in 
 ATTEMPTS = 6
 
 
-def insist(node: Node, service: Service) -> None:
+def resend_unsent_answers(node: Node, service: Service) -> None:
     """Have the answers of a node's service sent again, for a few seconds, while the client is not known."""
     send_once = service.send_response
 

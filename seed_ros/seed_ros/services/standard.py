@@ -23,7 +23,7 @@ KNOWN = {kind.value for kind in Parameter.Type}
 Answer = Callable[[Any, Any], Any]
 
 
-def withstand(node: Node) -> None:
+def harden_standard_services(node: Node) -> None:
     """Have the node's standard services refuse what would end it."""
     for service in node.services:
         if service.srv_type in (SetParameters, SetParametersAtomically):
