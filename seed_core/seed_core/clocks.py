@@ -14,7 +14,7 @@ from typing import NamedTuple
 from seed_core.config import ConfigError, field, load_saved, save_file
 
 ONE, SIMULATED = "one", "simulated"
-DOC = "whether images and robot are dated by one clock: '' unknown, a clocks.yaml, 'one' or 'simulated'"
+CLOCKS_DOC = "whether images and robot are dated by one clock: '' unknown, a clocks.yaml, 'one' or 'simulated'"
 UNKNOWN = (
     "the images' clock was never compared with the robot's: run ./seed identify --live and give "
     "clocks:=FOLDER/clocks.yaml to the launch, or clocks:=one where one clock dates both (PTP)"
@@ -51,7 +51,7 @@ class Clocks(NamedTuple):
     remark: str = ""
 
 
-def clocks(given: str) -> Clocks:
+def read_clocks(given: str) -> Clocks:
     """What the words say, on this computer.
 
     Raises:

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from seed_core import clocks as module
-from seed_core.clocks import ONE, SIMULATED, clocks, save_clocks
+from seed_core.clocks import ONE, SIMULATED, read_clocks, save_clocks
 from seed_core.config import ConfigError
 
 
 def test_nothing_known_is_a_problem_that_says_what_to_run() -> None:
-    assert "./seed identify --live" in clocks("").problem
-    assert "clocks:=one" in clocks("").problem
+    assert "./seed identify --live" in read_clocks("").problem
+    assert "clocks:=one" in read_clocks("").problem
 
 
 def test_a_comparison_that_cannot_be_written_leaves_the_former_one(
@@ -28,12 +28,12 @@ def test_a_comparison_that_cannot_be_written_leaves_the_former_one(
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(OSError, match="No space"):
         save_clocks(file, 0.02, 0.001, "2026-11-23")
-    assert clocks(str(file)).offset == 0.01
+    assert read_clocks(str(file)).offset == 0.01
 
 
 @pytest.mark.parametrize("word", [ONE, SIMULATED])
 def test_one_clock_needs_no_comparison(word: str) -> None:
-    known = clocks(word)
+    known = read_clocks(word)
     assert (known.offset, known.problem) == (0.0, "")
 
 
@@ -41,7 +41,7 @@ def test_a_comparison_made_here_gives_its_offset(tmp_path: Path) -> None:
     file = tmp_path / "clocks.yaml"
     save_clocks(file, -0.0123, 0.0004, "2026-11-22T10:00:00+00:00", "arm 1", "bubbles 3 and 4")
     assert list(tmp_path.iterdir()) == [file]
-    known = clocks(str(file))
+    known = read_clocks(str(file))
     assert (known.offset, known.deviation, known.problem) == (-0.0123, 0.0004, "")
     assert "-12.3 +- 0.4 ms" in known.remark
     assert "before this computer was started" not in known.remark
@@ -53,15 +53,15 @@ def test_another_computers_comparison_is_refused_and_one_before_a_restart_is_tol
     file = tmp_path / "clocks.yaml"
     save_clocks(file, 0.01, 0.001, "2026-11-22")
     monkeypatch.setattr(module, "boot", lambda: "another")
-    assert "before this computer was started" in clocks(str(file)).remark
+    assert "before this computer was started" in read_clocks(str(file)).remark
     file.write_text(file.read_text().replace(f"host: {module.socket.gethostname()}", "host: elsewhere"))
-    assert "'elsewhere'" in clocks(str(file)).problem
+    assert "'elsewhere'" in read_clocks(str(file)).problem
 
 
 @pytest.mark.parametrize("words", ["yes", "missing/clocks.yaml"])
 def test_words_that_say_nothing_are_refused(words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        clocks(words)
+        read_clocks(words)
 
 
 def test_values_out_of_bounds_are_named(tmp_path: Path) -> None:
@@ -69,4 +69,4 @@ def test_values_out_of_bounds_are_named(tmp_path: Path) -> None:
     save_clocks(file, 0.01, 0.001, "2026-11-22")
     file.write_text(file.read_text().replace("offset: 0.01", "offset: 10.0"))
     with pytest.raises(ConfigError, match="offset"):
-        clocks(str(file))
+        read_clocks(str(file))

@@ -21,7 +21,7 @@ IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the bu
 from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from seed_core.clocks import clocks, save_clocks  # noqa: E402
+from seed_core.clocks import read_clocks, save_clocks  # noqa: E402
 from seed_core.errors import SeedError  # noqa: E402
 from seed_core.spatial import Wrench, make_pose  # noqa: E402
 from seed_core.stiffness_file import load_stiffness  # noqa: E402
@@ -106,7 +106,7 @@ def test_a_goal_resumes_visits_the_rest_and_leaves_a_stiffness_file(bench: Bench
     clock = json.loads((tmp_path / "summary.json").read_text())["camera_clock"]
     assert clock["value"] == pytest.approx(0.04, abs=0.005)
     assert "clocks.yaml" in result.message
-    total = clocks(str(tmp_path / "clocks.yaml")).offset  # what was taken off before, and what was left
+    total = read_clocks(str(tmp_path / "clocks.yaml")).offset  # what was taken off before, and what was left
     assert total == pytest.approx(0.01 + 0.04, abs=0.005)
     assert "<svg" in (tmp_path / "report.html").read_text()
     assert bench.until(lambda: len(lines) == 2 * (len(data.samples) + 1) - LEFT)  # the cancelled goal's, then all

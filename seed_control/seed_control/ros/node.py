@@ -35,7 +35,7 @@ from seed_control.state import ControllerState, ControlOutput
 from seed_control.wrench.choose_model import choose_model
 from seed_control.wrench.stiffness_schedule import ScheduleSettings
 from seed_core.bushing import Stiffness
-from seed_core.clocks import DOC, clocks
+from seed_core.clocks import CLOCKS_DOC, read_clocks
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
@@ -65,7 +65,7 @@ class NodeSettings:
 
     state_rate: float = field(50.0, unit="Hz", low=1.0, high=1000.0, doc="of ~/state and wrench_estimate")
     publish_tf: bool = field(True, doc="publish tool to tip on /tf_static")
-    clocks: str = field("", doc=f"{DOC}; while unknown, force and torque are refused (SP18)")
+    clocks: str = field("", doc=f"{CLOCKS_DOC}; while unknown, force and torque are refused (SP18)")
     operator_timeout: float = field(
         0.4,
         unit="s",
@@ -115,7 +115,7 @@ class ControllerNode(SeedNode):
 
         model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
         self.core = Controller(self.parameters, hand, self.tool, stiffness, model, references, pressure)
-        self.clocks = clocks(self.settings.clocks)
+        self.clocks = read_clocks(self.settings.clocks)
         self.core.checks.clock_problem = self.clocks.problem
         if self.clocks.problem:
             self.get_logger().warning(f"force and torque are refused (SP18): {self.clocks.problem}")

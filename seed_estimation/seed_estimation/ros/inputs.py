@@ -10,7 +10,7 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo, Image
 
-from seed_core.clocks import DOC, clocks
+from seed_core.clocks import CLOCKS_DOC, read_clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import FINGERS_OF
@@ -50,7 +50,7 @@ class InputSettings:
         high=1.0,
         doc="by which images' stamps are ahead of the robot's, beyond what clocks says",
     )
-    clocks: str = field("", doc=DOC)
+    clocks: str = field("", doc=CLOCKS_DOC)
     silence: float = field(0.5, unit="s", low=0.05, high=10.0, doc="after which a finger counts as silent")
 
 
@@ -75,7 +75,7 @@ class ImageInputs:
             calibrated: called when every finger's camera is known, and when one is another.
         """
         self.settings, self._bubbles = settings, bubbles
-        self.clocks = clocks(settings.clocks)
+        self.clocks = read_clocks(settings.clocks)
         self._ahead = settings.clock_offset + self.clocks.offset  # [s]
         self.fingers = FINGERS_OF[settings.fingers]
         self.cameras: dict[str, PinholeCamera] = {}

@@ -17,7 +17,7 @@ from seed_msgs.msg import RelativePose
 from std_msgs.msg import Float32, Float64, String
 from std_srvs.srv import Trigger
 
-from seed_core.clocks import clocks
+from seed_core.clocks import read_clocks
 from seed_core.config import field
 from seed_core.errors import SeedError
 from seed_core.hand import FINGERS, Frame, Hand
@@ -74,7 +74,9 @@ class SysidNode(SeedNode):
         self.streams = Streams()
         self._sensor_frame = self.settings.sensor_frame
         self._active: ActiveGoal | None = None
-        self._clocks = ClocksBefore(clocks(self.settings.clocks).offset, self.settings.robot, self.settings.cameras)
+        self._clocks = ClocksBefore(
+            read_clocks(self.settings.clocks).offset, self.settings.robot, self.settings.cameras
+        )
 
         self._target = self.create_publisher(PoseStamped, "target_frame", COMMAND)
         self._width = self.create_publisher(Float64, "gripper/command", COMMAND)

@@ -17,7 +17,7 @@ from seed_bringup.bags.files import BagWriter, describe_bag, read_messages
 from seed_bringup.launching.description import describe
 from seed_bringup.ros.link_frames import joints_of
 from seed_control.tasks.load import load_task, shipped_tasks
-from seed_core.clocks import clocks, save_clocks
+from seed_core.clocks import read_clocks, save_clocks
 from seed_core.config import to_mapping
 from seed_core.hand import FINGERS, Hand, read_hand
 from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hysteretic
@@ -80,7 +80,7 @@ def READERS() -> tuple[Reader, ...]:
         Reader("hysteretic", ".yaml", "yaml", (_hysteretic(),), lambda f: load_hysteretic(f).identified),
         Reader("membrane_map", ".yaml", "yaml", (_membrane_map(),), load_membrane_map),
         Reader("camera_calibration", ".yaml", "yaml", (_calibration(),), _offsets),
-        Reader("clocks", ".yaml", "yaml", (_clocks(),), lambda f: clocks(str(f))),
+        Reader("clocks", ".yaml", "yaml", (_clocks(),), lambda f: read_clocks(str(f))),
         Reader("hand", ".yaml", "yaml", (hand, *_share("seed_bringup", "config/hand.yaml")), _hand),
         Reader("arm_calibration", ".yaml", "yaml", (_arm(),), lambda f: load_calibration(str(f), nominal).origins),
         Reader("samples", ".jsonl", "lines", (_samples(),), sample_file.read),
