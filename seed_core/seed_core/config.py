@@ -20,7 +20,7 @@ import yaml
 
 from seed_core.errors import SeedError
 from seed_core.program.files import write_text
-from seed_core.program.meant import did_you_mean, no_such_file
+from seed_core.program.suggestions import did_you_mean, no_such_file
 
 T = TypeVar("T")
 RENAMED = {  # parameters of former releases, refused with the name that they have now

@@ -11,7 +11,7 @@ import pytest
 
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json
-from seed_core.program.meant import did_you_mean, no_such_file
+from seed_core.program.suggestions import did_you_mean, no_such_file
 
 
 @pytest.mark.parametrize("text", ["-1", "x", "1.5", "", str(2**31), "99999999999999999999"])

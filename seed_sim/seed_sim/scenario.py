@@ -11,7 +11,7 @@ from seed_core.bushing import Stiffness
 from seed_core.config import ConfigError, field, load_file
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.program.files import shared_path
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 from seed_core.vector3 import Vector3
 from seed_core.wrench_settings import ReferenceSettings, WrenchSettings
 from seed_sim.gel.parameters import GelParameters

@@ -15,7 +15,7 @@ OURS = ("seed_bringup/seed_bringup", "seed_core/seed_core/program")  # of their 
 sys.path[:0] = [str(Path(__file__).resolve().parent), *(str(ROOT / folder) for folder in OURS)]
 
 import command_table  # noqa: E402
-from meant import did_you_mean  # noqa: E402
+from suggestions import did_you_mean  # noqa: E402
 
 from environment import ready_environment  # noqa: E402
 from progress import SetupError, UsageError, say  # noqa: E402

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from seed_bringup.launching.domains import VARIABLE, age, running
 from seed_core.errors import SeedError
 from seed_core.program.command_line import whole
-from seed_core.program.meant import nearest
+from seed_core.program.suggestions import nearest
 
 if TYPE_CHECKING:
     from seed_bringup.ros.session import Session

@@ -8,7 +8,7 @@ import sys
 
 from seed_bringup.command_table import offered, usage
 from seed_core.program.command_line import command, leaving_at_once
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 
 # Where an ordinary workspace lacks one of these, rosdep cannot help: module and its name on the package index.
 PIP_ONLY = {

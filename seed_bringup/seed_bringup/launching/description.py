@@ -12,7 +12,7 @@ from seed_bringup.launching.launch_xml import Element, LaunchError, read_launch_
 from seed_bringup.launching.packages import executable
 from seed_bringup.launching.parameters import Parameters, read_parameter
 from seed_bringup.launching.substitution import Scope
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 
 MAX_INCLUDES = 20
 TERM_AFTER = 3.0  # [s] after the interrupt, unless a node asks for more

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from seed_bringup.launching.launch_xml import LaunchError
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 
 
 def package_prefix(package: str) -> Path:

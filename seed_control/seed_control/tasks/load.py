@@ -8,7 +8,7 @@ from pathlib import Path
 from seed_control.tasks.task import Task, TaskError
 from seed_core.config import field, load_file, load_text, read_text
 from seed_core.program.files import shared_path
-from seed_core.program.meant import did_you_mean, no_such_file
+from seed_core.program.suggestions import did_you_mean, no_such_file
 
 MAX_TEXT = 1_000_000  # characters of a task sent as text
 

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 
 N = TypeVar("N", int, float)
 LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too

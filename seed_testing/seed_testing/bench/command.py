@@ -7,7 +7,7 @@ from typing import Any
 
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command
-from seed_core.program.meant import did_you_mean
+from seed_core.program.suggestions import did_you_mean
 from seed_testing.figures import text
 
 BENCHES = {
