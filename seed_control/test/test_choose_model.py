@@ -19,7 +19,7 @@ from seed_core.hand import DEFAULT_STIFFNESS, Hand
 from seed_core.hysteretic.file import hysteretic_file, save_hysteretic
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
-from seed_core.membrane.map_file import GripMap, MembraneMapFile, save_membrane_map, texts
+from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, save_membrane_map
 from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
@@ -98,8 +98,8 @@ def membrane_file(folder: Path, hand: str) -> str:
         right_middle=(0.0, -0.012, 0.0),
         torque_std=(0.002,) * 3,
         force_std=(0.1,) * 3,
-        coefficients=texts(-np.diag(np.array(stiffness) * scales)),
-        spread=texts(0.1 * np.eye(6)),
+        coefficients=format_rows(-np.diag(np.array(stiffness) * scales)),
+        spread=format_rows(0.1 * np.eye(6)),
     )
     largest = (20.0,) * len(NAMES)
     file = MembraneMapFile(hand, "t", "2026-01-31", tuple(SCALES.tolist()), terms, largest, 100.0, (grip,))

@@ -12,7 +12,7 @@ from seed_core.config import ConfigError
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.membrane.features import MIRROR, NAMES, SCALES, by_finger, features, gripper_rates
 from seed_core.membrane.map import GRASPED, LEVER, UNLEARNED, MembraneMap, pressure_reason
-from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_map, save_membrane_map, texts
+from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, load_membrane_map, save_membrane_map
 from seed_core.spatial import Array, Wrench, inverse_pose, pose_from_rpy, so3_exp
 from seed_core.wrench_model import WithMemory
 
@@ -40,9 +40,9 @@ def made(products: tuple[str, ...] = PRODUCTS, gas: bool = False, width: float =
         right_middle=tuple(MIDDLES[1]),
         torque_std=(0.002,) * 3,
         force_std=(0.1,) * 3,
-        coefficients=texts(C),
-        spread=texts(0.1 * np.eye(len(terms))),
-        pressure_rise=texts(rise) if gas else (),
+        coefficients=format_rows(C),
+        spread=format_rows(0.1 * np.eye(len(terms))),
+        pressure_rise=format_rows(rise) if gas else (),
         pressure_std=(0.02, 0.02),
     )
     return MembraneMapFile("h", "t", "2026-01-31", tuple(SCALES.tolist()), terms, (3.0,) * len(NAMES), 2.0, (grip,))
@@ -140,7 +140,7 @@ def test_a_band_that_follows_by_half_makes_the_local_stiffness_half() -> None:
     file, X_CT = made(()), pose_from_rpy((0.03, -0.02, 0.04), (0.002, 0.001, -0.003))
     at_rest = stuck(np.eye(4)).membrane
     whole = -gripper_rates(by_finger(at_rest), MIDDLES)  # while C stays and the tool moves
-    half = replace(file, grips=(replace(file.grips[0], follow=texts(0.5 * whole)),))
+    half = replace(file, grips=(replace(file.grips[0], follow=format_rows(0.5 * whole)),))
     assert_allclose(MembraneMap(half).stiffness.vector(), 0.5 * MembraneMap(file).stiffness.vector(), rtol=1e-5)
     models = MembraneMap(file), MembraneMap(half)
     for model in models:
@@ -278,7 +278,7 @@ def test_more_is_left_to_pressures_where_the_motion_is_larger_than_at_the_identi
 
 def test_between_grips_the_map_is_straight(tmp_path: Path) -> None:
     wide, narrow = made(width=0.03).grips[0], made(width=0.01).grips[0]
-    narrow = replace(narrow, coefficients=texts(2.0 * narrow.matrix), pressure_hpa=1050.0)
+    narrow = replace(narrow, coefficients=format_rows(2.0 * narrow.matrix), pressure_hpa=1050.0)
     file = replace(made(), grips=(wide, narrow))
     path = tmp_path / "membrane_map.yaml"
     save_membrane_map(path, file)
@@ -328,4 +328,4 @@ def test_a_matrix_without_rows_is_refused(name: str) -> None:
 def test_a_map_that_pushes_is_refused() -> None:
     file = made()
     with pytest.raises(ConfigError, match="must be > 0"):
-        MembraneMap(replace(file, grips=(replace(file.grips[0], coefficients=texts(-file.grips[0].matrix)),)))
+        MembraneMap(replace(file, grips=(replace(file.grips[0], coefficients=format_rows(-file.grips[0].matrix)),)))

@@ -165,9 +165,8 @@ def coordinates(R: Array, p: Array) -> tuple[Array, Array]:
     pitch, yaw = float(q[1]), float(q[2])
     c1, s1, c2, s2 = cos(pitch), sin(pitch), cos(yaw), sin(yaw)
     R_TB = so3_exp(0.5 * so3_log(R))
-    x, y, z = p.tolist()
     B = np.zeros((6, 6))
     B[:3, :3] = ((c2 / c1, -s2, c2 * s1 / c1), (s2 / c1, c2, s2 * s1 / c1), (0.0, 0.0, 1.0))
     B[3:, 3:] = R_TB
-    B[:3, 3:] = 0.5 * np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))) @ R_TB
+    B[:3, 3:] = 0.5 * skew(p) @ R_TB
     return B, np.concatenate([q, R_TB.T @ p])

@@ -34,7 +34,7 @@ from seed_core.membrane.features import (
     mixed,
     of_finger,
 )
-from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, load_membrane_map, texts
+from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, format_rows, load_membrane_map
 from seed_core.spatial import Array, Wrench, both, inverse_pose, skew, so3_log, wrench_adjoint
 from seed_core.wrench_model import SpringWrench, observed_part
 
@@ -125,13 +125,13 @@ class MembraneMap:
         self._before = self._memory
         try:
             motions = by_finger(estimate.membrane)
-            both = [of_finger(m, p) for m, p in zip(motions, self._middles, strict=True)]
-            rises = self._rises(motions, both)
+            left, right = (of_finger(m, p) for m, p in zip(motions, self._middles, strict=True))
+            rises = self._rises(motions, (left, right))
         except FeatureError as error:
             return SpringWrench(Wrench.zero(), np.full((6, 6), np.inf), f"no wrench from the membranes: {error}")
         if rises is not None:
-            both[0][-1], both[1][-1] = rises
-        z = mixed(*both)
+            left[-1], right[-1] = rises
+        z = mixed(left, right)
         terms, slopes = self._terms(z)
         w_C, leverage = self._coefficients @ terms, self._spread @ terms
         squared = float(leverage @ leverage)
@@ -161,14 +161,17 @@ class MembraneMap:
         """Pressures [hPa] at the grasp, from which rises count; else they are those seen while nothing moves."""
         self._at_grasp = np.array([left, right])
 
-    def _rises(self, motions: Motions, both: list[Array]) -> Array | None:
-        """(2,) [hPa] since the grasp; None where nobody measures them, or knows them at the grasp."""
+    def _rises(self, motions: Motions, numbers: tuple[Array, Array]) -> Array | None:
+        """(2,) [hPa] since the grasp; None where nobody measures them, or knows them at the grasp.
+
+        numbers: (16,) of each finger, as `of_finger` has them.
+        """
         pressures = np.array([m.pressure for m in motions])
         if not np.isfinite(pressures).all():
             if self.file.needs_pressure:
                 raise FeatureError("the map was identified with the pressures of both bubbles; one is not measured")
             return None
-        moved = np.array([of[:6] / SCALE[:6] for of in both])
+        moved = np.array([of[:6] / SCALE[:6] for of in numbers])
         light = LIGHT if len(self._gas) else AT_REST  # how much a load raises them is known, or is not
         if self._at_grasp is None:
             if np.abs(moved).max() > AT_REST:
@@ -287,14 +290,16 @@ def _mixed(a: GripMap, b: GripMap, s: float) -> GripMap:
     (left, right), std = mean(a.middles, b.middles).tolist(), mean(a.std, b.std).tolist()
     return GripMap(
         pressure_hpa=pressure,
-        pressure_rise=texts(mean(a.pressure_matrix, b.pressure_matrix)) if a.pressure_rise and b.pressure_rise else (),
+        pressure_rise=format_rows(mean(a.pressure_matrix, b.pressure_matrix))
+        if a.pressure_rise and b.pressure_rise
+        else (),
         pressure_std=tuple(mean(np.array(a.pressure_std), np.array(b.pressure_std)).tolist()),
         width_m=(1.0 - s) * a.width_m + s * b.width_m,
         left_middle=tuple(left),
         right_middle=tuple(right),
         torque_std=tuple(std[:3]),
         force_std=tuple(std[3:]),
-        coefficients=texts(mean(a.matrix, b.matrix)),
-        follow=texts(mean(a.follow_matrix, b.follow_matrix)) if a.follow and b.follow else (),
-        spread=texts(np.vstack([np.sqrt(1.0 - s) * a.spread_matrix, np.sqrt(s) * b.spread_matrix])),
+        coefficients=format_rows(mean(a.matrix, b.matrix)),
+        follow=format_rows(mean(a.follow_matrix, b.follow_matrix)) if a.follow and b.follow else (),
+        spread=format_rows(np.vstack([np.sqrt(1.0 - s) * a.spread_matrix, np.sqrt(s) * b.spread_matrix])),
     )

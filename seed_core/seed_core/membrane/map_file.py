@@ -47,22 +47,26 @@ class GripMap:
     @cached_property
     def matrix(self) -> Array:
         """(6, terms)."""
-        return rows(self.coefficients, "coefficients")
+        return parse_rows(self.coefficients, "coefficients")
 
     @cached_property
     def spread_matrix(self) -> Array:
         """(any, terms)."""
-        return rows(self.spread, "spread")
+        return parse_rows(self.spread, "spread")
 
     @cached_property
     def pressure_matrix(self) -> Array:
         """(2, terms) or (0, terms)."""
-        return rows(self.pressure_rise, "pressure_rise") if self.pressure_rise else np.zeros((0, self.matrix.shape[1]))
+        return (
+            parse_rows(self.pressure_rise, "pressure_rise")
+            if self.pressure_rise
+            else np.zeros((0, self.matrix.shape[1]))
+        )
 
     @cached_property
     def follow_matrix(self) -> Array:
         """(32, 6), or (0, 6) where it is not told: then the membranes go with the tool."""
-        return rows(self.follow, "follow") if self.follow else np.zeros((0, 6))
+        return parse_rows(self.follow, "follow") if self.follow else np.zeros((0, 6))
 
     @property
     def middles(self) -> Array:
@@ -142,7 +146,7 @@ class MembraneMapFile:
         return out
 
 
-def rows(texts: tuple[str, ...], name: str) -> Array:
+def parse_rows(texts: tuple[str, ...], name: str) -> Array:
     """The matrix (rows, columns) of rows of numbers; finite.
 
     Raises:
@@ -162,7 +166,7 @@ def rows(texts: tuple[str, ...], name: str) -> Array:
     return out
 
 
-def texts(matrix: Array) -> tuple[str, ...]:
+def format_rows(matrix: Array) -> tuple[str, ...]:
     """The rows of a matrix as texts."""
     return tuple(" ".join(f"{v:.{DIGITS}g}" for v in row) for row in matrix)
 

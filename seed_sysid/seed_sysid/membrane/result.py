@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.membrane.features import SCALES
 from seed_core.membrane.map import MembraneMap
-from seed_core.membrane.map_file import PRODUCT, GripMap, MembraneMapFile, term_names, texts
+from seed_core.membrane.map_file import PRODUCT, GripMap, MembraneMapFile, format_rows, term_names
 from seed_core.spatial import Array
 from seed_sysid.membrane.data import refuse_idle
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, grip_coordinate, rms
@@ -45,10 +45,10 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
                 right_middle=tuple(right),
                 torque_std=tuple(std[:3].tolist()),
                 force_std=tuple(std[3:].tolist()),
-                coefficients=texts(coefficients),
-                spread=texts(spread),
-                follow=texts(follow),
-                pressure_rise=texts(gas) if len(gas) else (),
+                coefficients=format_rows(coefficients),
+                spread=format_rows(spread),
+                follow=format_rows(follow),
+                pressure_rise=format_rows(gas) if len(gas) else (),
                 pressure_std=(float(gas_std[0]), float(gas_std[1])),
             )
         )

@@ -23,7 +23,7 @@ from seed_core.hand import FINGERS, Hand, read_hand
 from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hysteretic
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
-from seed_core.membrane.map_file import GripMap, MembraneMapFile, load_membrane_map, save_membrane_map, texts
+from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, load_membrane_map, save_membrane_map
 from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
 from seed_driver.motion.calibrated_kinematics import KEYS, LINKS, load_calibration
 from seed_estimation.calibration import file as camera_calibration
@@ -154,9 +154,9 @@ def _membrane_map() -> bytes:
         right_middle=(0.0, -0.012, 0.0),
         torque_std=(0.002,) * 3,
         force_std=(0.1,) * 3,
-        coefficients=texts(np.eye(6, len(terms))),
-        spread=texts(0.1 * np.eye(len(terms))),
-        pressure_rise=texts(np.zeros((2, len(terms)))),
+        coefficients=format_rows(np.eye(6, len(terms))),
+        spread=format_rows(0.1 * np.eye(len(terms))),
+        pressure_rise=format_rows(np.zeros((2, len(terms)))),
         pressure_std=(0.02, 0.02),
     )
     scales = tuple(SCALES.tolist())
