@@ -93,9 +93,8 @@ class GripStiffness:
             raise ConfigError(f"{name} = {value} {unit} must be finite")
         grips = sorted(self.file.grips, key=attrgetter(key))
         at = [getattr(grip, key) for grip in grips]
-        columns = np.array([(*grip.rotation, *grip.translation) for grip in grips]).T
-        kr, kp, ky, kx, k_y, kz = (float(np.interp(value, at, column)) for column in columns)
-        return Stiffness((kr, kp, ky), (kx, k_y, kz))
+        columns = np.array([grip.stiffness.vector() for grip in grips]).T
+        return Stiffness.from_vector(np.array([np.interp(value, at, column) for column in columns]))
 
 
 def load_stiffness(path: str | Path) -> StiffnessFile:

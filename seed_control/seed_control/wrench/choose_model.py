@@ -61,7 +61,7 @@ def choose_model(
 
 def relative_deviations(file: StiffnessFile) -> np.ndarray | None:
     """(6,) largest of the grips, of [rotation, translation]; None where a grip states none."""
-    rows = [np.array(g.rotation_std + g.translation_std) / np.array(g.rotation + g.translation) for g in file.grips]
+    rows = [np.array(g.rotation_std + g.translation_std) / g.stiffness.vector() for g in file.grips]
     worst = np.max(rows, axis=0)
     return worst if all((row > 0.0).all() for row in rows) else None
 

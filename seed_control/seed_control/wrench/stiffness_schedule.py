@@ -45,7 +45,7 @@ class ScheduleFollower:
             ConfigError: the value is not finite, or no width of a gripper.
         """
         stiffness = self._at(value)
-        now = np.array(stiffness.rotation + stiffness.translation)
+        now = stiffness.vector()
         if self._passed is not None and float(np.abs(now / self._passed - 1.0).max()) < _WORTHWHILE:
             return None
         self._passed = now
@@ -67,6 +67,4 @@ class StiffnessBlend(NamedTuple):
     def at(self, t: float) -> Stiffness:
         """Stiffness in use at time t [s]."""
         s = self.share(t)
-        pairs = zip(self.old.rotation + self.old.translation, self.new.rotation + self.new.translation, strict=True)
-        a, b, c, d, e, f = ((1.0 - s) * old + s * new for old, new in pairs)
-        return Stiffness((a, b, c), (d, e, f))
+        return Stiffness.from_vector((1.0 - s) * self.old.vector() + s * self.new.vector())
