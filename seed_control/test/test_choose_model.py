@@ -21,11 +21,11 @@ from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, save_membrane_map
 from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
-from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, save_stiffness
+from seed_core.stiffness_file import GripStiffness, IdentifiedGrip, StiffnessFile, save_stiffness
 from seed_core.wrench_model import BushingModel, SpringWrench
 from seed_core.wrench_settings import WrenchSettings
 
-GRIP = Grip(
+GRIP = IdentifiedGrip(
     1030.0,
     0.02,
     DEFAULT_STIFFNESS.rotation,

@@ -29,7 +29,7 @@ from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.spatial import inverse_pose, make_pose, rotation_from_rpy
-from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
+from seed_core.stiffness_file import IdentifiedGrip, StiffnessFile, save_stiffness
 from seed_ros.conversions import (
     estimate_to_message,
     fill_pose,
@@ -434,7 +434,7 @@ def test_weigh_tool_answers_with_the_weight_that_hangs_in_the_grasp(cell: Cell) 
 
 
 def test_a_stiffness_of_another_hand_is_refused(tmp_path: Path) -> None:
-    grip = Grip(1020.0, 0.06, DEFAULT_STIFFNESS.rotation, DEFAULT_STIFFNESS.translation)
+    grip = IdentifiedGrip(1020.0, 0.06, DEFAULT_STIFFNESS.rotation, DEFAULT_STIFFNESS.translation)
     save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile("another", "tool", "2026-01-31", (grip,)))
     bench = Bench()
     try:
@@ -446,7 +446,9 @@ def test_a_stiffness_of_another_hand_is_refused(tmp_path: Path) -> None:
 
 def test_a_firmer_grip_stiffens_the_law_without_a_jump(tmp_path: Path) -> None:
     soft, firm = DEFAULT_STIFFNESS, DEFAULT_STIFFNESS.scaled(1.5)
-    grips = tuple(Grip(p, w, k.rotation, k.translation) for p, w, k in ((1020.0, 0.06, soft), (1060.0, 0.05, firm)))
+    grips = tuple(
+        IdentifiedGrip(p, w, k.rotation, k.translation) for p, w, k in ((1020.0, 0.06, soft), (1060.0, 0.05, firm))
+    )
     save_stiffness(tmp_path / "stiffness.yaml", StiffnessFile(Hand().name, "tool", "2026-01-31", grips))
     bench = Bench()
     try:

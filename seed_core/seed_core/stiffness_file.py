@@ -21,7 +21,7 @@ MOST_PRESSURE, MOST_WIDTH = 2000.0, 1.0  # [hPa], [m] of a grip
 
 
 @dataclass(frozen=True)
-class Grip:
+class IdentifiedGrip:
     """Stiffness at one grip, with standard deviations (0 where unknown)."""
 
     pressure_hpa: float = field(
@@ -45,7 +45,7 @@ class StiffnessFile:
     hand: str = field(doc="name of the hand")
     tool: str = field(doc="name of the tool that was held")
     date: str = field(doc="when it was measured, ISO 8601 in quotes")
-    grips: tuple[Grip, ...] = field(doc="at least one")
+    grips: tuple[IdentifiedGrip, ...] = field(doc="at least one")
     model: str = field("midpoint", choices=MODELS, doc="stiffness map that was fitted")
     version: int = field(1, low=1, high=1, doc="of this format")
 

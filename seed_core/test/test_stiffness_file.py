@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.config import ConfigError
-from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
+from seed_core.stiffness_file import GripStiffness, IdentifiedGrip, StiffnessFile, load_stiffness, save_stiffness
 
-LOOSE = Grip(20.0, 0.060, (3.0, 2.0, 3.0), (600.0, 900.0, 600.0), (0.1, 0.1, 0.1), (5.0, 5.0, 5.0))
-FIRM = Grip(40.0, 0.050, (5.0, 4.0, 5.0), (1000.0, 1500.0, 1000.0))
+LOOSE = IdentifiedGrip(20.0, 0.060, (3.0, 2.0, 3.0), (600.0, 900.0, 600.0), (0.1, 0.1, 0.1), (5.0, 5.0, 5.0))
+FIRM = IdentifiedGrip(40.0, 0.050, (5.0, 4.0, 5.0), (1000.0, 1500.0, 1000.0))
 FILE = StiffnessFile("soft_bubble", "ft_sensor", "2026-01-31", (LOOSE, FIRM))
 
 

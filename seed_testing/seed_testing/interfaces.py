@@ -18,7 +18,7 @@ from seed_bringup.page.ros.node import PageNode
 from seed_bringup.ros.link_frames import LinkFramesNode
 from seed_control.ros.node import ControllerNode
 from seed_core.hand import DEFAULT_STIFFNESS, Hand
-from seed_core.stiffness_file import Grip, StiffnessFile, save_stiffness
+from seed_core.stiffness_file import IdentifiedGrip, StiffnessFile, save_stiffness
 from seed_driver.gripper import GripperActionConfig
 from seed_driver.ros.gripper_action import GripperActionNode
 from seed_driver.ros.node import DriverNode
@@ -49,7 +49,8 @@ def identified(folder: Path) -> str:
     """A file of an identification, in this folder."""
     k, file = DEFAULT_STIFFNESS, folder / "stiffness.yaml"
     save_stiffness(
-        file, StiffnessFile(Hand().name, "tool", "2026-01-31", (Grip(1020.0, 0.05, k.rotation, k.translation),))
+        file,
+        StiffnessFile(Hand().name, "tool", "2026-01-31", (IdentifiedGrip(1020.0, 0.05, k.rotation, k.translation),)),
     )
     return str(file)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.config import checked
 from seed_core.spatial import inverse_pose
-from seed_core.stiffness_file import Grip, StiffnessFile
+from seed_core.stiffness_file import IdentifiedGrip, StiffnessFile
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.membrane_map import MembraneResult
@@ -96,7 +96,7 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
     for i in firmer if a.grips_told_apart else [a.nominal]:
         pressure, width = float(np.nan_to_num(a.pressures[i])), float(a.widths[i])
         stiffness_and_std = np.array([a.solution.value.stiffness[i], a.solution.std.stiffness[i]]).reshape(4, 3)
-        grips.append(Grip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
+        grips.append(IdentifiedGrip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
     model = a.problem.parameters.model
     file = StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), model)

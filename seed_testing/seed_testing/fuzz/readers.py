@@ -24,7 +24,7 @@ from seed_core.hysteretic.file import hysteretic_file, load_hysteretic, save_hys
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.membrane.features import NAMES, SCALES
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, load_membrane_map, save_membrane_map
-from seed_core.stiffness_file import Grip, GripStiffness, StiffnessFile, load_stiffness, save_stiffness
+from seed_core.stiffness_file import GripStiffness, IdentifiedGrip, StiffnessFile, load_stiffness, save_stiffness
 from seed_driver.motion.calibrated_kinematics import KEYS, LINKS, load_calibration
 from seed_estimation.calibration import file as camera_calibration
 from seed_estimation.calibration.calibrate import read_capture
@@ -125,7 +125,7 @@ def _bag_contents(file: Path) -> Any:
 
 
 def _stiffness() -> bytes:
-    grip = Grip(1010.0, 0.026, (4.0, 3.0, 4.0), (800.0, 1200.0, 800.0))
+    grip = IdentifiedGrip(1010.0, 0.026, (4.0, 3.0, 4.0), (800.0, 1200.0, 800.0))
     firm = replace(grip, pressure_hpa=1030.0, width_m=0.014)
     return _written("s.yaml", lambda f: save_stiffness(f, StiffnessFile("hand", "tool", DATE, (grip, firm))))
 
