@@ -26,7 +26,7 @@ from seed_bringup.page.server import PageServer
 from seed_bringup.page.slow_browser import SCRIPT
 from seed_bringup.page.state import CellState, ControlView, GraspView, History
 from seed_control.parameters import ControllerParameters
-from seed_control.state import Counting
+from seed_control.state import EventLog
 from seed_control.wrench.inputs import Inputs
 
 HELD = GraspView(np.eye(4), True, "", 0.02, False)
@@ -45,7 +45,7 @@ def test_before_a_cell_the_page_says_how_to_start_one() -> None:
 
 
 def test_a_stale_input_is_told_with_where_to_look_for_it() -> None:
-    inputs = Inputs(ControllerParameters(), True, Counting(""))
+    inputs = Inputs(ControllerParameters(), True, EventLog(""))
     assert "driver" in words.remedy(inputs.staleness(1.0))
     inputs.add_kinematics(1.0, np.eye(4))
     assert "cameras" in words.remedy(inputs.staleness(1.0))

@@ -21,7 +21,7 @@ from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.report import describe
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
 from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
-from seed_control.state import ControllerState, ControlOutput, Counting
+from seed_control.state import ControllerState, ControlOutput, EventLog
 from seed_control.supervisor import Supervisor
 from seed_control.wrench.estimate import WrenchEstimator
 from seed_control.wrench.inputs import Inputs
@@ -83,8 +83,8 @@ class Controller:
         self.parameters = p = checked(parameters, "controller")
         self.tool, self._X_EC = tool, hand.X_EC
         law = LAW_CLASSES[p.law]
-        self._counting = Counting("not enabled yet")
-        self._inputs = Inputs(p, law.synchronised, self._counting)
+        self._events = EventLog("not enabled yet")
+        self._inputs = Inputs(p, law.synchronised, self._events)
         self.wrench_estimator = WrenchEstimator(
             tool, Bushing(stiffness, law.model), law.gravity, 1e-3 * p.position_noise, wrench_model, hand.up
         )
@@ -92,7 +92,7 @@ class Controller:
         self.law = law(p, self.wrench_estimator)
         self._command = FlangeCommand(p, hand.X_EC)
         self.supervisor = Supervisor(
-            p, hand, tool, self.law, self._inputs, self._command, self._counting, references, pressure
+            p, hand, tool, self.law, self._inputs, self._command, self._events, references, pressure
         )
         self._guard = self.supervisor.guard
         self._setpoint: Setpoint | None = None
@@ -228,9 +228,9 @@ class Controller:
         try:
             self._adopt(setpoint, t)
         except SetpointError as error:
-            self._counting.count("setpoints_refused", str(error))
+            self._events.count("setpoints_refused", str(error))
             raise
-        self._counting.used("setpoints")
+        self._events.used("setpoints")
         self._setpoint = setpoint
 
     def _adopt(self, setpoint: Setpoint, t: float) -> None:
@@ -337,4 +337,4 @@ class Controller:
         return self._state
 
     def _describe(self, t: float, limits: tuple[str, ...] = ()) -> ControllerState:
-        return describe(t, self._setpoint, limits, self.law, self.supervisor, self._counting)
+        return describe(t, self._setpoint, limits, self.law, self.supervisor, self._events)

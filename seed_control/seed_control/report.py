@@ -5,7 +5,7 @@ from math import inf
 
 from seed_control.law.published import PublishedLaw
 from seed_control.setpoint.setpoints import Setpoint
-from seed_control.state import ControllerState, Counting, Mode
+from seed_control.state import ControllerState, EventLog, Mode
 from seed_control.supervisor import Supervisor
 
 
@@ -15,13 +15,13 @@ def describe(
     limits: tuple[str, ...],
     law: PublishedLaw,
     supervisor: Supervisor,
-    counting: Counting,
+    events: EventLog,
 ) -> ControllerState:
     """The state after a step.
 
     Args:
         t: [s] of the step. setpoint: that is followed. limits: names of those that the command met.
-        law, supervisor, counting: the controller's.
+        law, supervisor, events: the controller's.
     """
     plan, held, m, hybrid = law.plan, supervisor.guard.held, law.measured, law.setpoint
     mode = _mode(setpoint, law, supervisor)
@@ -43,11 +43,11 @@ def describe(
         trailing=law.trailing if hybrid is not None else None,
         R_W_task=plan.R_W_task,
         limits_hit=limits,
-        reason=held or counting.remark or supervisor.warning,
+        reason=held or events.remark or supervisor.warning,
         in_contact=law.contact.made,
         settled=mode == "contact" and law.settled,
         image_age=t - m.stamp if m is not None else inf,
-        counters=counting.counters,
+        counters=events.counters,
     )
 
 

@@ -11,7 +11,7 @@ from seed_core.spatial import Array, Wrench
 Mode = Literal["disabled", "holding", "idle", "position", "approach", "contact"]
 
 
-class Counters(NamedTuple):
+class EventCounts(NamedTuple):
     """Inputs that were refused or left unused since start, each by its cause."""
 
     setpoints_refused: int = 0
@@ -23,39 +23,40 @@ class Counters(NamedTuple):
     holds: int = 0
 
 
-class Counting:
-    """The counters of one controller as they rise, and what is to be said of each kind of input.
+class EventLog:
+    """Counts what happens in one controller, and keeps the newest remark on each kind of input.
 
-    A word lasts until an input of its kind is used again: what counts is named by its kind and what became of it.
+    A remark lasts until an input of its kind is used again. A counter is named by that kind and what became of it, as
+    'setpoints_refused' is.
     """
 
     def __init__(self, remark: str) -> None:
-        self.counters = Counters()
-        self._remarks: dict[str, str] = {}  # by the kind of input, the newest last
+        self.counters = EventCounts()
+        self._remarks: dict[str, str] = {}  # by kind of input, the newest last
         self.restart(remark)
 
     @property
     def remark(self) -> str:
-        """The newest word that still holds; '' for none."""
+        """The newest that still holds; '' for none."""
         return next(reversed(self._remarks.values()), "")
 
     def restart(self, remark: str) -> None:
-        """Enabled or disabled: all former words are over."""
+        """Enabled or disabled: all former remarks are over."""
         self._remarks = {"mode": remark} if remark else {}
 
     def count(self, name: str, remark: str | None = None) -> None:
-        """One more of a counter, with a word about its kind."""
+        """One more of a counter, with a remark on its kind."""
         self.counters = self.counters._replace(**{name: getattr(self.counters, name) + 1})
         if remark:
             self.say(name.split("_")[0], remark)
 
     def say(self, kind: str, remark: str) -> None:
-        """A word about the newest input of a kind: setpoints, estimates, kinematics."""
+        """A remark on the newest input of a kind: setpoints, estimates, kinematics."""
         self._remarks.pop(kind, None)
         self._remarks[kind] = remark
 
     def used(self, kind: str) -> None:
-        """An input of this kind was used: what was said of it is over."""
+        """An input of this kind was used: its remark is over."""
         self._remarks.pop(kind, None)
 
 
@@ -106,7 +107,7 @@ class ControllerState(NamedTuple):
     in_contact: bool = False
     settled: bool = False
     image_age: float = inf
-    counters: Counters = Counters()
+    counters: EventCounts = EventCounts()
 
 
 class ControlOutput(NamedTuple):

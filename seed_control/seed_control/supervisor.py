@@ -18,7 +18,7 @@ from seed_control.monitor.references import References
 from seed_control.monitor.stamp_step import StampStep
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import RelativePoseSetpoint
-from seed_control.state import Counting
+from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.inputs import MOST_BAD, Inputs
 from seed_control.wrench.knowledge import WrenchKnowledge
@@ -54,14 +54,14 @@ class Supervisor:
         law: PublishedLaw,
         inputs: Inputs,
         command: FlangeCommand,
-        counting: Counting,
+        events: EventLog,
         references: ReferenceSettings | None = None,
         pressure: PressureCheck | None = None,
     ) -> None:
         """references, pressure: see the controller. The rest: what is looked at."""
-        p, self._law, self._inputs, self._command, self._counting = parameters, law, inputs, command, counting
+        p, self._law, self._inputs, self._command, self._events = parameters, law, inputs, command, events
         self._wrench_estimator = law.wrench_estimator
-        self.guard = Guard(p, counting, command.stopping)
+        self.guard = Guard(p, events, command.stopping)
         settings = checked(references or ReferenceSettings(), "reference")
         if not law.gravity:  # the paper's law has the paper's wrench
             settings = replace(settings, correct=False)
@@ -137,8 +137,8 @@ class Supervisor:
     def image(self, m: Measurement, t: float) -> None:
         """Look at an image that the law has taken in, at time t [s]."""
         law, guard = self._law, self.guard
-        if law.contact.lost > self._counting.counters.contacts_lost:
-            self._counting.count("contacts_lost")
+        if law.contact.lost > self._events.counters.contacts_lost:
+            self._events.count("contacts_lost")
         self._check_force(m)
         if self.known.update(m, law.plan.R_W_task):
             self.references.update(m, self.known.by_pose, law.contact.anywhere, t)

@@ -16,7 +16,7 @@ from seed_control.law.hybrid import HybridLaw
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.checks import SetpointChecks
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
-from seed_control.state import Counting
+from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
@@ -187,6 +187,6 @@ def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, s
 
 
 def moving(parameters: ControllerParameters) -> Guard:
-    guard = Guard(parameters, Counting(""), lambda _: 0.0)
+    guard = Guard(parameters, EventLog(""), lambda _: 0.0)
     guard.enable(True)
     return guard

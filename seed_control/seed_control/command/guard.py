@@ -11,7 +11,7 @@ from seed_control.command.bending import Bending
 from seed_control.command.free_travel import FreeTravel
 from seed_control.law.published import Plan
 from seed_control.parameters import ControllerParameters
-from seed_control.state import Counting
+from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement
 from seed_core.arm.hold import HoldLatch
 from seed_core.spatial import rpy_from_rotation
@@ -30,11 +30,9 @@ class Guard:
         bending: the same without the displacement of the grasp that is wanted.
     """
 
-    def __init__(
-        self, parameters: ControllerParameters, counting: Counting, stopping: Callable[[float], float]
-    ) -> None:
+    def __init__(self, parameters: ControllerParameters, events: EventLog, stopping: Callable[[float], float]) -> None:
         """stopping: the way [m] in which the command comes to rest from a speed [m/s]."""
-        self.parameters, self._counting = parameters, counting
+        self.parameters, self._events = parameters, events
         self._latch = HoldLatch(inf)
         self.enabled = False
         self._too_far = self._pressed = 0  # images in a row
@@ -57,7 +55,7 @@ class Guard:
         """Allow motion or not; either way a hold is over."""
         self._latch.resume()
         self.enabled = on
-        self._counting.restart(remark)
+        self._events.restart(remark)
         self._pressed = 0
         if not self._directions:  # away from what was in the way
             self._least_across = inf
@@ -69,7 +67,7 @@ class Guard:
         """Stop, if it moves and there is a reason: '' is none. The first one stays."""
         if why and self.following:
             self._latch.hold(why)
-            self._counting.count("holds")
+            self._events.count("holds")
 
     def check_overload(self, m: Measurement) -> None:
         """Per image: hold when the grasp is deflected or loaded beyond what it endures, in three images in a row."""

@@ -6,7 +6,7 @@ from math import inf, isfinite
 import numpy as np
 
 from seed_control.parameters import ControllerParameters
-from seed_control.state import Counting
+from seed_control.state import EventLog
 from seed_control.wrench.history import EXTRAPOLATION, PoseHistory
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
@@ -35,9 +35,9 @@ class Inputs:
         arrived: when the newest match was made, and image_stamp: the stamp of its image [s].
     """
 
-    def __init__(self, parameters: ControllerParameters, synchronised: bool, counting: Counting) -> None:
+    def __init__(self, parameters: ControllerParameters, synchronised: bool, events: EventLog) -> None:
         """synchronised: match an image with the kinematics of its own moment, not with the newest."""
-        self._parameters, self._synchronised, self._counting = parameters, synchronised, counting
+        self._parameters, self._synchronised, self._events = parameters, synchronised, events
         self.history = PoseHistory()
         self.estimate: RelativePoseEstimate | None = None
         self.pending: RelativePoseEstimate | None = None  # not matched yet
@@ -55,14 +55,14 @@ class Inputs:
             why, good = str(error), False
         self.why_no_pose = "" if good else f"; the last one was not used: {why}"
         if good:
-            self._counting.used("kinematics")
+            self._events.used("kinematics")
         else:
-            self._counting.count("kinematics_refused", f"current_pose is not used: {why}")
+            self._events.count("kinematics_refused", f"current_pose is not used: {why}")
         return good
 
     def refused(self, kind: str, why: str) -> None:
         """An input was refused before it came here: one of 'kinematics', 'estimates' and 'setpoints'."""
-        self._counting.say(kind, why)
+        self._events.say(kind, why)
         if kind == "kinematics":
             self.why_no_pose = f"; the last one was not used: {why}"
         if kind == "estimates":
@@ -75,11 +75,11 @@ class Inputs:
         """
         last = self.estimate.stamp if self.estimate is not None else -inf
         if isfinite(estimate.stamp) and estimate.stamp <= last:
-            self._counting.count("estimates_out_of_order")
+            self._events.count("estimates_out_of_order")
             return False
         why = _why_unusable(estimate) or unobserved
         if why:
-            self._counting.count("estimates_invalid", why)
+            self._events.count("estimates_invalid", why)
             self.why_bad = why
             if not -inf < estimate.stamp <= self._counted_from:
                 self.bad_in_a_row += 1
@@ -94,7 +94,7 @@ class Inputs:
         """An estimate has waited in vain for kinematics of its moment, by [s] after the newest that have come."""
         if isfinite(by):
             self.why_bad = f"it is dated {by:.3f} s after the newest current_pose: compare the clocks"
-            self._counting.count("estimates_unmatched", f"estimate meets no kinematics of its moment: {self.why_bad}")
+            self._events.count("estimates_unmatched", f"estimate meets no kinematics of its moment: {self.why_bad}")
 
     @property
     def heard(self) -> bool:
@@ -114,12 +114,12 @@ class Inputs:
         X_WE = history.at(stamp) if self._synchronised else history.newest()
         if X_WE is not None:
             self.pending, self.arrived, self.image_stamp = None, t, stamp
-            self._counting.used("estimates")
+            self._events.used("estimates")
             return estimate, X_WE
         if stamp < history.oldest_stamp or t - stamp > self._parameters.max_estimate_age:
             self.pending = None
             why = f"estimate of {t - stamp:.3f} s ago meets no kinematics of its moment"
-            self._counting.count("estimates_unmatched", why)
+            self._events.count("estimates_unmatched", why)
         return None
 
     def set_back(self, t: float, before: float) -> str:
