@@ -12,7 +12,7 @@ from seed_control.command.relief import Relief
 from seed_control.law.published import PublishedLaw
 from seed_control.monitor.contact.contact_watch import ContactWatch
 from seed_control.monitor.grasp_check import GraspCheck
-from seed_control.monitor.plausible import Frozen, Jumped
+from seed_control.monitor.pose_checks import FrozenPoseCheck, PoseJumpCheck
 from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.monitor.references import References
 from seed_control.monitor.stamp_step import StampStep
@@ -73,19 +73,19 @@ class Supervisor:
         self.known = WrenchKnowledge(self._wrench_estimator)
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place of C at which it came to hold
-        self._still, self._jumped = Frozen(), Jumped(p)
+        self._frozen, self._jumps = FrozenPoseCheck(), PoseJumpCheck(p)
 
     def set_limits(self, parameters: ControllerParameters) -> None:
         """Use the limits of these parameters from now on."""
-        self.guard.parameters = self._jumped.parameters = parameters
+        self.guard.parameters = self._jumps.parameters = parameters
 
     def restart(self) -> None:
         """Enabled anew: what was seen before is over."""
         self.watch.restart()
         self.grasp_check.restart()
         self._relief.restart()
-        self._still.restart()
-        self._jumped.restart()
+        self._frozen.restart()
+        self._jumps.restart()
         self.bend(None)
         self.guard.enable(True)
 
@@ -103,7 +103,7 @@ class Supervisor:
     @property
     def warning(self) -> str:
         """What does not hold, but explains what is seen; '' for nothing."""
-        return self.guard.free_travel.warning or self._still.warning or self.watch.warning or self._jumped.warning
+        return self.guard.free_travel.warning or self._frozen.warning or self.watch.warning or self._jumps.warning
 
     def add_estimate(self, estimate: RelativePoseEstimate, unobserved: str, t: float) -> bool:
         """Check an estimate and hand it to the inputs; whether it may be used. Too many bad ones in a row hold.
@@ -113,8 +113,8 @@ class Supervisor:
             t: [s] of the last step.
         """
         inputs = self._inputs
-        still = self._still.check(estimate, inputs.estimate, inputs.history)
-        unknown = unobserved or still or self._wrench_estimator.why_unknown(estimate)
+        frozen = self._frozen.check(estimate, inputs.estimate, inputs.history)
+        unknown = unobserved or frozen or self._wrench_estimator.why_unknown(estimate)
         jump = "" if unknown else self._jump(estimate)
         self.stamps.update(estimate.stamp, t)
         if self._loads:  # no force while images are dated by a clock that was set back
@@ -191,8 +191,8 @@ class Supervisor:
         if m is None or not (estimate.valid and self.guard.following and self._loads):
             return ""
         grasp = self._wrench_estimator
-        why = self._jumped.check(estimate, m, self._inputs.history, grasp.mean_stiffness, grasp.turning_stiffness)
-        self.grasp_check.doubt(self._jumped.newest)
+        why = self._jumps.check(estimate, m, self._inputs.history, grasp.mean_stiffness, grasp.turning_stiffness)
+        self.grasp_check.doubt(self._jumps.newest)
         return why
 
     def _pressing(self) -> Array | None:

@@ -11,7 +11,7 @@ from quasi_static import DOWN, DT, Bench
 from seed_control.command.arm_follows import ArmFollows, Behind, RecentSpeed
 from seed_control.command.free_travel import FreeTravel
 from seed_control.command.limiter import VectorLimiter
-from seed_control.monitor.plausible import Frozen
+from seed_control.monitor.pose_checks import FrozenPoseCheck
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
@@ -293,7 +293,7 @@ def test_poses_that_are_frozen_are_noticed() -> None:
 
 
 def test_frozen_poses_are_noticed_though_the_arms_history_began_after_the_first() -> None:
-    frozen, history = Frozen(), PoseHistory()
+    frozen, history = FrozenPoseCheck(), PoseHistory()
     told = [RelativePoseEstimate(0.05 * i, np.eye(4)) for i in range(5)]
     for i in range(2, 5):
         history.add(0.05 * i, make_pose(np.eye(3), (0.0, 0.0, 1e-4 * i)))

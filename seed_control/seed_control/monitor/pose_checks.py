@@ -15,7 +15,7 @@ _LONG = 0.5  # [s] of poses that are the same, which is told
 _NOISE = 8.5  # deviations of a component (six of a difference) that a jump stands out by
 
 
-class Frozen:
+class FrozenPoseCheck:
     """Whether the poses are those of one image, told again and again with fresh stamps.
 
     Attributes:
@@ -60,7 +60,7 @@ class Frozen:
         )
 
 
-class Jumped:
+class PoseJumpCheck:
     """Whether each estimate goes on from the one before.
 
     In contact the deflection goes no further than the gripper, in free air it stays. What jumps is a contact that is
