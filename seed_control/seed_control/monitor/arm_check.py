@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_control.monitor.contradiction import WindowTest
-from seed_control.monitor.weight_check import Sample
+from seed_control.monitor.weight_check import FreeSpaceSample
 from seed_control.wrench.estimate import Measurement
 from seed_core.errors import SeedError
 from seed_core.hand import GRAVITY, Tool
@@ -30,7 +30,7 @@ SET_BACK = 1.0  # [s] a reading older than the last by this: the clock was set b
 BOUNDS = 2000.0, 500.0  # [N], [N m] that no reading at a flange is beyond
 
 
-class Reading(NamedTuple):
+class SpringByArm(NamedTuple):
     """(6,) of (torque, force) of the tool's spring on the tool about T's origin in T, with (6, 6) covariances."""
 
     wrench: Array
@@ -58,7 +58,7 @@ class ArmCheck:
         self._zeros: deque[Array] = deque(maxlen=_MOST)
         self._zero: Array | None = None  # (6,) of the reading in E
         self._last: tuple[float, Array] | None = None
-        self.reading: Reading | None = None
+        self.reading: SpringByArm | None = None
         self.reason = ""
 
     def reset(self) -> None:
@@ -95,7 +95,7 @@ class ArmCheck:
         self._newest = stamp
 
     def update(
-        self, m: Measurement, spring: Wrench, weight: Wrench, random: Array, free: list[Sample], t: float
+        self, m: Measurement, spring: Wrench, weight: Wrench, random: Array, free: list[FreeSpaceSample], t: float
     ) -> None:
         """Compare with a measurement.
 
@@ -170,7 +170,7 @@ class ArmCheck:
         R, p = X_ET[:3, :3], X_ET[:3, 3]
         return on_hand.about(-R.T @ p).rotated(R).vector()
 
-    def _of_spring(self, m: Measurement, reading: Array, noise: Array, carried: Array, rate: Array) -> Reading:
+    def _of_spring(self, m: Measurement, reading: Array, noise: Array, carried: Array, rate: Array) -> SpringByArm:
         """The spring's wrench by a reading in E without its offset.
 
         Args:
@@ -187,4 +187,4 @@ class ArmCheck:
         gain = self._settings.arm_gain * wrench
         systematic = A @ np.diag(self._offset + noise / n) @ A.T + np.diag(gain * gain)
         systematic[3:, 3:] += np.eye(3) * self._mass**2  # the offset was found under a weight that is known so well
-        return Reading(wrench, random, systematic)
+        return SpringByArm(wrench, random, systematic)

@@ -22,7 +22,7 @@ _SPOKEN = 1.0  # [s] for which words stay before they are said anew
 _AXES = "xyz"
 
 
-class Difference(NamedTuple):
+class MeanDifference(NamedTuple):
     """Mean over the window, each (6,) of (torque, force): difference and its standard deviations [N m, N]."""
 
     mean: Array
@@ -30,7 +30,7 @@ class Difference(NamedTuple):
 
 
 class WindowTest:
-    """Feed differences; `worst` names the half that is significantly off, if any.
+    """`add` differences; `told` says which component is off, once they are `significant`.
 
     Attributes:
         significant: whether torque or force differs by more than its covariance and more than the tolerance.
@@ -43,7 +43,7 @@ class WindowTest:
         self._samples: deque[tuple[float, Array, Array]] = deque()
         self._off = 0  # samples in a row at which the means differed
         self.significant = False
-        self.difference: Difference | None = None
+        self.difference: MeanDifference | None = None
         self._spoken = -inf
 
     def reset(self) -> None:
@@ -70,7 +70,7 @@ class WindowTest:
         n = len(samples)
         mean = sum((s[1] for s in samples), np.zeros(6)) / n
         C = sum((s[2] for s in samples), np.zeros((6, 6))) / (n * independent) + systematic
-        self.difference = Difference(mean, np.sqrt(C.diagonal()))
+        self.difference = MeanDifference(mean, np.sqrt(C.diagonal()))
         off = False
         for half, tolerance in ((slice(0, 3), self._tolerance[0]), (slice(3, 6), self._tolerance[1])):
             d = mean[half]

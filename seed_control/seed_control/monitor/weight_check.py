@@ -31,7 +31,7 @@ _SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
 _FLOOR = np.array((0.01, 0.01, 0.01, 0.05, 0.05, 0.05)) ** 2  # of a tool that swings a little
 
 
-class Sample(NamedTuple):
+class FreeSpaceSample(NamedTuple):
     """One moment in free space.
 
     Attributes:
@@ -62,9 +62,9 @@ class WeightCheck:
         self._test = WindowTest(settings.force_tolerance, settings.torque_tolerance)
         self._mass = settings.mass_deviation * tool.mass * GRAVITY  # [N]
         self._lever = 1e-3 * settings.centre_deviation  # [m]
-        self._waiting: deque[Sample] = deque()
+        self._waiting: deque[FreeSpaceSample] = deque()
         self._touched: tuple[Array, Array] | None = None  # tip and direction of the last touch
-        self.passed: list[Sample] = []
+        self.passed: list[FreeSpaceSample] = []
         self.reset()
 
     def reset(self) -> None:
@@ -112,7 +112,7 @@ class WeightCheck:
         if before is None or (np.abs(told - before[1])[3:] > _SETTLED * (m.stamp - before[0]) + noise).any():
             return
         load = -weight.vector()
-        self._waiting.append(Sample(m, told, load, random, self._systematic(weight), self._high - self._low))
+        self._waiting.append(FreeSpaceSample(m, told, load, random, self._systematic(weight), self._high - self._low))
         while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
             self._take(self._waiting.popleft(), told - load)
         if not self._test.significant:
@@ -123,7 +123,7 @@ class WeightCheck:
                 f"{self._test.told()}: is tool.mass right, the stiffness, and was the grasp taken free of load?"
             )
 
-    def _take(self, s: Sample, now: Array) -> None:
+    def _take(self, s: FreeSpaceSample, now: Array) -> None:
         """A sample that has waited; now: (6,) the difference at present."""
         difference = s.spring - s.load
         d = difference[3:]

@@ -16,7 +16,7 @@ from seed_control.controller import Controller
 from seed_control.ros.task_operator import Operator
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus, check_fits, read_task
-from seed_control.tasks.contact_stop import Found
+from seed_control.tasks.contact_stop import FoundPlace
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
 from seed_ros import SeedNode
@@ -46,7 +46,7 @@ def _player(task: str, overrides: str) -> TaskPlayer:
     return TaskPlayer(read_task(task, overrides), waits=False)
 
 
-class _Reading:
+class _TaskReader:
     """A task that is read beside the loop: a long one takes longer than an arm waits for its target.
 
     Attributes:
@@ -89,7 +89,7 @@ class FollowServer:
         self._node, self._core, self._why_not = node, core, why_not
         self._operator, self._lost, self._base = operator, lost, base
         self._run: _Run | None = None
-        self._reading: _Reading | None = None
+        self._reader: _TaskReader | None = None
         self._worker = ThreadPoolExecutor(1, "tasks")
         # Begins its thread before the loop, which raises the priority of all threads that there are: a worker that had
         # to wait for other programs in the middle of a task would keep Python's lock from the loop.
@@ -122,13 +122,13 @@ class FollowServer:
             raise SeedError(
                 f"task '{self._run.player.task.name}' is being played: cancel it first, as ./seed cancel does"
             )
-        if self._reading is not None:
+        if self._reader is not None:
             raise SeedError("another task is being read, and is played then: cancel it first, as ./seed cancel does")
-        self._reading = _Reading(self._worker, goal)
+        self._reader = _TaskReader(self._worker, goal)
         try:
-            player: TaskPlayer = await self._reading.player
+            player: TaskPlayer = await self._reader.player
         finally:
-            self._reading = None
+            self._reader = None
         task = player.task
         if why_not := self._why_not():
             raise SeedError(f"cannot play '{task.name}': {why_not}")
@@ -142,8 +142,8 @@ class FollowServer:
 
     def before_step(self, now: float) -> None:
         """Give the controller the set-point of this moment."""
-        if self._reading is not None:
-            self._reading.look()
+        if self._reader is not None:
+            self._reader.look()
         run = self._run
         if run is None:
             return
@@ -203,7 +203,7 @@ class FollowServer:
         fill_wrench(message.error, self._core.law.regulated_error() or Wrench.zero())
         run.goal.publish_feedback(message)
 
-    def _pose(self, found: Found) -> PoseWithCovarianceStamped:
+    def _pose(self, found: FoundPlace) -> PoseWithCovarianceStamped:
         message = PoseWithCovarianceStamped()
         message.header.frame_id = self._base
         fill_pose(message.pose.pose, found.X_W_tip)

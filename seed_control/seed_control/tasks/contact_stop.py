@@ -20,7 +20,7 @@ _DEEPEST = 0.05  # [m] to a surface whose edge is looked for: `reach` is along i
 _ON = 0.25  # share of the drop within which an image is still on the surface
 
 
-class Found(NamedTuple):
+class FoundPlace(NamedTuple):
     """Where something was touched.
 
     Attributes:
@@ -70,7 +70,7 @@ class StopRun(StepRun):
         self._images: list[_Image] = []
         self._seen: Array | None = None
         self._to_work = inverse_pose(X_W)
-        self.found: Found | None = None
+        self.found: FoundPlace | None = None
 
     def advance(self, dt: float, state: ControllerState) -> str:
         self._t += dt
@@ -118,7 +118,7 @@ class StopRun(StepRun):
         X = self._X_W @ images[len(images) // 2].X
         X[:3, 3] = places.mean(axis=0) + self._X_W[:3, 3]
         towards = self._X_W[:3, :3] @ (self._edge if self._stop.edge else self._way)
-        self.found = Found(self.step.phase.name, X, np.maximum(spread, _LEAST), towards)
+        self.found = FoundPlace(self.step.phase.name, X, np.maximum(spread, _LEAST), towards)
 
     def _gone_too_far(self, state: ControllerState) -> bool:
         """Whether nothing was found within reach; `why` says so."""

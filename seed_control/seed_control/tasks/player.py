@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
-from seed_control.tasks.contact_stop import Found, StopRun
+from seed_control.tasks.contact_stop import FoundPlace, StopRun
 from seed_control.tasks.insertion.insert import InsertRun
 from seed_control.tasks.insertion.search import SearchRun
 from seed_control.tasks.path import Path
@@ -61,7 +61,7 @@ class TaskPlayer:
         self._ending = ""  # why the task ends early
         self._cancelled = False
         self._searches = 0  # once more, where an insertion found no way in
-        self.found: tuple[Found, ...] = ()
+        self.found: tuple[FoundPlace, ...] = ()
         self._last: float | None = None
         self._before = np.cumsum([0.0, *(s.expected_time for s in self._steps)])
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_control.tasks import Task
-from seed_control.tasks.contact_stop import Found
+from seed_control.tasks.contact_stop import FoundPlace
 from seed_core.errors import SeedError
 from seed_core.spatial import Array, so3_log
 
@@ -46,7 +46,7 @@ class Recording:
     torque_axes: tuple[bool, bool, bool] = (True, False, False)
     rows: dict[str, list[Any]] = field(default_factory=dict)
     finished: bool = False
-    found: tuple[Found, ...] = ()
+    found: tuple[FoundPlace, ...] = ()
     message: str = ""
 
     def add(self, **values: Any) -> None:

@@ -33,7 +33,7 @@ _LEAST_DEVIATION = 5e-5  # [m] of a deflection, whatever is stated
 _INFLATION = 2.0  # of the variance: errors of neighbouring images are alike
 
 
-class Followed(NamedTuple):
+class FollowedMotion(NamedTuple):
     """How the deflection along a force direction follows the gripper.
 
     Attributes:
@@ -84,7 +84,7 @@ class ContactMotion:
         while self._rows[0][0] < m.stamp - WINDOW:
             self._rows.popleft()
 
-    def followed(self, n: Array, history: PoseHistory, shift: float | None = None) -> Followed | None:
+    def followed(self, n: Array, history: PoseHistory, shift: float | None = None) -> FollowedMotion | None:
         """Along the unit vector n (3,); None while too little has moved to tell.
 
         shift: [s] by which stamps are known to be ahead; None: to be found.
@@ -135,7 +135,7 @@ def _across(n: Array) -> tuple[Array, Array]:
     return a, cross(n, a)
 
 
-def _best(d: Array, X: Array, variance: float, shifts: Array, way: float) -> Followed | None:
+def _best(d: Array, X: Array, variance: float, shifts: Array, way: float) -> FollowedMotion | None:
     """The shift at which d (N,) is best explained by X (3, shifts, N): height, and place across.
 
     Least squares with a prior on share and slope, for all shifts at once.
@@ -160,4 +160,4 @@ def _best(d: Array, X: Array, variance: float, shifts: Array, way: float) -> Fol
         deviation = _STEP * sqrt(2.0 * noise / curvature)
     explained = max(total - float(cost[i]), 0.0)
     steepness = sqrt(explained / count) / max(way, 1e-6)
-    return Followed(shift, deviation, float(x[i, 0]), explained / total, steepness)
+    return FollowedMotion(shift, deviation, float(x[i, 0]), explained / total, steepness)

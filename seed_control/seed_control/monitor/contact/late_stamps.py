@@ -9,7 +9,7 @@ itself, as it slides or stiffens: it is told, but does not hold.
 
 from collections.abc import Callable
 
-from seed_control.monitor.contact.contact_motion import SHARES, Followed
+from seed_control.monitor.contact.contact_motion import SHARES, FollowedMotion
 from seed_control.parameters import ControllerParameters
 
 _KNOWN = 0.012  # [s] of deviation, from which on the stamp error counts as told
@@ -39,7 +39,7 @@ class LateStamps:
         """A hold is over: what is to be said has to be seen anew."""
         self.reason, self._late = "", 0
 
-    def update(self, seen: Followed | None, sure: Callable[[], float]) -> None:
+    def update(self, seen: FollowedMotion | None, sure: Callable[[], float]) -> None:
         """Take in how the deflection has followed the gripper; sure: chi-square of a lag against a grasp's own."""
         if seen is None or not _tells(seen):
             return
@@ -60,7 +60,7 @@ class LateStamps:
             self.reason = f"{words}; {most}: compare the clocks (./seed identify --live)"
 
 
-def _tells(seen: Followed) -> bool:
+def _tells(seen: FollowedMotion) -> bool:
     return (
         seen.deviation <= _KNOWN
         and seen.explained >= _EXPLAINED

@@ -8,7 +8,7 @@ the surface moves first and the gripper follows late, so that the deflection is 
 from collections import deque
 from itertools import pairwise
 
-from seed_control.monitor.contact.contact_motion import SHARES, Followed
+from seed_control.monitor.contact.contact_motion import SHARES, FollowedMotion
 
 LEGS = 4  # from one turn to the next
 _SHORTEST, _LONGEST = 0.05, 0.6  # [s] of a leg
@@ -50,7 +50,7 @@ class Swing:
         if stamp - self._extreme[0] > _LONGEST:
             self.suspected = False
 
-    def judge(self, seen: Followed | None) -> None:
+    def judge(self, seen: FollowedMotion | None) -> None:
         """Whether the gripper explains what is suspected; `seen` at the shift of the clocks that is known."""
         if seen is None or seen.explained < _EXPLAINED or not SHARES[0] <= seen.share <= SHARES[1]:
             return
