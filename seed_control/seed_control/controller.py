@@ -178,7 +178,7 @@ class Controller:
         """Decelerate to rest and ignore set-points until enabled again."""
         self._setpoint = None
         self.law.release()
-        self.supervisor.bend(None)
+        self.supervisor.follow_displacement(None)
         self._guard.enable(False, reason or "disabled")
         self._state = self._describe(t)  # whoever plays something sees it at once
 
@@ -196,8 +196,8 @@ class Controller:
         try:
             if self.law.setpoint is not None:
                 self.checks.size(self.law.setpoint.wrench)
-            elif self.supervisor.bends is not None and self.law.measured is not None:
-                self.checks.displaced(self.supervisor.bends, self.law.measured.X_WT[:3, :3])
+            elif self.supervisor.displacement is not None and self.law.measured is not None:
+                self.checks.displaced(self.supervisor.displacement, self.law.measured.X_WT[:3, :3])
         except SetpointError as error:
             self.hold(t, f"the limits were lowered: {error}")
 
@@ -207,15 +207,15 @@ class Controller:
         A set-point that cannot be followed with it, nor with a quarter more, ends in a hold.
         """
         blend = self.parameters.stiffness_blend if self._guard.enabled else 0.0
-        law, bends, estimate = self.law, self.supervisor.bends, self._inputs.estimate
+        law, displacement, estimate = self.law, self.supervisor.displacement, self._inputs.estimate
         m, bushing = law.measured, Bushing(stiffness.scaled(DOUBTED), self.wrench_estimator.bushing.model)
         if not self.wrench_estimator.set_stiffness(stiffness, t, blend) or m is None or estimate is None:
             return
         try:
             if law.setpoint is not None:
                 self.checks.load(law.setpoint, estimate, m.X_WC[:3, :3], bushing)
-            elif bends is not None:
-                self.checks.displaced(bends, m.X_WT[:3, :3], bushing)
+            elif displacement is not None:
+                self.checks.displaced(displacement, m.X_WT[:3, :3], bushing)
         except SetpointError as error:
             self.hold(t, f"the stiffness was changed: {error}")
 
@@ -244,7 +244,7 @@ class Controller:
         if isinstance(setpoint, RelativePoseSetpoint):
             checks.displacement(setpoint, estimate, m.X_WT[:3, :3])
             law.release()
-            self.supervisor.bend(setpoint)
+            self.supervisor.follow_displacement(setpoint)
             return
         hybrid = checks.as_hybrid(setpoint, m)
         if hybrid.differs_in_place_only(law.setpoint):
@@ -253,7 +253,7 @@ class Controller:
             return
         checks.load(hybrid, estimate, m.X_WC[:3, :3])
         checks.place(hybrid.X_W_tip)
-        self.supervisor.bend(None)
+        self.supervisor.follow_displacement(None)
         law.adopt(hybrid, self._command.p_WC)
         self._command.turn_to(law.plan.X_WC[:3, :3])
 

@@ -41,10 +41,10 @@ class Supervisor:
         watch: what the contact says about clocks and swings.
         stamps: whether the images' clock was set back.
         known: how well the wrench is known.
-        bends: the displacement of the grasp that is followed, if one is.
+        displacement: set-point of the grasp's displacement that is followed; None where another kind is, or none.
     """
 
-    bends: RelativePoseSetpoint | None = None
+    displacement: RelativePoseSetpoint | None = None
 
     def __init__(
         self,
@@ -86,19 +86,19 @@ class Supervisor:
         self._relief.restart()
         self._frozen.restart()
         self._jumps.restart()
-        self.bend(None)
+        self.follow_displacement(None)
         self.guard.enable(True)
 
-    def bend(self, setpoint: RelativePoseSetpoint | None) -> None:
+    def follow_displacement(self, setpoint: RelativePoseSetpoint | None) -> None:
         """A displacement of the grasp is followed from now on, or none."""
         if setpoint is None:
-            self.guard.bending.restart()
-        self.bends = setpoint
+            self.guard.displacement_travel.restart()
+        self.displacement = setpoint
 
     @property
     def _loads(self) -> bool:
         """Whether what is followed is to load the grasp."""
-        return self._law.regulates_force or self.bends is not None
+        return self._law.regulates_force or self.displacement is not None
 
     @property
     def warning(self) -> str:
@@ -151,8 +151,8 @@ class Supervisor:
         self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
         if guard.following and self._loads:
             guard.hold(self.grasp_check.reason)
-        if self.bends is not None:
-            guard.bending.image(self.bends.X_TC, m.X_TC, self._wrench_estimator.bushing.stiffness)
+        if self.displacement is not None:
+            guard.displacement_travel.image(self.displacement.X_TC, m.X_TC, self._wrench_estimator.bushing.stiffness)
 
     def check_motion(self, t: float, dt: float) -> None:
         """Per step at t [s], before it moves: inputs that went stale, and the motion of the last step, of dt [s]."""
@@ -160,8 +160,8 @@ class Supervisor:
         if guard.following:
             guard.hold(self._inputs.staleness(t))
             guard.check_motion(command.p_WC, self._law.plan, command.behind(self._inputs.history.newest()), dt)
-            if self.bends is not None:
-                guard.hold(guard.bending.step(command.p_WC, command.q_WE))
+            if self.displacement is not None:
+                guard.hold(guard.displacement_travel.step(command.p_WC, command.q_WE))
 
     def retreat(self, p_WC: Vector3) -> Vector3 | None:
         """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""

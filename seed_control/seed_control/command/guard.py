@@ -7,7 +7,7 @@ from math import degrees, inf
 import numpy as np
 
 from seed_control.command.arm_follows import ArmFollows, Behind
-from seed_control.command.bending import Bending
+from seed_control.command.displacement_travel import DisplacementTravel
 from seed_control.command.free_travel import FreeTravel
 from seed_control.law.published import Plan
 from seed_control.parameters import ControllerParameters
@@ -27,7 +27,7 @@ class Guard:
     Attributes:
         enabled: since `enable`, until `disable`.
         free_travel: how far the arm has gone without the force that is wanted.
-        bending: the same without the displacement of the grasp that is wanted.
+        displacement_travel: the same without the displacement of the grasp that is wanted.
     """
 
     def __init__(self, parameters: ControllerParameters, events: EventLog, stopping: Callable[[float], float]) -> None:
@@ -38,7 +38,7 @@ class Guard:
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
-        self.bending = Bending(parameters.max_free_travel, parameters.max_drift)
+        self.displacement_travel = DisplacementTravel(parameters.max_free_travel, parameters.max_drift)
         self._arm = ArmFollows(parameters.max_tracking_error, parameters.max_angular_tracking_error)
 
     @property
@@ -60,7 +60,7 @@ class Guard:
         if not self._directions:  # away from what was in the way
             self._least_across = inf
         self.free_travel.restart()
-        self.bending.restart()
+        self.displacement_travel.restart()
         self._arm.restart()
 
     def hold(self, why: str) -> None:

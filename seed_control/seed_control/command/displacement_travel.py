@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the gripper may go while it bends the grasp by a wanted displacement that nothing resists.
+"""How far the gripper may go towards a wanted displacement of the grasp that nothing resists.
 
 A tool that is free goes with the gripper, which would follow it on and on.
 """
@@ -17,7 +17,7 @@ _REACHED = 0.7  # share of the wanted displacement from which on something resis
 _LEAST = 1e-3  # [J] of a wanted displacement: less is told from noise by nothing
 
 
-class Bending:
+class DisplacementTravel:
     """The way since the displacement was last reached: `image` with each image, `step` with each command."""
 
     def __init__(self, way: float, turn: float) -> None:
