@@ -195,9 +195,9 @@ class Controller:
         self._command.set_speeds(p.max_speed, p.max_angular_speed)
         try:
             if self.law.setpoint is not None:
-                self.checks.size(self.law.setpoint.wrench)
+                self.checks.check_size(self.law.setpoint.wrench)
             elif self.supervisor.displacement is not None and self.law.measured is not None:
-                self.checks.displaced(self.supervisor.displacement, self.law.measured.X_WT[:3, :3])
+                self.checks.check_displacement_load(self.supervisor.displacement, self.law.measured.X_WT[:3, :3])
         except SetpointError as error:
             self.hold(t, f"the limits were lowered: {error}")
 
@@ -213,9 +213,9 @@ class Controller:
             return
         try:
             if law.setpoint is not None:
-                self.checks.load(law.setpoint, estimate, m.X_WC[:3, :3], bushing)
+                self.checks.check_load(law.setpoint, estimate, m.X_WC[:3, :3], bushing)
             elif displacement is not None:
-                self.checks.displaced(displacement, m.X_WT[:3, :3], bushing)
+                self.checks.check_displacement_load(displacement, m.X_WT[:3, :3], bushing)
         except SetpointError as error:
             self.hold(t, f"the stiffness was changed: {error}")
 
@@ -240,19 +240,19 @@ class Controller:
         checks, law, m, estimate = self.checks, self.law, self.law.measured, self._inputs.estimate
         assert m is not None  # it is enabled with an estimate only
         assert estimate is not None
-        checks.stamp(setpoint.stamp, t)
+        checks.check_stamp(setpoint.stamp, t)
         if isinstance(setpoint, RelativePoseSetpoint):
-            checks.displacement(setpoint, estimate, m.X_WT[:3, :3])
+            checks.check_displacement(setpoint, estimate, m.X_WT[:3, :3])
             law.release()
             self.supervisor.follow_displacement(setpoint)
             return
         hybrid = checks.as_hybrid(setpoint, m)
         if hybrid.differs_in_place_only(law.setpoint):
-            checks.place(hybrid.X_W_tip)
+            checks.check_place(hybrid.X_W_tip)
             law.move(hybrid)
             return
-        checks.load(hybrid, estimate, m.X_WC[:3, :3])
-        checks.place(hybrid.X_W_tip)
+        checks.check_load(hybrid, estimate, m.X_WC[:3, :3])
+        checks.check_place(hybrid.X_W_tip)
         self.supervisor.follow_displacement(None)
         law.adopt(hybrid, self._command.p_WC)
         self._command.turn_to(law.plan.X_WC[:3, :3])

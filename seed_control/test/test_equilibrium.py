@@ -118,7 +118,7 @@ def test_a_load_is_accepted_exactly_up_to_what_the_grasp_may_be_deflected(
     def ask(share: float) -> None:
         wide = replace(PARAMETERS, max_deflection=0.03, max_rotation=40.0, friction=0.0)
         parameters = replace(wide, **{f"max_{what}": share * most})
-        SetpointChecks(parameters, estimator(), Hand()).load(rest.setpoint, UNMOVED, rest.measured.X_WC[:3, :3])
+        SetpointChecks(parameters, estimator(), Hand()).check_load(rest.setpoint, UNMOVED, rest.measured.X_WC[:3, :3])
 
     ask(1.001)
     with pytest.raises(SetpointError, match=rf"SP13.*needs a {what}"):

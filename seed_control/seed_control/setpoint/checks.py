@@ -42,7 +42,7 @@ class SetpointChecks:
         """Why the clocks allow no force or torque; '' where they do."""
         return self.clock_problem or self.stamp_problem
 
-    def stamp(self, stamp: float | None, now: float) -> None:
+    def check_stamp(self, stamp: float | None, now: float) -> None:
         """SP10: a stamp [s] that is too old, or more than 50 ms in the future."""
         oldest = self.parameters.setpoint_max_age
         if stamp is not None and not -0.05 <= now - stamp <= oldest:
@@ -51,7 +51,7 @@ class SetpointChecks:
                 f"set-point is stamped {now - stamp:.3f} s ago; at most {oldest:g} s is accepted: check the clocks",
             )
 
-    def displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate, R_WT: Array) -> None:
+    def check_displacement(self, s: RelativePoseSetpoint, estimate: RelativePoseEstimate, R_WT: Array) -> None:
         """SP11, SP13, SP15, SP18: whether grasp, estimator and clocks bear the displacement asked for, and its load.
 
         Args:
@@ -61,16 +61,16 @@ class SetpointChecks:
             raise SetpointError("SP18", f"a displacement of the grasp waits for the clocks: {self.why_no_force}")
         _check_observed(unobserved_displacement(s.X_TC, estimate))
         self._check_deflection(s.X_TC)
-        self.displaced(s, R_WT)
+        self.check_displacement_load(s, R_WT)
 
-    def displaced(self, s: RelativePoseSetpoint, R_WT: Array, bushing: Bushing | None = None) -> None:
+    def check_displacement_load(self, s: RelativePoseSetpoint, R_WT: Array, bushing: Bushing | None = None) -> None:
         """SP11: the load of a displacement, on the environment, is beyond what may be asked for.
 
         Args:
             R_WT: (3, 3) of the tool. bushing: None for the one in use.
         """
         known = self._wrench_estimator
-        self.size((bushing or known.bushing).wrench(s.X_TC).plus(known.weight(R_WT)).about(known.p_Ttip))
+        self.check_size((bushing or known.bushing).wrench(s.X_TC).plus(known.weight(R_WT)).about(known.p_Ttip))
 
     def as_hybrid(self, s: HybridSetpoint | WrenchSetpoint, m: Measurement) -> HybridSetpoint:
         """The form that the law follows.
@@ -98,7 +98,7 @@ class SetpointChecks:
             contact_resists=s.contact_resists,
         )
 
-    def load(
+    def check_load(
         self, s: HybridSetpoint, estimate: RelativePoseEstimate, R_WC: Array, bushing: Bushing | None = None
     ) -> None:
         """SP11 to SP15, SP18: whether grasp, contact, estimator and clocks bear the force and torque asked for.
@@ -109,7 +109,7 @@ class SetpointChecks:
         bushing = bushing or self._wrench_estimator.bushing
         if self.why_no_force and (s.force_projector.any() or any(s.torque_axes)):
             raise SetpointError("SP18", f"force and torque wait for the clocks: {self.why_no_force}")
-        self.size(s.wrench)
+        self.check_size(s.wrench)
         R_W_tip = s.X_W_tip[:3, :3]
         R_WT, R_W_task = R_W_tip @ self._X_Ttip[:3, :3].T, R_W_tip if s.task_frame == "tool" else s.R_W_task
         load_W, wrench_estimator = s.wrench.rotated(R_W_task), self._wrench_estimator
@@ -126,7 +126,7 @@ class SetpointChecks:
         directions = np.array([v for v in P if v @ v > 0.1])
         _check_observed(unobserved_load(directions, s.torque_axes, estimate, R_WC))
 
-    def place(self, X_W_tip: Array) -> None:
+    def check_place(self, X_W_tip: Array) -> None:
         """SP16: a flange position outside of the workspace box, for the wanted tip at X_W_tip (4, 4)."""
         position = (X_W_tip @ self._X_tipE)[:3, 3]
         low, high = self.parameters.workspace_low, self.parameters.workspace_high
@@ -135,7 +135,7 @@ class SetpointChecks:
                 "SP16", f"puts the flange at {np.round(position, 3)} m, outside of the workspace {low} to {high} m"
             )
 
-    def size(self, wrench: Wrench) -> None:
+    def check_size(self, wrench: Wrench) -> None:
         """SP11: a force or torque beyond what may be asked for."""
         p = self.parameters
         for name, vector, bound, unit in (
