@@ -21,7 +21,7 @@ from seed_control.setpoint.setpoints import RelativePoseSetpoint
 from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.inputs import MOST_BAD, Inputs
-from seed_control.wrench.knowledge import WrenchKnowledge
+from seed_control.wrench.uncertainty import WrenchUncertainty
 from seed_core.config import checked
 from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
@@ -40,7 +40,7 @@ class Supervisor:
         grasp_check: what speaks against the zero of this grasp.
         watch: what the contact says about clocks and swings.
         stamps: whether the images' clock was set back.
-        known: how well the wrench is known.
+        uncertainty: of the wrench.
         displacement: set-point of the grasp's displacement that is followed; None where another kind is, or none.
     """
 
@@ -70,7 +70,7 @@ class Supervisor:
         self.grasp_check = GraspCheck(tool, p.max_unloaded_force, hand.up)
         self.watch = ContactWatch(p, hand.X_EC[:3, 3])
         self.stamps = StampStep(p.max_stamp_error)
-        self.known = WrenchKnowledge(self._wrench_estimator)
+        self.uncertainty = WrenchUncertainty(self._wrench_estimator)
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place of C at which it came to hold
         self._frozen, self._jumps = FrozenPoseCheck(), PoseJumpCheck(p)
@@ -140,11 +140,11 @@ class Supervisor:
         if law.contact.lost > self._events.counters.contacts_lost:
             self._events.count("contacts_lost")
         self._check_force(m)
-        if self.known.update(m, law.plan.R_W_task):
-            self.references.update(m, self.known.by_pose, law.contact.anywhere, t)
+        if self.uncertainty.update(m, law.plan.R_W_task):
+            self.references.update(m, self.uncertainty.by_pose, law.contact.anywhere, t)
             guard.hold(self.references.why_hold)
             if guard.following:
-                guard.hold(self.known.too_little(law.plan.normals, law.parameters.max_excess_force))
+                guard.hold(self.uncertainty.too_large(law.plan.normals, law.parameters.max_excess_force))
         self.watch.update(m, law, self._inputs.history)
         guard.hold(self.watch.reason)
         self.grasp_check.doubt(self.watch.stepped)

@@ -117,13 +117,13 @@ def pressing_again(by: float) -> Bench:
 @pytest.mark.parametrize("by", [5.0, 50.0])
 def test_a_force_that_grows_holds_after_the_clock_was_set_back(by: float) -> None:
     bench = pressing_again(by)
-    covariance = bench.controller.supervisor.known.covariance
+    covariance = bench.controller.supervisor.uncertainty.covariance
     for _ in range(250):  # the table comes up by 40 mm in a second
         bench.table += 1.6e-4
         bench.step()
     assert bench.state.mode == "holding"
     assert "max_excess_force" in bench.state.reason
-    assert bench.controller.supervisor.known.covariance is not covariance
+    assert bench.controller.supervisor.uncertainty.covariance is not covariance
 
 
 def test_a_contradiction_is_seen_after_the_clock_was_set_back() -> None:

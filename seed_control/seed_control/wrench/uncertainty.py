@@ -11,7 +11,7 @@ from seed_core.spatial import Array, Wrench
 PERIOD = 0.1  # [s] at least between two covariances
 
 
-class WrenchKnowledge:
+class WrenchUncertainty:
     """Renews the covariance with the images, ten times a second at most.
 
     Attributes:
@@ -39,7 +39,7 @@ class WrenchKnowledge:
         self.deviation = Wrench(np.sqrt(np.maximum(variances[0], 0.0)), np.sqrt(np.maximum(variances[1], 0.0)))
         return True
 
-    def too_little(self, normals: Array, most: float) -> str:
+    def too_large(self, normals: Array, most: float) -> str:
         """Why forces along these directions (m, 3) in W are not known well enough to be controlled; '' if they are.
 
         most: [N] that a force may be above what is wanted.
