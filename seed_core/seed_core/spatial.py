@@ -65,6 +65,11 @@ class Wrench(NamedTuple):
         return Wrench(self.torque - other.torque, self.force - other.force)
 
 
+def length(v: Array) -> float:
+    """Euclidean norm of a vector (n,); faster than numpy.linalg.norm."""
+    return sqrt(float(v @ v))
+
+
 def cross(a: Array, b: Array) -> Array:
     """a x b of two (3,) vectors; several times faster than numpy.cross."""
     ax, ay, az = float(a[0]), float(a[1]), float(a[2])
@@ -146,7 +151,7 @@ def so3_log(R: Array) -> Array:
     cosine = 0.5 * (r00 + r11 + r22 - 1.0)
     if cosine < -0.99:  # the sine is ill-conditioned near pi, the quaternion's is not
         q = quaternion_from_rotation(R)
-        half_sine = sqrt(float(q[:3] @ q[:3]))
+        half_sine = length(q[:3])
         return np.asarray(q[:3] * (2.0 * atan2(half_sine, float(q[3])) / half_sine))
     k = 1.0 + s * s / 6.0 if s < _SMALL_ANGLE else atan2(s, cosine) / s
     return np.array((k * x, k * y, k * z))
@@ -206,7 +211,7 @@ def quaternion_from_rotation(R: Array) -> Array:
     else:
         q = (c + g, f + h, squares[2], d - b)
     out = np.array(q)
-    out /= sqrt(float(out @ out))
+    out /= length(out)
     return -out if out[3] < 0.0 else out
 
 
@@ -219,7 +224,7 @@ def pose_from_quaternion(xyzw: ArrayLike, p: ArrayLike, name: str = "pose") -> A
     q, position = np.asarray(xyzw, dtype=float), np.asarray(p, dtype=float)
     if not (np.isfinite(q).all() and np.isfinite(position).all()):
         raise SpatialError(f"{name} has a value that is not finite: position {position}, quaternion {q}")
-    norm = float(np.sqrt(q @ q))
+    norm = length(q)
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
         raise SpatialError(f"{name}.orientation has norm {norm:.4g}; a unit quaternion (x, y, z, w) is needed")
     x, y, z, w = (q / norm).tolist()

@@ -4,8 +4,6 @@
 from collections.abc import Callable
 from math import degrees, inf
 
-import numpy as np
-
 from seed_control.command.arm_follows import ArmFollows, Behind
 from seed_control.command.displacement_travel import DisplacementTravel
 from seed_control.command.free_travel import FreeTravel
@@ -14,7 +12,7 @@ from seed_control.parameters import ControllerParameters
 from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement
 from seed_core.arm.hold import HoldLatch
-from seed_core.spatial import rpy_from_rotation
+from seed_core.spatial import length, rpy_from_rotation
 from seed_core.vector3 import Vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
@@ -72,8 +70,8 @@ class Guard:
     def check_overload(self, m: Measurement) -> None:
         """Per image: hold when the grasp is deflected or loaded beyond what it endures, in three images in a row."""
         p = self.parameters
-        force = float(np.sqrt(m.on_environment.force @ m.on_environment.force))
-        deflection = float(np.sqrt(m.X_TC[:3, 3] @ m.X_TC[:3, 3]))
+        force = length(m.on_environment.force)
+        deflection = length(m.X_TC[:3, 3])
         angle = degrees(max(map(abs, rpy_from_rotation(m.X_TC[:3, :3]).tolist())))
         why = (
             f"estimated force {force:.1f} N is beyond {p.max_measured_force:g} N"
@@ -95,11 +93,11 @@ class Guard:
         """
         force, N = m.on_environment.force, plan.normals
         across = force - N.T @ (N @ force)
-        size = float(np.sqrt(across @ across))
+        size = length(across)
         if len(N) != self._directions:
             self._directions, self._least_across = len(N), inf
         self._least_across = min(self._least_across, size)
-        wanted, most = float(np.sqrt(plan.wanted @ plan.wanted)), self.parameters.max_unexpected_force
+        wanted, most = length(plan.wanted), self.parameters.max_unexpected_force
         rise = size - self._least_across
         self._pressed = self._pressed + 1 if rise > most + wanted + _SWAYS * weight else 0
         if self._pressed >= _IMAGES:

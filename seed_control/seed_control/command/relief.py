@@ -5,9 +5,7 @@ Only back along the force that was wanted, only by what the estimated force asks
 The force is counted from where the gripper was as the image was taken, so that each image may be answered at once.
 """
 
-import numpy as np
-
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus_scaled
 
 _IMAGES = 3  # in a row
@@ -33,7 +31,7 @@ class Relief:
         Args:
             force, wanted: of the tool on the environment (3,) [N] in W. deviation: of a force [N].
         """
-        size = float(np.sqrt(wanted @ wanted))
+        size = length(wanted)
         if size == 0.0:
             self._pressed = 0
             return

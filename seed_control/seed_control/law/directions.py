@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 
 WORLD = np.eye(3)
 _ALIKE = 9  # decimals to which equal shares of two axes are equal
@@ -39,7 +39,7 @@ def _orthonormal(rows: Array, m: int) -> Array:
     for v in rows:
         for n in out:
             v = v - (n @ v) * n
-        size = float(np.sqrt(v @ v))
+        size = length(v)
         if size > 0.3 and len(out) < m:
             out.append(v / size)
     return np.array(out).reshape(m, 3)

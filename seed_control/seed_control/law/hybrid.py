@@ -20,7 +20,7 @@ from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator, share_of
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
-from seed_core.spatial import Array, cross, rotation_from_rpy, so3_log
+from seed_core.spatial import Array, cross, length, rotation_from_rpy, so3_log
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
 
 _APPROACH_SHARE = 0.7  # of the wanted deflection that an approach may cover before the first image of contact acts
@@ -114,7 +114,7 @@ class HybridLaw(PublishedLaw):
         if abs(pressing) < 0.5 * abs(float(self.plan.wanted[0])) or not pressing:
             return
         across = force - pressing * n
-        ratio = float(np.sqrt(across @ across)) / abs(pressing)
+        ratio = length(across) / abs(pressing)
         self._friction = max(ratio, self._friction + share_of(dt, _FORGET) * (ratio - self._friction))
 
     @property
@@ -136,15 +136,15 @@ class HybridLaw(PublishedLaw):
         A tool that leans ahead, aside or about itself is no reason to wait: it comes upright as it goes on.
         """
         lever = R_WT_des @ self.p_Ttip
-        length = float(np.sqrt(lever @ lever))
-        if length < _LEAST_LEVER:
+        size = length(lever)
+        if size < _LEAST_LEVER:
             return 0.0
-        path = s.velocity - lever * float(lever @ s.velocity) / length**2  # pressing on is no way that a tip can trail
-        speed = float(np.sqrt(path @ path))
+        path = s.velocity - lever * float(lever @ s.velocity) / size**2  # pressing on is no way that a tip can trail
+        speed = length(path)
         if speed < _LEAST_SPEED:
             return 0.0
         turn = R_WT_des @ (np.array(held) * so3_log(R_WT_des.T @ m.X_WT[:3, :3]))
-        return -float(cross(turn, lever) @ path) / (length * speed)
+        return -float(cross(turn, lever) @ path) / (size * speed)
 
     def release(self) -> None:
         super().release()
@@ -188,7 +188,7 @@ class HybridLaw(PublishedLaw):
         force_T = self.tool.R_WT.T @ (R_W_task @ s.wrench.force)
         stiffness = self.wrench_estimator.bushing.stiffness
         self._tipping_gain = tipping_gain(force_T, self.p_Ttip, s.torque_axes, stiffness)
-        size = float(np.sqrt(force_T @ force_T))
+        size = length(force_T)
         self._pressing_T = force_T / size if size > 0.0 else None
         # All of it would be an integrator, which hunts where a tip sticks and slips at the end of a soft grasp.
         moment = float(force_T @ self.p_Ttip)
@@ -258,7 +258,7 @@ class HybridLaw(PublishedLaw):
         for i in np.flatnonzero(s.torque_axes):
             arm = np.cross(R_WT[:, i], R_WT @ self.p_Ttip)
             arm = arm - self.plan.normals.T @ (self.plan.normals @ arm)
-            lever = float(np.sqrt(arm @ arm))
+            lever = length(arm)
             if lever > _LEAST_LEVER:
                 e = arm / lever
                 k, shift = bushing.stiffness.rotation[i], float(e @ K @ e)

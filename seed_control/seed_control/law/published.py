@@ -16,7 +16,17 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_control.wrench.filters import ToolFilter
 from seed_core.bushing import Model
-from seed_core.spatial import Array, Wrench, cross, make_pose, rotation_from_rpy, rpy_from_rotation, so3_exp, so3_log
+from seed_core.spatial import (
+    Array,
+    Wrench,
+    cross,
+    length,
+    make_pose,
+    rotation_from_rpy,
+    rpy_from_rotation,
+    so3_exp,
+    so3_log,
+)
 from seed_core.vector3 import ZERO, Vector3, as_vector3
 
 
@@ -252,7 +262,7 @@ class PublishedLaw:
             limits.append("max_rotation")
         R_TC = rotation_from_rpy(clipped)
         drift = so3_log(R_TT_des.T @ R_TC)
-        size, bound = float(np.sqrt(drift @ drift)), bound + radians(self.parameters.max_drift)
+        size, bound = length(drift), bound + radians(self.parameters.max_drift)
         if size <= bound:
             return R_TC
         limits.append("max_drift")
@@ -266,7 +276,7 @@ class PublishedLaw:
         """Wanted p_TC (3,) [m], for the spring's force (3,) [N] along P (3, 3), all in T; as measured elsewhere."""
         K = self.wrench_estimator.bushing.translation_stiffness(R_TC)
         d = hybrid_force_position(P, K, self.tool.p_TC, force)
-        size, bound = float(np.sqrt(d @ d)), self.parameters.max_deflection
+        size, bound = length(d), self.parameters.max_deflection
         if size <= bound:
             return d
         limits.append("max_deflection")

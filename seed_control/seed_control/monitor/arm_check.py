@@ -17,7 +17,7 @@ from seed_control.monitor.weight_check import FreeSpaceSample
 from seed_control.wrench.estimate import Measurement
 from seed_core.errors import SeedError
 from seed_core.hand import GRAVITY, Tool
-from seed_core.spatial import Array, Wrench, inverse_pose, wrench_adjoint
+from seed_core.spatial import Array, Wrench, inverse_pose, length, wrench_adjoint
 from seed_core.wrench_settings import ReferenceSettings
 
 _SPAN = 0.03  # [s] around an image within which readings are averaged
@@ -137,7 +137,7 @@ class ArmCheck:
         rate = change / max(m.stamp - last[0], 1e-3) if last is not None else change
         carried = np.zeros(6) if self._settings.arm_weighs_tool else weight.vector()
         r = self.reading = self._of_spring(m, at[0] - self._zero, self._noise / at[1], carried, rate)
-        share = self._settings.share_tolerance * float(np.sqrt(told[3:] @ told[3:]))
+        share = self._settings.share_tolerance * length(told[3:])
         self._test.add(m.stamp, told - r.wrench, random + r.random, r.systematic, share)
         if not self._test.significant:
             self.reason = ""
@@ -147,8 +147,8 @@ class ArmCheck:
     def _words(self, told: Array) -> str:
         assert self._test.difference is not None
         assert self.reading is not None
-        size = float(np.sqrt(told[3:] @ told[3:]))
-        reading = float(np.sqrt(self.reading.wrench[3:] @ self.reading.wrench[3:]))
+        size = length(told[3:])
+        reading = length(self.reading.wrench[3:])
         return (
             f"the grasp's spring of {size:.2f} N differs from arm_wrench ({reading:.2f} N) {self._test.told()}: "
             "is the stiffness of this grasp and grip, and was the grasp taken free of load?"

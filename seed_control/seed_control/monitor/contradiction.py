@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 
 WINDOW = 4.0  # [s] that the mean is over
 INDEPENDENT = 0.2  # [s] apart from each other, samples count as independent: errors of neighbouring images are alike
@@ -74,7 +74,7 @@ class WindowTest:
         off = False
         for half, tolerance in ((slice(0, 3), self._tolerance[0]), (slice(3, 6), self._tolerance[1])):
             d = mean[half]
-            off |= float(d @ np.linalg.solve(C[half, half], d)) > _SIGNIFICANT and float(np.sqrt(d @ d)) > max(
+            off |= float(d @ np.linalg.solve(C[half, half], d)) > _SIGNIFICANT and length(d) > max(
                 tolerance, share if half.start else 0.0
             )
         self._off = self._off + 1 if off else max(self._off - 1, 0) if self.significant else 0

@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 
 from seed_control.wrench.estimate import share_of
-from seed_core.spatial import Array, Wrench
+from seed_core.spatial import Array, Wrench, length
 from seed_core.wrench_settings import ReferenceSettings
 
 _PRIOR = np.array((0.1, 0.1, 0.1, 0.6, 0.6, 0.6, 0.1, 0.1, 0.1)) ** 2  # [N m, N, 1]
@@ -92,9 +92,9 @@ class Correction:
 
     def _bounded(self, d: Array, told: Array) -> Array:
         s = self._settings
-        bound = s.correction_offset + s.correction_share * float(np.sqrt(told[3:] @ told[3:]))
-        size = float(np.sqrt(d[3:] @ d[3:]))
-        turning = float(np.sqrt(d[:3] @ d[:3]))
+        bound = s.correction_offset + s.correction_share * length(told[3:])
+        size = length(d[3:])
+        turning = length(d[:3])
         out: Array = d.copy()
         out[3:] *= min(1.0, bound / max(size, 1e-9))
         out[:3] *= min(1.0, _LEVER * bound / max(turning, 1e-9))

@@ -8,14 +8,13 @@ the tool is seen in free air without a force, or the grasp is taken anew.
 """
 
 from collections import deque
-from math import sqrt
 
 import numpy as np
 
 from seed_control.wrench.estimate import Measurement
 from seed_core.estimate import NEW_GRASP
 from seed_core.hand import GRAVITY, UPRIGHT, Tool
-from seed_core.spatial import Array, so3_log
+from seed_core.spatial import Array, length, so3_log
 from seed_core.vector3 import Vector3
 
 SOFTEST = 100.0  # [N/m] of a surface that is told from free air
@@ -88,7 +87,7 @@ class GraspCheck:
         """T is counted anew (why: NEW_GRASP), or poses have jumped ('')."""
         if not self._taken:
             images = list(self._recent)
-            self._before = tuple(m for m in images if _distance(m.X_WC[:3, 3], images[-1].X_WC[:3, 3]) <= _NEAR)
+            self._before = tuple(m for m in images if length(m.X_WC[:3, 3] - images[-1].X_WC[:3, 3]) <= _NEAR)
             self._taken = True
             self._recent.clear()
         self._why, self._gone, self._touched, self._free = why, [], None, False
@@ -126,20 +125,20 @@ class GraspCheck:
         before, last = self._before, self._before[-1]
         step = m.X_WC[:3, 3] - last.X_WC[:3, 3]
         turn = float(np.abs(m.X_WC[:3, :3] - last.X_WC[:3, :3]).max())
-        if float(np.sqrt(step @ step)) > _STAYED[0] or turn > _STAYED[1]:
+        if length(step) > _STAYED[0] or turn > _STAYED[1]:
             self._before = ()
             return
         first = not self._gone
         was = np.sum([b.on_environment.force for b in before], axis=0) / len(before)
-        size = float(np.sqrt(was @ was))
+        size = length(was)
         noise = _NOISE * stiffness * (last.variance / len(before) + m.variance / (len(self._gone) + 1)) ** 0.5
         if size > max(_LEAST, noise):  # it touched: the arm's way since has pressed it further, or released it
             was = was * max(1.0 + stiffness * float(step @ was) / size**2, 0.0)
         self._gone.append(was - m.on_environment.force)
         lacks = np.sum(self._gone, axis=0) / len(self._gone)
-        gone = float(np.sqrt(lacks @ lacks))
+        gone = length(lacks)
         turned = so3_log(last.X_CT[:3, :3].T @ m.X_CT[:3, :3])
-        angle = float(np.sqrt(turned @ turned)) if first and not self._why else 0.0
+        angle = length(turned) if first and not self._why else 0.0
         if len(self._gone) >= _AVERAGED:
             self._before = ()
         if gone <= max(_LEAST, _SHARE * size, noise) and angle <= _TURNED * m.rotation_deviation:
@@ -182,12 +181,12 @@ class GraspCheck:
         if self._touched is None:
             if self._free and presses:
                 self._touched, self._free = m.X_WC[:3, 3], False
-        elif self._doubt or not presses or _distance(m.X_WC[:3, 3], self._touched) > _STAYED[0]:
+        elif self._doubt or not presses or length(m.X_WC[:3, 3] - self._touched) > _STAYED[0]:
             self._touched = None
 
     def _judge(self, force: Array, deviation: float) -> None:
         """A force (3,) [N] that was seen in free air."""
-        size = float(np.sqrt(force @ force))
+        size = length(force)
         if size <= self._most + _NOISE * deviation:
             self._doubt = self._doubted = ""
             self._free = True
@@ -204,8 +203,3 @@ def _follows(heights: Array, rest: Array, noise: float) -> bool:
     """Whether the gripper follows a surface that moves: it turns back, or the `rest` of the force changes by itself."""
     turns = abs(float(heights[-1] - heights[0])) < _ONE_WAY * float(heights.max() - heights.min())
     return turns or float(np.std(rest)) > max(_STEADY[0], _STEADY[1] * noise)
-
-
-def _distance(a: Array, b: Array) -> float:
-    """Of two places (3,)."""
-    return sqrt(float((a - b) @ (a - b)))

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a relative pose can be what the cameras see now: it is not frozen, and has not jumped."""
 
-from math import degrees, inf, sqrt
+from math import degrees, inf
 
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import Measurement
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Array, so3_log
+from seed_core.spatial import Array, length, so3_log
 
 _MOVED = 5e-4, 3e-3  # [m], and of a rotation matrix: so far the arm goes before a pose must differ in its last bits
 _TOLD = 7.0  # deviations of a component, from which on a jump is told
@@ -91,8 +91,8 @@ class PoseJumpCheck:
             turning: force at the tip that turns the grasp [N/rad].
         """
         p, noise, self.newest = self.parameters, m.variance**0.5, ""
-        size = norm(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
-        turn = norm(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
+        size = length(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
+        turn = length(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
         noise_turn = _NOISE * m.rotation_deviation
         bounds = max(p.max_jump / stiffness, _NOISE * noise), max(p.max_jump / turning, noise_turn)
         if size <= _TOLD * noise and turn <= noise_turn:
@@ -102,8 +102,8 @@ class PoseJumpCheck:
         moved, turned = p.max_speed * dt, p.max_angular_speed * dt
         before, now = history.at(m.stamp), history.at(estimate.stamp)
         if before is not None and now is not None:
-            moved = norm(now[:3, 3] - before[:3, 3])
-            turned = norm(so3_log(before[:3, :3].T @ now[:3, :3]))
+            moved = length(now[:3, 3] - before[:3, 3])
+            turned = length(so3_log(before[:3, :3].T @ now[:3, :3]))
         moved, turned = max(moved, p.press_speed * dt), max(turned, p.max_angular_speed * dt)
         most = bounds[0] + moved, bounds[1] + turned
         if self._to is not None and _share(estimate.X_CT, *self._to) < max(size / most[0], turn / most[1]):
@@ -133,10 +133,5 @@ class PoseJumpCheck:
 
 def _share(X_CT: Array, other: Array, most: tuple[float, float]) -> float:
     """How far a pose (4, 4) is from another, by the larger share of these bounds [m], [rad]."""
-    turn = norm(so3_log(other[:3, :3].T @ X_CT[:3, :3]))
-    return max(norm(X_CT[:3, 3] - other[:3, 3]) / most[0], turn / most[1])
-
-
-def norm(v: Array) -> float:
-    """Length of a vector (3,)."""
-    return sqrt(float(v @ v))
+    turn = length(so3_log(other[:3, :3].T @ X_CT[:3, :3]))
+    return max(length(X_CT[:3, 3] - other[:3, 3]) / most[0], turn / most[1])

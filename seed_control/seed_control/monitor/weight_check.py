@@ -19,7 +19,7 @@ import numpy as np
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.wrench.estimate import Measurement
 from seed_core.hand import GRAVITY, Tool
-from seed_core.spatial import Array, Wrench, skew
+from seed_core.spatial import Array, Wrench, length, skew
 from seed_core.wrench_settings import ReferenceSettings
 
 WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
@@ -79,7 +79,7 @@ class WeightCheck:
         """Whether the tool seems to hang free, as far as is known now."""
         if in_contact:
             force = m.on_environment.force
-            self._touched = m.tip, force / max(float(np.sqrt(force @ force)), 1e-9)
+            self._touched = m.tip, force / max(length(force), 1e-9)
         elif self._touched is not None:
             tip, into = self._touched
             if float((tip - m.tip) @ into) > CLEAR:
@@ -135,7 +135,7 @@ class WeightCheck:
         self._test.add(s.m.stamp, difference, s.random, s.systematic)
         mean = difference if self._test.difference is None else self._test.difference.mean
         force = s.m.X_WT[:3, :3] @ mean[3:]
-        size = float(np.sqrt(force @ force))
+        size = length(force)
         travelled = float(np.abs(force) @ s.travelled) / size if size > 0.0 else inf
         self.passed.append(s._replace(verified=stays and travelled > TRAVEL))
 

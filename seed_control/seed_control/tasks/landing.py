@@ -7,7 +7,7 @@ friction moves the tip all at once as soon as it slides. So the reference moves 
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 
 _STANDS = 1e-3  # [m] of a path across the force that is none
 _LONG, _FEWEST = 0.5, 8  # [s] of contact, images, in which the tip is seen where it has landed
@@ -49,4 +49,4 @@ class Landing:
         self._places.append(tip)
         if len(self._places) >= _FEWEST:
             beside = self._across @ (np.mean(self._places, axis=0) - self._place)
-            self.beside = beside * min(_MOST / max(float(np.sqrt(beside @ beside)), 1e-12), 1.0)
+            self.beside = beside * min(_MOST / max(length(beside), 1e-12), 1.0)

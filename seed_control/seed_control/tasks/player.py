@@ -14,7 +14,7 @@ from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, steps_of
 from seed_control.tasks.surface_run import SurfaceRun
 from seed_control.tasks.task import Phase, Task
-from seed_core.spatial import Array, inverse_pose, rotation_from_rpy
+from seed_core.spatial import Array, inverse_pose, length, rotation_from_rpy
 
 _LIFT_SPEED = 0.05  # [m/s]
 _JOINS = 0.01  # [m] from its start, where a tip that landed beside it comes back onto its path
@@ -207,5 +207,5 @@ def _back(start: Array, beside: Array, step: Step) -> list[Array]:
     if not step.points or not beside.any():
         return []
     way = np.array(step.points[0]) - (start - beside)
-    length = float(np.sqrt(way @ way))
-    return [start - beside + _JOINS / length * way] if length > _JOINS else []
+    size = length(way)
+    return [start - beside + _JOINS / size * way] if size > _JOINS else []

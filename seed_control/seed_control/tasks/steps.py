@@ -12,7 +12,7 @@ from seed_control.tasks.landing import Landing
 from seed_control.tasks.pace import Pace
 from seed_control.tasks.path import Path
 from seed_control.tasks.task import Control, Drawing, Phase, Task
-from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, inverse_pose, length, make_pose, so3_exp, so3_log
 from seed_core.vector3 import Vector3
 
 _TURN_SPEED = 0.3  # [rad/s] of the reference
@@ -34,9 +34,9 @@ class Step:
     def expected_time(self) -> float:
         """How long it will take [s], for the progress."""
         points, phase = np.array(self.points).reshape(-1, 3), self.phase
-        length = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum()) if len(points) > 1 else 0.1
+        way = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum()) if len(points) > 1 else 0.1
         waiting = _TYPICAL if phase.until != "arrived" else 0.0
-        return max(waiting + phase.dwell + (length / phase.speed if len(points) else 0.0), _LEAST)
+        return max(waiting + phase.dwell + (way / phase.speed if len(points) else 0.0), _LEAST)
 
 
 def steps_of(task: Task) -> list[Step]:
@@ -87,7 +87,7 @@ class StepRun:
         """From R_start (3, 3) to R_end of the tip, in the work frame at X_W (4, 4)."""
         self.step, self.path, self.R_end, self._X_W = step, path, R_end, X_W
         self._R_start, self._turn = R_start, so3_log(R_start.T @ R_end)
-        angle = float(np.sqrt(self._turn @ self._turn))
+        angle = length(self._turn)
         self.duration = max(path.duration, angle / _TURN_SPEED)
         self._t = self._waited = self._held = self.share = 0.0
         self.pace, self._pace = 1.0, Pace(step.phase.acceleration / step.phase.speed)
@@ -105,7 +105,7 @@ class StepRun:
         self._landing = landing if presses and landing.stands(np.array(step.points).reshape(-1, 3)) else None
         force = self._first.wrench.force
         force = X_W[:3, :3] @ (R_start @ force if self._first.task_frame == "tool" else force)
-        self._towards = force / max(float(np.sqrt(force @ force)), 1e-12)
+        self._towards = force / max(length(force), 1e-12)
         self._nearest = -np.inf  # [m] along it, of the tip in an approach
 
     @property

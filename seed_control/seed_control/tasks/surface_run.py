@@ -7,7 +7,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun, first_setpoint
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp, so3_log
 
 _TURN_SPEED = 0.45  # [rad/s] at which the tool's attitude follows the normal, at most
 _FOLLOWING = 1.2  # [rad/s] how fast it settles, without a lag where the normal turns evenly
@@ -58,7 +58,7 @@ class SurfaceRun(StepRun):
             self.position = self.position + float(n @ (tip - self.position)) * n
         dt, self._since = min(self._since, 0.1), 0.0
         left = so3_log(self.axes @ self._R_tip @ self.R_end.T)
-        lean = float(np.sqrt(left @ left))
+        lean = length(left)
         self.pace = min(max((_LEANING - lean) / (_LEANING - _UPRIGHT), 0.0), 1.0)
         self._turning = capped(self._turning + _FOLLOWING**2 * dt * left, _TURN_SPEED)
         self.R_end = so3_exp(dt * capped(self._turning + 2.0 * _FOLLOWING * left, _TURN_SPEED)) @ self.R_end
@@ -71,13 +71,13 @@ class SurfaceRun(StepRun):
 
 def capped(v: Array, longest: float) -> Array:
     """v (3,), made shorter where it is longer."""
-    return v * min(longest / max(float(np.sqrt(v @ v)), 1e-12), 1.0)
+    return v * min(longest / max(length(v), 1e-12), 1.0)
 
 
 def carried(axes: Array, n: Array) -> Array:
     """The axes (3, 3) turned so that z is n (3,), and not about it."""
     turn = np.cross(axes[:, 2], n)
-    sine, cosine = float(np.sqrt(turn @ turn)), float(axes[:, 2] @ n)
+    sine, cosine = length(turn), float(axes[:, 2] @ n)
     if sine < 1e-12:
         return axes
     return np.asarray(so3_exp(turn * (np.arctan2(sine, cosine) / sine)) @ axes)

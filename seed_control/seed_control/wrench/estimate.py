@@ -10,7 +10,7 @@ from seed_control.wrench.stiffness_schedule import StiffnessBlend
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import UPRIGHT, Tool, weight_about_T
-from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, wrench_adjoint
+from seed_core.spatial import Array, Wrench, inverse_pose, length, make_pose, wrench_adjoint
 from seed_core.vector3 import Vector3
 from seed_core.wrench_model import BushingModel, SpringWrench, WithMemory, WrenchModel, observed_part, pose_covariance
 
@@ -120,7 +120,7 @@ class WrenchEstimator:
     @property
     def turning_stiffness(self) -> float:
         """Force at the tip that turns the grasp about its softest axis [N/rad]."""
-        lever = float(np.sqrt(self.p_Ttip @ self.p_Ttip))
+        lever = length(self.p_Ttip)
         return min(self.bushing.stiffness.rotation) / max(lever, _LEAST_LEVER)
 
     def set_stiffness(self, stiffness: Stiffness, t: float, duration: float) -> bool:
@@ -255,10 +255,10 @@ def bounded(discrepancy: Wrench, spring: Wrench) -> Wrench:
 
     The command answers a share of the deflection with that share of more deflection: below one it settles.
     """
-    size = float(np.sqrt(discrepancy.force @ discrepancy.force))
-    bound = MOST_DISCREPANCY * float(np.sqrt(spring.force @ spring.force)) + _FLOOR[0]
-    turning = float(np.sqrt(discrepancy.torque @ discrepancy.torque))
-    torque_bound = MOST_DISCREPANCY * float(np.sqrt(spring.torque @ spring.torque)) + _FLOOR[1]
+    size = length(discrepancy.force)
+    bound = MOST_DISCREPANCY * length(spring.force) + _FLOOR[0]
+    turning = length(discrepancy.torque)
+    torque_bound = MOST_DISCREPANCY * length(spring.torque) + _FLOOR[1]
     return Wrench(
         discrepancy.torque * min(torque_bound / max(turning, 1e-12), 1.0),
         discrepancy.force * min(bound / max(size, 1e-12), 1.0),

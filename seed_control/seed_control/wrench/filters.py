@@ -8,7 +8,7 @@ import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
-from seed_core.spatial import Array, Wrench, make_pose, rpy_from_rotation, so3_exp, so3_log
+from seed_core.spatial import Array, Wrench, length, make_pose, rpy_from_rotation, so3_exp, so3_log
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
 _UPRIGHT, _LEANING = np.deg2rad((1.5, 3.5))  # of a lean, up to and from where on the place winds up, and does not
@@ -39,7 +39,7 @@ class RotationNoise:
         self._last = R
         if len(self._steps) == len(_FOURTH):
             fourth = _FOURTH @ np.array(self._steps)
-            self._sizes.append(float(np.sqrt(fourth @ fourth)) / _OF_WHITE)
+            self._sizes.append(length(fourth) / _OF_WHITE)
         if len(self._sizes) < _IMAGES // 2:
             return stated
         return min(sorted(self._sizes)[len(self._sizes) // 2], stated)
@@ -211,7 +211,7 @@ class WantedTurn:
     def _towards(self, R: Array, before: Array, held: tuple[bool, bool, bool], most: float) -> Array:
         """By `most` [rad] at most, about the axes that are held; `before` itself where that is nowhere."""
         turn = so3_log(before.T @ R) * held
-        size = float(np.sqrt(turn @ turn))
+        size = length(turn)
         if size < _NO_TURN:
             return before
         return np.asarray(before @ so3_exp(turn * min(most / size, 1.0)))
@@ -219,7 +219,7 @@ class WantedTurn:
 
 def _upright(lean: Array) -> float:
     """Share (1 to 0) of a lean (3,) [rad] that is still to be answered, in which the tool counts as upright."""
-    size = float(np.sqrt(lean @ lean))
+    size = length(lean)
     return float(min(max((_LEANING - size) / (_LEANING - _UPRIGHT), 0.0), 1.0))
 
 

@@ -11,7 +11,7 @@ from seed_control.tasks.insertion.sections import Insert
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Step, StepRun
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp, so3_log
 
 _SHARE = 0.35  # of an image in the pose that the next try starts from
 _ANCHOR = 0.15  # [s] after which the reference is put where the tip is: force control has left it
@@ -41,7 +41,7 @@ class InsertRun(StepRun):
             float(self._axis @ start) if plate is None else float(self._axis[2] * plate + self._axis[:2] @ start[:2])
         )
         self._keyed = len(control.torque_axes) == 3
-        self._watch = StuckWatch(float(np.sqrt(force @ force)), insert.stuck)
+        self._watch = StuckWatch(length(force), insert.stuck)
         self._to_work = inverse_pose(X_W)
         self._place, self._R = start.copy(), R_start  # smoothed
         self._newest: Array | None = None
@@ -133,7 +133,7 @@ class InsertRun(StepRun):
             return self._fail(f"stuck after {i.tries} tries: {self._told}")
         turn = np.zeros(3)
         if watch.kind == "jam":  # the tool presses its moment on the hole: turned back, it presses less
-            size = float(np.sqrt(watch.moment @ watch.moment))
+            size = length(watch.moment)
             turn = -np.deg2rad(i.correction) * watch.moment / size if size else turn
         else:
             turn = np.deg2rad(i.turn) * (1.0 if self._tries % 2 else -1.0) * self._axis

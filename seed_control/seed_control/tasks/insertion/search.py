@@ -13,7 +13,7 @@ from seed_control.tasks.insertion.sections import Search
 from seed_control.tasks.insertion.surface import PlateUnderTip
 from seed_control.tasks.path import Path, Spiral
 from seed_control.tasks.steps import Step, StepRun
-from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
+from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
 
 _TOGETHER = 1.15  # shares of `drop` and `rim` that add up to a hole: what has caught in its mouth shows some of both
 _AGAIN = 0.5  # [s] at the end of the pattern, for what the last images tell
@@ -96,7 +96,7 @@ class SearchRun(StepRun):
         if self._at_rest is None:
             self._at_rest = across
         off = across - self._at_rest
-        return float(np.sqrt(off @ off))
+        return length(off)
 
     def setpoint(self) -> HybridSetpoint:
         if self._search.pattern != "tilt":

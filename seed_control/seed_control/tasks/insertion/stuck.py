@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 
 _PUSHES = 0.6  # of the wanted force from which on it counts as pushing
 _LEAST = 3e-4  # [m] of progress in the time that is allowed for none
@@ -62,7 +62,7 @@ class StuckWatch:
             return ""
         lateral = np.mean([p.lateral for p in pushes], axis=0)
         self.moment = np.mean([p.moment for p in pushes], axis=0)
-        self.ratio = float(np.sqrt(lateral @ lateral)) / axial
-        self.lever = float(np.sqrt(self.moment @ self.moment)) / axial
+        self.ratio = length(lateral) / axial
+        self.lever = length(self.moment) / axial
         self.kind = "jam" if self.ratio > _RATIO or self.lever > _LEVER else "wedge"
         return self.kind
