@@ -181,7 +181,7 @@ class Supervisor:
         guard.check_overload(m)
         R_WC, p_WC = m.X_WC[:3, :3], m.X_WC[:3, 3]
         relaxed = R_WC @ self._wrench_estimator.p_Ttip
-        guard.free_travel.image(*law.shares(), as_vector3(m.tip - p_WC), as_vector3(relaxed))
+        guard.free_travel.image(law.shares(), as_vector3(m.tip - p_WC), as_vector3(relaxed))
         if guard.following and law.setpoint is not None:
             guard.check_unexpected(m, law.plan, self.grasp_check.weight)
 

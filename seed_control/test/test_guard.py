@@ -11,6 +11,7 @@ from quasi_static import DOWN, DT, Bench
 from seed_control.command.arm_follows import ArmFollows, Behind, RecentSpeed
 from seed_control.command.free_travel import FreeTravel
 from seed_control.command.limiter import VectorLimiter
+from seed_control.law.contact import ForceShare
 from seed_control.monitor.pose_checks import FrozenPoseCheck
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.history import PoseHistory
@@ -43,7 +44,7 @@ def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     travel = still(BOUND)
     reason = went(travel, (0.0, 0.0, 0.01))
     for k in range(1, 90):
-        travel.image([0.85], [False], [0.01], [0.0], ZERO, ZERO)
+        travel.image([ForceShare(0.85, False, 0.01, 0.0)], ZERO, ZERO)
         reason = reason or went(travel, (0.0, 0.0, 0.01 + 9e-4 * k))
     assert "the force stays at 85% of the wanted one over max_free_travel = 60 mm" in reason
     assert "the tool slides in the grasp" in reason
@@ -53,7 +54,7 @@ def test_a_gripper_that_gives_way_to_a_force_that_does_not_fall_is_told_of_wrong
     travel = still(BOUND)
     reason = went(travel, (0.0, 0.0, 0.08))
     for k in range(1, 90):
-        travel.image([1.44], [False], [0.01], [0.0], ZERO, ZERO)
+        travel.image([ForceShare(1.44, False, 0.01, 0.0)], ZERO, ZERO)
         reason = reason or went(travel, (0.0, 0.0, 0.08 - 9e-4 * k))
     assert "the force stays at 144% of the wanted one though the gripper gave way over max_free_travel" in reason
 
@@ -64,13 +65,13 @@ def test_friction_that_reaches_the_force_for_a_moment_is_not_the_force() -> None
     for k in range(2000):
         if k % 5 == 0:
             rubs = k % 250 < 50
-            travel.image([0.9 if rubs else 0.2], [rubs], [0.01], [0.9], ZERO, ZERO)
+            travel.image([ForceShare(0.9 if rubs else 0.2, rubs, 0.01, 0.9)], ZERO, ZERO)
         assert travel.step(ZERO, UP, 0.004) == ""
         told.append("has not been reached" in travel.warning)
     assert told == sorted(told)
     assert told[-1]
     for _ in range(200):
-        travel.image([0.95], [True], [0.01], [0.9], ZERO, ZERO)
+        travel.image([ForceShare(0.95, True, 0.01, 0.9)], ZERO, ZERO)
         travel.step(ZERO, UP, 0.004)
     assert travel.warning == ""
 
@@ -82,9 +83,9 @@ def test_a_tool_that_lags_as_it_is_enabled_may_come_after() -> None:
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0))
         for _ in range(20):
-            travel.image([0.4], [False], [0.01], [0.4], lagging, free)
+            travel.image([ForceShare(0.4, False, 0.01, 0.4)], lagging, free)
         for _ in range(20):
-            travel.image([0.0], [False], [0.01], [0.0], now, free)
+            travel.image([ForceShare(0.0, False, 0.01, 0.0)], now, free)
         assert went(travel, (0.0, 0.0, 0.0555)) == ""
         assert went(travel, (0.0, 0.0, 0.0565)) != ""
 
@@ -95,7 +96,7 @@ def test_a_tip_that_goes_further_than_it_would_by_itself_is_kept_within_the_boun
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0))
         for k in range(20):
-            travel.image([0.0], [False], [0.01], [0.0], (0.0, 0.0, 0.12 + further * (k > 0)), free)
+            travel.image([ForceShare(0.0, False, 0.01, 0.0)], (0.0, 0.0, 0.12 + further * (k > 0)), free)
         assert (went(travel, (0.0, 0.0, 0.0575)) != "") == held
 
 
@@ -105,7 +106,7 @@ def test_the_way_is_counted_from_wherever_the_command_was_as_the_image_was_taken
     travel = still(BOUND)
     for k in range(5):
         travel.step((0.0, 0.0, 1e-3 * k), UP, 0.05)
-    travel.image([1.0], [True], [0.0], [0.0], ZERO, ZERO)
+    travel.image([ForceShare(1.0, True, 0.0, 0.0)], ZERO, ZERO)
     assert went(travel, (0.0, 0.0, 0.5 * reaches), (0.0, 0.0, reaches - sign * 5e-4)) == ""
     assert went(travel, (0.0, 0.0, reaches + sign * 5e-4)) != ""
 
@@ -114,9 +115,9 @@ def test_the_way_is_counted_anew_where_the_force_is_reached_or_rises() -> None:
     for share, settled, anew in ((1.0, True, True), (0.8, False, True), (0.6, False, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05))
-        travel.image([share], [settled], [0.0], [0.0], ZERO, ZERO)
+        travel.image([ForceShare(share, settled, 0.0, 0.0)], ZERO, ZERO)
         assert (went(travel, (0.0, 0.0, 0.1)) == "") == anew
-        travel.image([share], [False], [0.0], [0.0], ZERO, ZERO)  # it does not rise any more: friction, say
+        travel.image([ForceShare(share, False, 0.0, 0.0)], ZERO, ZERO)  # it does not rise any more: friction, say
         assert went(travel, (0.0, 0.0, 0.12)) != ""
 
 
@@ -141,9 +142,9 @@ def test_the_gripper_goes_further_than_a_tool_that_something_stops() -> None:
     for across, share, further in ((0.0, 0.4, True), (0.1, 0.4, True), (1.2, 0.4, False), (0.0, 0.0, False)):
         travel = still(BOUND)
         went(travel, (0.0, 0.0, 0.0))
-        travel.image([0.0], [False], [0.016], [0.0], (0.0, 0.0, 0.12), (0.0, 0.0, 0.12))
+        travel.image([ForceShare(0.0, False, 0.016, 0.0)], (0.0, 0.0, 0.12), (0.0, 0.0, 0.12))
         for _ in range(20):
-            travel.image([share], [False], [0.016], [across], (0.0, 0.0, 0.12 - 0.016 * share), (0.0, 0.0, 0.12))
+            travel.image([ForceShare(share, False, 0.016, across)], (0.0, 0.0, 0.12 - 0.016 * share), (0.0, 0.0, 0.12))
         assert (went(travel, (0.0, 0.0, 0.064)) == "") == further
 
 
@@ -153,7 +154,7 @@ def test_no_force_is_not_near_a_small_one() -> None:
     for i in range(5):
         if why := travel.step((0.0, 0.0, 0.03 * i), UP, 1.0):
             break
-        travel.image([0.0], [True], [0.0], [0.0], ZERO, ZERO)
+        travel.image([ForceShare(0.0, True, 0.0, 0.0)], ZERO, ZERO)
     assert "no contact within" in why
 
 

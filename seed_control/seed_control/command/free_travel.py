@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from math import copysign
 
+from seed_control.law.contact import ForceShare
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus_scaled
 
@@ -73,24 +74,14 @@ class FreeTravel:
         self._ways, self.warning = [], ""
         self._recent.clear()
 
-    def image(
-        self,
-        shares: list[float],
-        settled: list[bool],
-        needed: list[float],
-        across: list[float],
-        p_Ctip: Vector3,
-        relaxed: Vector3,
-    ) -> None:
-        """Take in an image, by direction.
+    def image(self, shares: Sequence[ForceShare], p_Ctip: Vector3, relaxed: Vector3) -> None:
+        """Take in an image.
 
         The gripper is further than a tool that something stops. A tool that rubs lags as well, but is not stopped: it
         may come after at any time, so that what friction can explain is no part of what the gripper may go further.
 
         Args:
-            shares: of the wanted force that the filtered estimate has. settled: whether it is there.
-            needed: deflection [m] that the wanted force needs.
-            across: force across the direction, as a share of the wanted one.
+            shares: of the wanted force that the filtered estimate has, by direction.
             p_Ctip: [m] from the gripper to the tip, in W. relaxed: where that is while nothing touches the tool.
         """
         tip = self._tip or p_Ctip
@@ -98,7 +89,7 @@ class FreeTravel:
         if len(shares) != len(self._ways) or not self._recent:
             self._ways = []
             return
-        for way, share, there, whole, rubs in zip(self._ways, shares, settled, needed, across, strict=True):
+        for way, (share, there, whole, rubs) in zip(self._ways, shares, strict=True):
             way.share = share
             way.tip = way.tip or self._tip  # enabled while it rubs, the tool lags already
             way.deflection = min(max(share - _RUBS * rubs, 0.0), _REACHED) * whole

@@ -5,6 +5,7 @@ Contact along a direction is lost when the mean of some more images is below ano
 """
 
 from collections import deque
+from typing import NamedTuple
 
 from seed_control.parameters import ControllerParameters
 from seed_core.spatial import Array
@@ -94,8 +95,22 @@ class ContactDetector:
         return tuple(i for i, (was, now, _) in enumerate(changed) if now and not was)
 
 
-def shares_of(along: Array, wanted: Array) -> tuple[list[float], list[bool]]:
-    """Shares of the wanted force (m,) [N] that there is (m,), and whether it is within a tenth, at least 0.3 N."""
-    pairs = list(zip(along.tolist(), wanted.tolist(), strict=True))
-    settled = [not w or abs(f - w) < max(0.1 * abs(w), 0.3) for f, w in pairs]
-    return [f / w if w else 1.0 for f, w in pairs], settled
+class ForceShare(NamedTuple):
+    """How much of the wanted force there is along one force direction.
+
+    Attributes:
+        share: of the wanted force; 1 where none is wanted.
+        reached: as `reached` has it; also where none is wanted.
+        needed: deflection [m] that the wanted force needs.
+        across: force across the direction, as a share of the wanted one.
+    """
+
+    share: float
+    reached: bool
+    needed: float
+    across: float
+
+
+def reached(force: float, wanted: float) -> bool:
+    """Whether a force [N] is within a tenth of the wanted one, at least 0.3 N."""
+    return abs(force - wanted) < max(0.1 * abs(wanted), 0.3)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_control.algorithm2 import force_control
-from seed_control.law.contact import ContactDetector, shares_of
+from seed_control.law.contact import ContactDetector, ForceShare, reached
 from seed_control.law.directions import force_directions
 from seed_control.law.partial_inverse import PartialInverseError, hybrid_force_position, hybrid_torque_orientation
 from seed_control.law.tip_reference import HeightReference, TipReference
@@ -154,18 +154,17 @@ class PublishedLaw:
         known = self.setpoint is not None and self.setpoint.touches
         return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation, known)
 
-    def shares(self) -> tuple[list[float], list[bool], list[float], list[float]]:
-        """By force direction: share of the wanted force that there is, whether it is there, deflection it needs [m].
-
-        And what there is across it, as a share of the same force.
-        """
-        force, wanted = self.tool.on_environment.force, [abs(w) for w in self.plan.wanted.tolist()]
+    def shares(self) -> list[ForceShare]:
+        """How much of the wanted force there is, by force direction."""
+        force, wanted = self.tool.on_environment.force, self.plan.wanted.tolist()
         along = self.plan.normals @ force
-        shares, settled = shares_of(along, self.plan.wanted)
-        needed = [w * c for w, c in zip(wanted, self._compliances(), strict=True)]
-        squares = (float(force @ force) - along**2).tolist()
-        across = [max(s, 0.0) ** 0.5 / w if w else 0.0 for s, w in zip(squares, wanted, strict=True)]
-        return shares, settled, needed, across
+        squares = (float(force @ force) - along**2).tolist()  # [N^2] across each
+        return [
+            ForceShare(f / w, reached(f, w), abs(w) * compliance, max(square, 0.0) ** 0.5 / abs(w))
+            if w
+            else ForceShare(1.0, True, 0.0, 0.0)
+            for f, w, compliance, square in zip(along.tolist(), wanted, self._compliances(), squares, strict=True)
+        ]
 
     def _compliances(self) -> list[float]:
         """Of the grasp along each force direction [m/N]."""
@@ -189,7 +188,7 @@ class PublishedLaw:
         self.estimated_task = m.on_environment.rotated(plan.R_W_task.T)
         self.filtered_task = filtered.rotated(plan.R_W_task.T)
         pairs = zip((plan.normals @ filtered.force).tolist(), plan.wanted.tolist(), strict=True)
-        self.settled = self.contact.made and all(abs(f - wanted) < max(0.1 * abs(wanted), 0.3) for f, wanted in pairs)
+        self.settled = self.contact.made and all(reached(f, wanted) for f, wanted in pairs)
 
     def regulated_error(self) -> Wrench | None:
         """Filtered estimate less wanted wrench, where force and torque are regulated, in the task frame.
