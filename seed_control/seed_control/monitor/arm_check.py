@@ -111,22 +111,11 @@ class ArmCheck:
         if self._newest > t + SET_BACK:  # readings of a time to come; one is due from now on
             self._readings.clear()
             self._newest = t
-        if t - self._newest > self._settings.arm_timeout:
-            self.reason = (
-                f"arm_wrench is silent: none for {t - self._newest:.2f} s, at most {self._settings.arm_timeout:g} s"
-            )
+        if why := self._why_unusable(t):
+            self.reason = why
             self._test.reset()
             return
-        if self._same >= _STUCK:
-            self.reason = f"arm_wrench is stuck: the very same reading {self._same} times in a row"
-            self._test.reset()
-            return
-        for s in free:
-            if s.verified and (at := self._at(s.m.stamp)) is not None:
-                hanging = s.load if self._settings.arm_weighs_tool else np.zeros(6)
-                self._zeros.append(at[0] - self._on_flange(s.m, hanging))
-        if len(self._zeros) >= _LEAST:
-            self._zero = np.mean(self._zeros, axis=0)
+        self._learn_zero(free)
         at, told = self._at(m.stamp), spring.vector()
         last, self._last = self._last, (m.stamp, told)
         last = None if last is not None and m.stamp <= last[0] else last
@@ -143,6 +132,24 @@ class ArmCheck:
             self.reason = ""
         elif self._test.to_be_told(t):
             self.reason = self._words(told)
+
+    def _why_unusable(self, t: float) -> str:
+        """What is wrong with the readings at t [s], whatever they tell; '' for nothing."""
+        silent, most = t - self._newest, self._settings.arm_timeout
+        if silent > most:
+            return f"arm_wrench is silent: none for {silent:.2f} s, at most {most:g} s"
+        if self._same >= _STUCK:
+            return f"arm_wrench is stuck: the very same reading {self._same} times in a row"
+        return ""
+
+    def _learn_zero(self, free: list[FreeSpaceSample]) -> None:
+        """The reading's offset, from moments at which the tool's weight tells the load."""
+        for s in free:
+            if s.verified and (at := self._at(s.m.stamp)) is not None:
+                hanging = s.load if self._settings.arm_weighs_tool else np.zeros(6)
+                self._zeros.append(at[0] - self._on_flange(s.m, hanging))
+        if len(self._zeros) >= _LEAST:
+            self._zero = np.mean(self._zeros, axis=0)
 
     def _words(self, told: Array) -> str:
         assert self._test.difference is not None

@@ -68,6 +68,12 @@ class Demonstration:
         if len(self.stamps) < FEWEST:
             raise TeachError(f"the demonstration has {len(self.stamps)} measurements; at least {FEWEST} are needed")
         t = self.stamps - self.stamps[0]
+        self._check_values(t)
+        self._check_times(t, settings)
+        self._check_jumps(t, settings)
+
+    def _check_values(self, t: Array) -> None:
+        """Every number by itself; t (n,) [s] since the start."""
         for name, values in (("time", t), ("pose", self.X_W_tip), ("force", self.forces)):
             bad = np.flatnonzero(~np.isfinite(values.reshape(len(t), -1)).all(axis=1))
             if len(bad):
@@ -81,6 +87,9 @@ class Demonstration:
                 f"the force of measurement {int(np.argmax(size)) + 1} is {size.max():.3g} N, at most {MOST_FORCE:g} N "
                 "can be taught: is it in newtons?"
             )
+
+    def _check_times(self, t: Array, settings: TeachSettings) -> None:
+        """How long, in order, and without a gap."""
         if t[-1] < LEAST:
             raise TeachError(f"the demonstration lasts {max(t[-1], 0.0):.1f} s; at least {LEAST:g} s are needed")
         dt = np.diff(t)
@@ -93,6 +102,10 @@ class Demonstration:
                 f"the demonstration has a gap of {dt[k]:.2f} s after {t[k]:.2f} s, at most {settings.gap:g} s: the "
                 "estimator lost the tool, or messages were lost; teach again"
             )
+
+    def _check_jumps(self, t: Array, settings: TeachSettings) -> None:
+        """How fast place, rotation and force change from one measurement to the next."""
+        dt = np.diff(t)
         turned = (self.rotations[:-1].inv() * self.rotations[1:]).magnitude()
         moved = np.linalg.norm(np.diff(self.X_W_tip[:, :3, 3], axis=0), axis=1)
         changed = np.linalg.norm(np.diff(self.forces, axis=0), axis=1)
