@@ -125,10 +125,26 @@ class ControllerNode(SeedNode):
             )
         self.steps = 0
         self._estimator_says = ""  # reason of the newest estimate
+        self._arm_holds = ""  # why
         self._was_enabled = False
         self._here, self._here_at = np.eye(4), 0.0  # the newest flange pose and its stamp [s]
         self._output: ControlOutput | None = None
 
+        self._create_outputs()
+        self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
+        self._pressures = (
+            BubblePressures(self) if wrench.file else None
+        )  # polled before the estimates that they go into
+        self._create_inputs()
+        StiffnessScheduleInput(self, schedule, hand, self._on_stiffness)
+        self.grip = GripAnswer(self, self.core, grip)
+        self._estimator_clock = EstimatorClock(self, skew)
+        self._create_services()
+        skewed = self._estimator_clock.skew
+        self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)
+        self.diagnose("controller", self._report)
+
+    def _create_outputs(self) -> None:
         self._target = self.publisher(PoseStamped, "target_frame", COMMAND)
         self._wrench = self.publisher(WrenchEstimate, "wrench_estimate", COMMAND)
         self._drawn = self.publisher(WrenchStamped, "~/wrench", COMMAND)
@@ -140,9 +156,8 @@ class ControllerNode(SeedNode):
             tip = transform_stamped(self.tool.X_Ttip, self.now(), self.frames.tool, self.frames.tip)
             transforms.send_static(tip)
 
-        self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
+    def _create_inputs(self) -> None:
         self.listen(PoseStamped, "current_pose", self._on_pose, QUEUE, refused="poses_refused")
-        self._pressures = BubblePressures(self) if wrench.file else None
         self.listen(RelativePose, "relative_pose", self._on_estimate, QUEUE, refused="estimates_refused")
         self.listen(HybridMsg, "~/setpoint", self._on_hybrid, COMMAND, refused="setpoints_unreadable")
         self.listen(WrenchMsg, "~/wrench_setpoint", self._on_wrench, COMMAND, refused="setpoints_unreadable")
@@ -150,23 +165,14 @@ class ControllerNode(SeedNode):
             RelativePoseMsg, "~/relative_pose_setpoint", self._on_relative, COMMAND, refused="setpoints_unreadable"
         )
         self.listen(WrenchStamped, "arm_wrench", self._on_arm_wrench, QUEUE, refused="arm_wrench_refused")
-        self._arm_holds = ""  # why
         self.loop.poll(String, "arm_hold_reason", self._on_arm_hold, LATCHED)
-        StiffnessScheduleInput(self, schedule, hand, self._on_stiffness)
-        self.grip = GripAnswer(self, self.core, grip)
-        self._estimator_clock = EstimatorClock(self, skew)
 
+    def _create_services(self) -> None:
+        s = self.settings
         self.serve(SetBool, "~/enable", self._enable)
-        operator = Operator(
-            self, "~/follow_setpoints", self.settings.operator_timeout, must_beat=self.settings.operator_beats
-        )
-        self.follow = FollowServer(
-            self, self.core, self._why_not, operator, self.settings.operator_lost, self.frames.base
-        )
+        operator = Operator(self, "~/follow_setpoints", s.operator_timeout, must_beat=s.operator_beats)
+        self.follow = FollowServer(self, self.core, self._why_not, operator, s.operator_lost, self.frames.base)
         self.payload = PayloadIdentification(self, self.core, lambda: self.follow.busy)
-        skewed = self._estimator_clock.skew
-        self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)
-        self.diagnose("controller", self._report)
 
     # in
     @contextmanager

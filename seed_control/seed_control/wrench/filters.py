@@ -124,17 +124,22 @@ class DeflectionFilter:
         held: tuple[bool, bool, bool] = (True, True, True),
         pressing: Array | None = None,
     ) -> None:
-        """Take in one image, whose answer takes loop_time [s].
+        """Take in one image.
 
         What is fed forward has the tipping gain in its loop, so its time grows with it. While a tip sticks, the place
         winds up, and what it is shifted by leans a tool near tipping: it has to be much slower than the uprighting, and
         waits while the tool leans.
 
-        yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel.
-        R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None: nothing
-            is followed.
-        pressing: (3,) unit vector of the wanted force, in T; None: no force. A turn about it tips nothing, and is
-            answered slowly: a blade that yaws as it sticks and slips would swing the more.
+        Args:
+            loop_time: [s] from the image to the arm's answer.
+            tipping_gain: how many times further than the gripper the tool turns, 1 or more.
+            yielding: (3, 3) in W, along side directions the grasp's stiffness over the one that the tip shall feel;
+                None where none counts.
+            R_WT_des: (3, 3) wanted of the tool, with which tip_to_C turns about the axes of T that are held; None:
+                nothing is followed.
+            held: which axes of T hold their angle.
+            pressing: (3,) unit vector of the wanted force, in T; None: no force. A turn about it tips nothing, and is
+                answered slowly: a blade that yaws as it sticks and slips would swing the more.
         """
         p, dt = self.parameters, m.stamp - self._stamp
         self._stamp = m.stamp
