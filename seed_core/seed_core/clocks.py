@@ -82,7 +82,12 @@ def boot() -> str:
 
 
 def save_clocks(path: Path, offset: float, deviation: float, date: str, robot: str = "", cameras: str = "") -> None:
-    """Write a comparison that was made here, whole or not at all; date: ISO 8601."""
+    """Write a comparison that was made on this computer, whole or not at all.
+
+    Args:
+        offset, deviation: by which images' stamps are ahead of the robot's, and its standard deviation [s].
+        date: when, ISO 8601. robot, cameras: their names.
+    """
     known = ClockComparison(offset, deviation, date, socket.gethostname(), boot(), robot, cameras)
     head = "# SPDX-License-Identifier: Apache-2.0\n# Clocks of images and robot: offset and deviation in s.\n"
     save_file(path, head, known)

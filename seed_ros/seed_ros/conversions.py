@@ -83,7 +83,7 @@ def pose_stamped(X: Array, t: float, frame_id: str) -> PoseStamped:
 
 
 def transform_stamped(X_AB: Array, t: float, frame_a: str, frame_b: str) -> TransformStamped:
-    """TransformStamped of X_AB (4, 4)."""
+    """TransformStamped of X_AB (4, 4) at time t [s]."""
     message = stamped(TransformStamped, t, frame_a)
     message.child_frame_id = frame_b
     fill(message.transform.translation, X_AB[:3, 3])
@@ -108,7 +108,7 @@ def fill_wrench(message: WrenchMsg, wrench: Wrench) -> WrenchMsg:
 
 
 def wrench_stamped(wrench: Wrench, t: float, frame_id: str) -> WrenchStamped:
-    """WrenchStamped of a core wrench."""
+    """WrenchStamped of a core wrench at time t [s]."""
     message = stamped(WrenchStamped, t, frame_id)
     fill_wrench(message.wrench, wrench)
     return message

@@ -182,7 +182,7 @@ class TransformBroadcaster:
     """Transforms on /tf and /tf_static, which are only topics of type tf2_msgs/TFMessage: tf2_ros is not needed."""
 
     def __init__(self, node: Node, moving: bool = True, fixed: bool = True) -> None:
-        """Which of both will be sent."""
+        """moving, fixed: which of /tf and /tf_static will be sent."""
         self._moving = node.create_publisher(TFMessage, "/tf", TF, event_callbacks=QUIET) if moving else None
         self._fixed = node.create_publisher(TFMessage, "/tf_static", LATCHED, event_callbacks=QUIET) if fixed else None
         self._kept: dict[str, TransformStamped] = {}

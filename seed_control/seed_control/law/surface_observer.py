@@ -110,7 +110,16 @@ class SurfaceObserver:
         self._undeflected = undeflected.copy()
 
     def update(self, t: float, n: Array, tip: Array, undeflected: Array, variance: float) -> float:
-        """One image at time t, variance [m^2] of the measured height. Returns the innovation [m]."""
+        """Take in one image.
+
+        Args:
+            t: [s] of the image.
+            n: (3,) force direction. tip, undeflected: (3,) [m] in W, measured tip and undeflected tip.
+            variance: [m^2] of the measured height.
+
+        Returns:
+            The innovation [m].
+        """
         dt = max(t - self._last, 0.0)
         rise = self._predict(dt, n, tip)
         self._last = t

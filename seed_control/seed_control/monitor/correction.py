@@ -47,7 +47,13 @@ class Correction:
         self.active = False
 
     def learn(self, stamp: float, told: Array, reference: Array, random: Array, systematic: Array) -> None:
-        """One comparison of wrenches (6,) on the tool about T in T, with the covariances (6, 6) of the difference."""
+        """Take in one comparison of (torque, force) on the tool about T's origin, in T.
+
+        Args:
+            stamp: [s].
+            told, reference: (6,) [N m, N] as the model tells it, and as it should be.
+            random, systematic: (6, 6) covariances of their difference.
+        """
         dt = min(max(stamp - self._stamp, 0.0), 1.0) if self._stamp > -inf else 0.0
         newest = -inf if stamp < self._stamp - _SET_BACK else self._stamp  # samples of two kinds take turns
         self._stamp, self._systematic = max(stamp, newest), systematic

@@ -132,9 +132,7 @@ class ControllerNode(SeedNode):
 
         self._create_outputs()
         self.loop = FixedRateLoop(self, self.parameters.rate, self._step, priority=self.settings.realtime_priority)
-        self._pressures = (
-            BubblePressures(self) if wrench.file else None
-        )  # polled before the estimates that they go into
+        self._pressures = BubblePressures(self) if wrench.file else None  # polled before relative_pose
         self._create_inputs()
         StiffnessScheduleInput(self, schedule, hand, self._on_stiffness)
         self.grip = GripAnswer(self, self.core, grip)

@@ -36,7 +36,7 @@ class CommandLimiter:
     """
 
     def __init__(self, p: Vector3, q: Quaternion, dt: float, limits: MotionLimits) -> None:
-        """dt: [s] of a step."""
+        """Stand still at p [m], q; dt: [s] of a step."""
         self.dt, self.limits, self._wanted = dt, limits, limits
         self.reference: Reference | None = None
         self.restart(p, q)

@@ -66,7 +66,12 @@ class Outputs:
             self.node.destroy_publisher(publisher)
 
     def publish(self, state: ServoState, now: float, refused: int, accepted: int, deaths: int) -> None:
-        """Everything that is due; measurements only while they are fresh."""
+        """Publish what is due; measurements only while they are fresh.
+
+        Args:
+            now: time.monotonic() [s].
+            refused, accepted: targets so far. deaths: of the servo process.
+        """
         changed = self._publish_words(state)
         if changed or now - self._diagnosed > DIAGNOSTICS_EVERY:
             self._diagnosed, self._told = now, (state, accepted, refused, deaths)

@@ -91,7 +91,7 @@ def pixels_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.gener
 
 
 def image_message(data: NDArray[np.generic], encoding: str, t: float, frame_id: str) -> Image:
-    """Image of an array whose dtype fits the encoding."""
+    """Image of an array (H, W) or (H, W, C) whose dtype fits the encoding, taken at t [s]."""
     contiguous = np.ascontiguousarray(data)
     message = stamped(Image, t, frame_id)
     message.height, message.width = int(data.shape[0]), int(data.shape[1])

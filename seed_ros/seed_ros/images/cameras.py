@@ -40,7 +40,7 @@ def intrinsics(message: CameraInfo, rectified: bool) -> Intrinsics:
 
 
 def camera_info(values: Intrinsics, t: float, frame_id: str) -> CameraInfo:
-    """CameraInfo of a camera without rectification of its own: P is K, R the identity."""
+    """CameraInfo at t [s] of a camera without rectification of its own: P is K, R the identity."""
     k = [float(v) for v in values.k]
     message = stamped(CameraInfo, t, frame_id)
     message.width, message.height, message.distortion_model = values.width, values.height, values.model or "plumb_bob"
