@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driver before it is active: what may be set then, and a servo process that cannot be started."""
 
+import subprocess
 from unittest.mock import Mock
 
 import pytest
@@ -12,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.node import DriverNode
 from seed_ros.testing import Bench
 
@@ -24,7 +24,7 @@ def test_a_servo_process_that_cannot_be_started_leaves_the_driver_inactive(monke
     try:
         node = bench.add(DriverNode, robot_ip="127.0.0.9", autostart=False)
         node.trigger_configure()
-        monkeypatch.setattr(Supervisor, "start", Mock(side_effect=OSError("no more processes")))
+        monkeypatch.setattr(subprocess, "Popen", Mock(side_effect=OSError("no more processes")))
         with pytest.raises(OSError, match="no more processes"):
             node.on_activate(None)
         answer = bench.call(Trigger, "driver/resend_robot_program", Trigger.Request())

@@ -31,6 +31,7 @@ from seed_driver.process.shared_memory import (
 
 ROBOTS_OWN = ("start", "zero_ft", "freedrive")  # requests that are nothing without a robot
 RESTART_AFTER = 0.1  # [s] from the death of a process to the next
+TRY_AGAIN = 1.0  # [s] from a start that failed to the next
 MOST_REPLIES = 200  # kept for those who ask
 
 
@@ -66,24 +67,37 @@ class Supervisor:
         self._start_program = False  # until a life has done so, or was told not to
 
     def start(self, start_program: bool) -> None:
-        """Start the process; with `start_program` it sends the robot program as soon as the robot allows."""
+        """Start the process; with `start_program` it sends the robot program as soon as the robot allows.
+
+        Raises:
+            OSError: the system gives no process.
+        """
         self.memory = SharedMemory.create()
         self._start_program = start_program
-        self._spawn(self.memory, time.monotonic())
+        try:
+            self._spawn(self.memory, time.monotonic())
+        except OSError:
+            self.close()
+            raise
 
     def _spawn(self, memory: SharedMemory, now: float) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         memory.write_state(ServoState(heartbeat=now, reason=self.state.reason if self.deaths else "starting"))
-        process = subprocess.Popen(
-            [sys.executable, "-m", "seed_driver.servo", str(memory.fd), str(theirs.fileno())],
-            pass_fds=(memory.fd, theirs.fileno()),
-            stdin=subprocess.DEVNULL,
-        )
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "seed_driver.servo", str(memory.fd), str(theirs.fileno())],
+                pass_fds=(memory.fd, theirs.fileno()),
+                stdin=subprocess.DEVNULL,
+            )
+        except OSError:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
         if self.config.realtime_priority > 0:
             raise_niceness(process.pid)
         ours.setblocking(False)
         ours.send(json.dumps({"config": to_mapping(self.config), "start": self._start_program}).encode())
-        theirs.close()
         self._life = _Life(process, ours)
         self._heartbeat.restart(process.pid, now)
         self.state = self.state._replace(stage=Stage.STARTING)
@@ -103,7 +117,7 @@ class Supervisor:
             return self.state
         if self._life is None:
             if now >= self._restart_at:
-                self._spawn(self.memory, now)
+                self._start_again(self.memory, now)
             return self.state
         self._read_replies(self._life.wire)
         code = self._life.process.poll()  # before its state, so that this is the last one when it has ended
@@ -123,6 +137,14 @@ class Supervisor:
         else:
             self.state = state
         return self.state
+
+    def _start_again(self, memory: SharedMemory, now: float) -> None:
+        """The next life; where the system is out of processes or memory, later."""
+        try:
+            self._spawn(memory, now)
+        except OSError as error:
+            self._restart_at = now + TRY_AGAIN
+            self.state = self.state._replace(reason=f"servo process cannot be started: {error}")
 
     def _ended(self, life: _Life, now: float, last: ServoState, reason: str) -> None:
         life.wire.close()
