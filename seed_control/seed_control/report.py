@@ -33,7 +33,7 @@ def describe(
         desired=hybrid.wrench if hybrid is not None else None,
         estimated=law.estimated_task,
         filtered=law.filtered_task,
-        told=m.told if m is not None else None,
+        model_spring=m.model_spring if m is not None else None,
         deviation=supervisor.uncertainty.deviation,
         covariance=supervisor.uncertainty.covariance,
         contradictions=supervisor.references.contradictions,

@@ -69,7 +69,7 @@ class ControllerState(NamedTuple):
         desired, estimated: wrench of the tool on the environment about the tip, in the task frame [N m, N]; None when
             nothing is asked, or no estimate has come yet. `estimated` is the newest image's, unfiltered.
         filtered: the estimate averaged over about a tenth of a second.
-        told: load of the spring on the tool at that image, about T's origin in T, as the model has it, uncorrected.
+        model_spring: load of the spring on the tool at that image, about T's origin in T, as the model has it.
         deviation: standard deviations of `estimated` [N m, N], of an image of the last tenth of a second.
         covariance: (6, 6) of the same wrench's (torque, force), about the tip in W.
         doubt: what the wrench model finds doubtful of it.
@@ -93,7 +93,7 @@ class ControllerState(NamedTuple):
     desired: Wrench | None = None
     estimated: Wrench | None = None
     filtered: Wrench | None = None
-    told: Wrench | None = None
+    model_spring: Wrench | None = None
     deviation: Wrench | None = None
     covariance: Array | None = None
     contradictions: tuple[str, ...] = ()

@@ -30,9 +30,9 @@ class References:
         Args:
             by_pose: (6, 6) covariance of the spring's (torque, force) in T by the pose.
         """
-        weight, told = self._wrench_estimator.true_weight(m.X_WT[:3, :3]), m.told.vector()
-        self.weight.update(m, m.told, weight, by_pose, in_contact)
-        self.arm.update(m, m.told, weight, by_pose, self.weight.passed, t)
+        weight, told = self._wrench_estimator.true_weight(m.X_WT[:3, :3]), m.model_spring.vector()
+        self.weight.update(m, m.model_spring, weight, by_pose, in_contact)
+        self.arm.update(m, m.model_spring, weight, by_pose, self.weight.passed, t)
         for s in self.weight.passed:
             if s.verified:
                 self.correction.learn(s.m.stamp, s.spring, s.load, s.random, s.systematic)

@@ -90,7 +90,7 @@ class PayloadRun:
         assert state.measured_X_CT is not None
         self._seen = image
         # Uncorrected: what the stated weight has mended would agree with it.
-        self._fit.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT, state.told)
+        self._fit.add(state.X_W_tip @ self._X_tipT, state.measured_X_CT, state.model_spring)
 
 
 def report(payload: Payload, tool: Tool) -> str:

@@ -67,7 +67,7 @@ class GripAnswer:
         if m is not None and m.stamp != self._image and m.estimate is not None and isfinite(self._force):
             self._image = m.stamp
             estimator = self._core.wrench_estimator
-            load = m.told
+            load = m.model_spring
             if self._settings.load_kept and estimator.model.name == "bushing":
                 load = self._kept.update(load, estimator.bushing.stiffness, m.X_TC)
             C = estimator.covariance(m)[1] + np.diag((_SHARE * load.vector()) ** 2)

@@ -29,7 +29,7 @@ class Measurement(NamedTuple):
         tip: (3,) [m] in W. undeflected: (3,) the same if T's origin were at C's, with the tool's rotation as it is.
         spring: the bushing's load on the tool about T's origin, in T, at this displacement.
         on_environment: the tool's load on the environment about the tip, in W, as the wrench model tells it.
-        told: what the wrench model tells of the spring, before any correction; on_environment is after it.
+        model_spring: the spring's load as the wrench model has it, before any correction; on_environment is after it.
         discrepancy: bushing less model, on the tool about T's origin, in T; None where the model is the bushing.
         spring_covariance: (6, 6) of the model's (torque, force) on the tool, in T; None: `WrenchEstimator.covariance`
             works it out from the estimate.
@@ -49,7 +49,7 @@ class Measurement(NamedTuple):
     on_environment: Wrench
     variance: float
     rotation_deviation: float
-    told: Wrench
+    model_spring: Wrench
     discrepancy: Wrench | None = None
     spring_covariance: Array | None = None
     estimate: RelativePoseEstimate | None = None
@@ -216,7 +216,7 @@ class WrenchEstimator:
             on_environment=corrected.plus(self.weight(R_WT)).about(self.p_Ttip).rotated(R_WT),
             variance=max(variance, 1e-10) if variance > 0.0 else self._default_variance,
             rotation_deviation=turning**0.5 if turning > 0.0 else ROTATION_DEVIATION,
-            told=told,
+            model_spring=told,
             discrepancy=discrepancy,
             spring_covariance=covariance,
             estimate=estimate,
@@ -239,7 +239,7 @@ class WrenchEstimator:
             by_pose, by_map = m.spring_covariance, np.zeros((6, 6))
         C = by_pose + by_map
         if self.correction is not None and self.correction.active:
-            C = by_pose + self.correction.mismatch(m.told.vector())[1]
+            C = by_pose + self.correction.mismatch(m.model_spring.vector())[1]
         R = m.X_WT[:3, :3]
         A = wrench_adjoint(make_pose(R, -R @ self.p_Ttip))
         return A @ C @ A.T, by_pose
