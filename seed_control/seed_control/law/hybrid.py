@@ -16,7 +16,7 @@ from seed_control.law.surface_normal import SurfaceNormal
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.setpoints import NONE, Flags, HybridSetpoint
+from seed_control.setpoint.setpoints import NO_AXES, AxisFlags, HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator, share_of
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
@@ -90,7 +90,7 @@ class HybridLaw(PublishedLaw):
         if s is not None:
             self._off_path = as_vector3(m.tip - s.X_W_tip[:3, 3] + age * s.velocity)
         R_WT_des = s.X_W_tip[:3, :3] @ self._R_Ttip.T if s is not None else None
-        x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NONE))
+        x, y, z = (not (on and self.contact.made) for on in (s.torque_axes if s is not None else NO_AXES))
         self.trailing = self._trails(s, R_WT_des, (x, y, z), m) if s is not None and R_WT_des is not None else None
         pressing = self._pressing_T if self.contact.made else None
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z), pressing)
@@ -130,7 +130,7 @@ class HybridLaw(PublishedLaw):
         elif self.settled and len(self._changes) != count:
             self._changes = [ForceChange(p.max_acceleration, p.max_jerk) for _ in range(count)]
 
-    def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: Flags, m: Measurement) -> float:
+    def _trails(self, s: HybridSetpoint, R_WT_des: Array, held: AxisFlags, m: Measurement) -> float:
         """Angle [rad] by which the tip trails the gripper along the path, as the tool leans; nothing turned by torque.
 
         A tool that leans ahead, aside or about itself is no reason to wait: it comes upright as it goes on.
@@ -313,7 +313,7 @@ class HybridLaw(PublishedLaw):
         return dot(n, as_vector3(m.undeflected)) - (over if wanted > 0.0 else -over) / stiffness
 
 
-def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: Flags, stiffness: Stiffness) -> float:
+def tipping_gain(force_T: Array, p_Ttip: Array, torque_axes: AxisFlags, stiffness: Stiffness) -> float:
     """How many times further than the gripper a tool turns that is pressed with F at lever H: G = 1 / (1 - F H / k).
 
     On the axis that holds its angle the worst; where k < F H the tool tips (SP14). Turning about an axis moves only

@@ -13,11 +13,11 @@ from math import asin, cos, isfinite, pi, sin
 
 import numpy as np
 
+from seed_control.setpoint.setpoints import AxisFlags
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_core.vector3 import Vector3
 
-Selection = tuple[bool, bool, bool]
 _EYE = np.eye(3)
 PITCH_RANGE = np.deg2rad(60.0)  # [rad]; twice of what the grasp endures before slip
 
@@ -44,7 +44,7 @@ def hybrid_force_position(force_projector: Array, K: Array, displacement: Array,
 
 
 def hybrid_torque_orientation(
-    k: Vector3, torque: Vector3, angles: Vector3, is_torque: Selection, near_pitch: float | None = None
+    k: Vector3, torque: Vector3, angles: Vector3, is_torque: AxisFlags, near_pitch: float | None = None
 ) -> Vector3:
     """Hybrid torque/orientation control (Sec. V-C2): rpy(R_TC) [rad] with torque[i] where is_torque[i], else angles[i].
 

@@ -9,7 +9,13 @@ from seed_msgs.msg import HybridSetpoint as HybridMsg
 from seed_msgs.msg import RelativePoseSetpoint as RelativePoseMsg
 from seed_msgs.msg import WrenchSetpoint as WrenchMsg
 
-from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_control.setpoint.setpoints import (
+    AxisFlags,
+    HybridSetpoint,
+    RelativePoseSetpoint,
+    SetpointError,
+    WrenchSetpoint,
+)
 from seed_control.state import ControllerState
 from seed_core.hand import Tool
 from seed_core.spatial import Array, Wrench, pose_from_quaternion, so3_log
@@ -96,7 +102,7 @@ def _task_orientation(q: Quaternion) -> Array:
     return pose_from_quaternion(values, (0.0, 0.0, 0.0), "setpoint.task")[:3, :3]
 
 
-def _flags(values: object) -> tuple[bool, bool, bool]:
+def _flags(values: object) -> AxisFlags:
     a, b, c = (bool(v) for v in values)  # type: ignore[attr-defined]
     return a, b, c
 

@@ -10,7 +10,13 @@ import numpy as np
 
 from seed_control.algorithm2 import wrench_about_T
 from seed_control.parameters import ControllerParameters
-from seed_control.setpoint.setpoints import Flags, HybridSetpoint, RelativePoseSetpoint, SetpointError, WrenchSetpoint
+from seed_control.setpoint.setpoints import (
+    AxisFlags,
+    HybridSetpoint,
+    RelativePoseSetpoint,
+    SetpointError,
+    WrenchSetpoint,
+)
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing, BushingError, Stiffness
 from seed_core.estimate import AXES, RelativePoseEstimate
@@ -163,7 +169,7 @@ class SetpointChecks:
                 "against slip: ask for less torque or a stiffer grip",
             )
 
-    def _check_tipping(self, force_T: Array, torque_axes: Flags, stiffness: Stiffness) -> None:
+    def _check_tipping(self, force_T: Array, torque_axes: AxisFlags, stiffness: Stiffness) -> None:
         """SP14: pressing with F at lever H tips a tool whose angle-controlled axes are too soft for it.
 
         A lean a is at rest where k a = F H (sin a + mu cos a), with the friction mu F across the tip; there is such a
@@ -186,7 +192,7 @@ class SetpointChecks:
                 )
 
 
-def _check_torque_axes(torque_axes: Flags, torque_T: Array) -> None:
+def _check_torque_axes(torque_axes: AxisFlags, torque_T: Array) -> None:
     """SP12: a wanted torque about an axis of T that holds its angle."""
     for i, on in enumerate(torque_axes):
         if not on and abs(torque_T[i]) > _TORQUE_TOLERANCE:
@@ -203,7 +209,7 @@ def _check_observed(unobserved: str) -> None:
         raise SetpointError("SP15", unobserved)
 
 
-def unobserved_load(directions: Array, torque_axes: Flags, estimate: RelativePoseEstimate, R_WC: Array) -> str:
+def unobserved_load(directions: Array, torque_axes: AxisFlags, estimate: RelativePoseEstimate, R_WC: Array) -> str:
     """Which force or torque lies on an axis that the estimate does not observe (Sec. VIII-B); '' for none.
 
     Args:

@@ -17,8 +17,8 @@ from seed_core.spatial import Array, SpatialError, Wrench, check_pose
 
 TaskFrame = Literal["world", "tool", "surface", "found"]
 TASK_FRAMES = ("world", "tool", "surface", "found")
-Flags = tuple[bool, bool, bool]
-NONE: Flags = (False, False, False)
+AxisFlags = tuple[bool, bool, bool]  # which of x, y, z
+NO_AXES: AxisFlags = (False, False, False)
 _PROJECTOR_TOLERANCE = 1e-6
 _FASTEST = 0.5  # [m/s] of a set-point along its path
 _FORCE_TOLERANCE = 1e-6  # [N]
@@ -48,7 +48,7 @@ class WrenchSetpoint:
     kind: ClassVar = "wrench"
     wrench: Wrench
     frame: TaskFrame = "world"
-    contact_resists: Flags = NONE
+    contact_resists: AxisFlags = NO_AXES
     stamp: float | None = None
 
     def __post_init__(self) -> None:
@@ -93,10 +93,10 @@ class HybridSetpoint:
     X_W_tip: Array
     wrench: Wrench = field(default_factory=Wrench.zero)
     force_projector: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    torque_axes: Flags = NONE
+    torque_axes: AxisFlags = NO_AXES
     task_frame: TaskFrame = "world"
     R_W_task: Array = field(default_factory=lambda: np.eye(3))
-    contact_resists: Flags = NONE
+    contact_resists: AxisFlags = NO_AXES
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     approach_speed: float | None = None
     press_speed: float | None = None

@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import AxisFlags
 from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
 from seed_core.spatial import Array, Wrench, length, make_pose, rpy_from_rotation, so3_exp, so3_log
 
@@ -121,7 +122,7 @@ class DeflectionFilter:
         tipping_gain: float,
         yielding: Array | None = None,
         R_WT_des: Array | None = None,
-        held: tuple[bool, bool, bool] = (True, True, True),
+        held: AxisFlags = (True, True, True),
         pressing: Array | None = None,
     ) -> None:
         """Take in one image.
@@ -177,9 +178,7 @@ class WantedTurn:
         self._answers: deque[tuple[float, Array]] = deque()  # [s] when the arm is there, and the rotation
         self.step = self.since = np.eye(3)
 
-    def update(
-        self, R: Array | None, held: tuple[bool, bool, bool], stamp: float, loop_time: float, speed: float
-    ) -> bool:
+    def update(self, R: Array | None, held: AxisFlags, stamp: float, loop_time: float, speed: float) -> bool:
         """Take in what is wanted as an image of that stamp [s] is answered loop_time [s] later; whether it turns.
 
         speed: [rad/s] at which the gripper turns at most.
@@ -213,7 +212,7 @@ class WantedTurn:
         self.step, self.since = R @ before.T, R @ then.T
         return True
 
-    def _towards(self, R: Array, before: Array, held: tuple[bool, bool, bool], most: float) -> Array:
+    def _towards(self, R: Array, before: Array, held: AxisFlags, most: float) -> Array:
         """By `most` [rad] at most, about the axes that are held; `before` itself where that is nowhere."""
         turn = so3_log(before.T @ R) * held
         size = length(turn)
