@@ -15,9 +15,9 @@ from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.parameters import ControllerParameters
 from seed_control.state import ControllerState
 from seed_control.tasks import Task, TaskError, TaskPlayer, check_fits, load_task
+from seed_control.tasks.insertion.plate import PlateUnderTip
 from seed_control.tasks.insertion.search import SearchRun
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
-from seed_control.tasks.insertion.surface import PlateUnderTip
 from seed_control.tasks.path import Spiral
 from seed_control.tasks.steps import Step
 from seed_core.config import ConfigError, load_text

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task
 from seed_control.tasks.steps import steps_of
-from seed_control.teach import Demonstration, Recorder, TeachError, TeachSettings, task_text, taught
+from seed_control.teach import Demonstration, Recorder, TeachError, TeachSettings, make_task, task_text
 from seed_control.teach.compare import _away as away_from
 from seed_control.teach.compare import difference, force_at
 from seed_control.teach.make import _Maker
@@ -59,7 +59,7 @@ def shown(noise: float = 1.0, seed: int = 0) -> Demonstration:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_task_goes_the_way_that_was_shown_with_its_forces_on_the_surface_that_was_pressed(seed: int) -> None:
-    made = taught(shown(seed=seed), "mine", "squeegee")
+    made = make_task(shown(seed=seed), "mine", "squeegee")
     assert made.forces == pytest.approx(FORCES, abs=0.15)
     X = made.task.frame.pose
     assert np.rad2deg(np.arccos(X[:3, 2] @ SURFACE[:3, 2])) < 1.0
@@ -83,7 +83,7 @@ def test_a_force_that_wavers_is_taught_as_it_was_pressed() -> None:
     even = shown()
     times = even.stamps - even.stamps[0]
     waver = 1.0 + 0.08 * np.sin(2.0 * np.pi * 0.6 * (times - 1.4))  # from the start of the first leg on
-    made = taught(replace(even, forces=even.forces * waver[:, None]), "mine", "squeegee", TeachSettings(force=1.0))
+    made = make_task(replace(even, forces=even.forces * waver[:, None]), "mine", "squeegee", TeachSettings(force=1.0))
     first = next(p for p in made.task.phases if p.name.startswith("wipe"))
     assert first.control is not None
     leg = np.linspace(0.05, 0.55, 11)  # of the path of both legs: the first alone
@@ -107,7 +107,7 @@ def test_a_tool_that_touches_while_it_stands_comes_down_where_it_presses() -> No
     touched = np.flatnonzero(np.linalg.norm(d.forces, axis=1) > 1.0)[:4]
     X = d.X_W_tip.copy()
     X[touched, :3, 3] += 0.0015 * SURFACE[:3, 1]  # it skids by 1.5 mm as it comes down
-    task = taught(Demonstration(d.stamps, X, d.forces), "mine", "").task
+    task = make_task(Demonstration(d.stamps, X, d.forces), "mine", "").task
     landing = next(p for p in task.phases if p.name == "approach").to
     assert landing is not None
     place = SURFACE[:3, :3].T @ (task.frame.pose @ np.append(landing, 1.0) - np.append(SURFACE[:3, 3], 0.0))[:3]
@@ -144,7 +144,7 @@ def test_the_file_says_what_the_task_is(away: float) -> None:
     there = shown()
     X = there.X_W_tip.copy()
     X[:, 0, 3] += away  # beyond a metre from the base, too
-    task = taught(replace(there, X_W_tip=X), "mine", "pen", TeachSettings(resists=("x",))).task
+    task = make_task(replace(there, X_W_tip=X), "mine", "pen", TeachSettings(resists=("x",))).task
     text = task_text(task, "a comment")
     assert text.startswith("# a comment\nname: mine\n")
     assert load_text(text, Task, "mine.yaml") == task
@@ -156,7 +156,7 @@ def test_the_file_says_what_the_task_is(away: float) -> None:
 
 def test_where_nothing_is_touched_the_path_alone_is_taught() -> None:
     d = shown()
-    task = taught(Demonstration(d.stamps, d.X_W_tip, 0.0 * d.forces), "free", "").task
+    task = make_task(Demonstration(d.stamps, d.X_W_tip, 0.0 * d.forces), "free", "").task
     assert all(p.control is None for p in task.phases)
     way = np.concatenate([np.array(s.points) for s in steps_of(task)]) @ task.frame.pose[:3, :3].T
     assert np.linalg.norm(way[-1] + task.frame.pose[:3, 3] - d.X_W_tip[-1, :3, 3]) < 2e-3
@@ -226,16 +226,16 @@ def _in_millinewtons(*arrays: np.ndarray) -> None:
 )
 def test_a_demonstration_that_cannot_be_believed_is_refused_by_name(change: Callable[..., None], words: str) -> None:
     with pytest.raises(TeachError, match=words):
-        taught(_changed(change), "mine", "")
+        make_task(_changed(change), "mine", "")
 
 
 def test_too_little_is_no_demonstration() -> None:
     d = shown()
     with pytest.raises(TeachError, match=r"lasts 0\.\d s; at least 1 s"):
-        taught(Demonstration(d.stamps[:20], d.X_W_tip[:20], d.forces[:20]), "mine", "")
+        make_task(Demonstration(d.stamps[:20], d.X_W_tip[:20], d.forces[:20]), "mine", "")
     for few in (0, 3):
         with pytest.raises(TeachError, match=f"has {few} measurements; at least 10"):
-            taught(Demonstration(d.stamps[:few], d.X_W_tip[:few], d.forces[:few]), "mine", "")
+            make_task(Demonstration(d.stamps[:few], d.X_W_tip[:few], d.forces[:few]), "mine", "")
     with pytest.raises(TeachError, match="nothing was measured"):
         Recorder().demonstration()
     with pytest.raises(ConfigError, match="resists has 'q'"):

@@ -9,7 +9,7 @@ from pathlib import Path
 from seed_bringup.commands.cells import cell_arguments, join
 from seed_control.parameters import ControllerParameters
 from seed_control.tasks import Task, check_fits
-from seed_control.teach import TeachSettings, task_text, taught
+from seed_control.teach import TeachSettings, make_task, task_text
 from seed_core.config import load_text
 from seed_core.errors import SeedError
 from seed_core.hand import Tool
@@ -36,7 +36,7 @@ def main(argv: list[str]) -> int:
         with interrupts() as check:
             heard = heard_of(check, options.namespace, options.freedrive, options.seconds)
     shown = heard.demonstration()
-    made = taught(shown, options.name or options.out.stem, options.tool, settings)
+    made = make_task(shown, options.name or options.out.stem, options.tool, settings)
     check_fits(made.task, replace(Tool(), name=made.task.tool), ControllerParameters())
     how = "played" if heard.played else "led"
     text = task_text(

@@ -96,7 +96,7 @@ class HybridLaw(PublishedLaw):
         self.deflection.update(m, loop_time, self._tipping_gain, self._yielding(), R_WT_des, (x, y, z), pressing)
         self._loop_time = loop_time
         self._turns.append((m.stamp, self._upright * self.deflection.q))
-        if self._finds(s) and self.touches(0):
+        if self._follows_surface(s) and self.touches(0):
             self.normal.image(m, s, self.wrench_estimator.mean_stiffness, loop_time)
             self.tool.turn(self.deflection.turned[0])
         super().image(m, loop_time, age)
@@ -107,7 +107,7 @@ class HybridLaw(PublishedLaw):
 
         Where the surface's normal is being found, what is across it may be a slope's.
         """
-        if self._finds(self.setpoint) or len(self.plan.normals) != 1 or not self.touches(0):
+        if self._follows_surface(self.setpoint) or len(self.plan.normals) != 1 or not self.touches(0):
             return
         n, force = self.plan.normals[0], self.tool.on_environment.force
         pressing = float(n @ force)
@@ -153,12 +153,12 @@ class HybridLaw(PublishedLaw):
         self._turns.clear()
         self.normal.release()
 
-    def _finds(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
+    def _follows_surface(self, s: HybridSetpoint | None) -> TypeGuard[HybridSetpoint]:
         """Whether the set-point's directions follow the surface."""
         return s is not None and s.task_frame == "found" and self.parameters.law == "seed"
 
     def _task_axes(self, s: HybridSetpoint) -> tuple[Array, Array]:
-        if not self._finds(s):
+        if not self._follows_surface(s):
             self.normal.release()
             return super()._task_axes(s)
         self.normal.expect(s.R_W_task[:, 2])
@@ -172,13 +172,13 @@ class HybridLaw(PublishedLaw):
         for i, (n, observer) in enumerate(zip(normals, self.observers, strict=True)):
             if i in made:
                 observer.start(m.stamp, n, m.tip, m.undeflected)
-                if i == 0 and self._finds(self.setpoint):
+                if i == 0 and self._follows_surface(self.setpoint):
                     self.normal.start(m)
             if self.touches(i):
-                if self._finds(self.setpoint):
+                if self._follows_surface(self.setpoint):
                     observer.tilt(self.normal.slope(behind=True), self.normal.share)
                 observer.update(m.stamp, n, m.tip, m.undeflected, m.variance)
-                if self._finds(self.setpoint):
+                if self._follows_surface(self.setpoint):
                     observer.lie(self.normal.height, n, m.undeflected)
         self._may_change()
         return made
@@ -211,7 +211,7 @@ class HybridLaw(PublishedLaw):
 
         Along a surface that is found: of the wanted rotation. Elsewhere, in contact: of the deflection fed forward.
         """
-        if self._finds(s):
+        if self._follows_surface(s):
             return self.deflection.turned[1]
         if not (self._turns and self.contact.anywhere):
             return None
@@ -274,7 +274,7 @@ class HybridLaw(PublishedLaw):
         if not self.touches(i):  # the grasp must not deflect further within a loop than wanted
             return reference._replace(reach=_APPROACH_SHARE * needed)
         deflection = float(self.plan.normals[i] @ self.tool.R_WT @ self.plan.X_TC[:3, 3])
-        if self._finds(s):
+        if self._follows_surface(s):
             self.observers[i].tilt(self.normal.slope(behind=False), self.normal.share)
         offset, gradient, rate = self.observers[i].wanted_height(reference.normal, deflection, self._ahead)
         offset += dot(gradient, self._off_path)  # under the tip, wherever the path may be

@@ -38,7 +38,7 @@ LEVER = 0.5  # length of a torque axis that lies across both tool and normal, fr
 SIDE_STIFFNESS = ControllerParameters().side_stiffness  # [N/m]
 
 
-class Taught(NamedTuple):
+class TaughtTask(NamedTuple):
     """What came of a demonstration.
 
     Attributes:
@@ -55,7 +55,7 @@ class Taught(NamedTuple):
     uneven: float
 
 
-def taught(shown: Demonstration, name: str, tool: str, settings: TeachSettings | None = None) -> Taught:
+def make_task(shown: Demonstration, name: str, tool: str, settings: TeachSettings | None = None) -> TaughtTask:
     """The task of a demonstration; name: of the task, tool: that was held.
 
     Raises:
@@ -109,7 +109,7 @@ class _Maker:
             aim += np.sum(force * e, axis=1, keepdims=True) * e / SIDE_STIFFNESS
         return aim
 
-    def task(self, name: str, tool: str) -> Taught:
+    def task(self, name: str, tool: str) -> TaughtTask:
         """All phases."""
         phases: list[Phase] = []
         before = 0
@@ -135,7 +135,7 @@ class _Maker:
             tip_rpy=_vector(np.rad2deg(_rpy(self._R_tip)), 3),
             phases=tuple(phases),
         )
-        return Taught(task, tuple(self._forces), self._length, self._corners, self._uneven)
+        return TaughtTask(task, tuple(self._forces), self._length, self._corners, self._uneven)
 
     # free ways
     def _free(self, span: Span, name: str, near: str, landing: Array | None = None) -> Iterator[Phase]:

@@ -8,7 +8,7 @@ import numpy as np
 from joblib import delayed
 
 from seed_control.tasks import Task
-from seed_control.teach import TeachError, task_text, taught
+from seed_control.teach import TeachError, make_task, task_text
 from seed_control.teach.compare import difference
 from seed_core.config import load_text
 from seed_sim.closed_loop.progress import in_parallel
@@ -61,7 +61,7 @@ def replay(seed: int, estimator: str = "noisy") -> Replay:
     case, nan = draw(seed), float("nan")
     first = shown(case, estimator)
     try:
-        made = taught(first.measured, "mine", case.tool, case.settings).task
+        made = make_task(first.measured, "mine", case.tool, case.settings).task
         second, ended = again(case, load_text(task_text(made), Task, "mine.yaml"), estimator)
         apart = difference(first.true, second.true, case.settings)
     except TeachError as error:

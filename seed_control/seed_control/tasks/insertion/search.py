@@ -9,8 +9,8 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
+from seed_control.tasks.insertion.plate import PlateUnderTip
 from seed_control.tasks.insertion.sections import Search
-from seed_control.tasks.insertion.surface import PlateUnderTip
 from seed_control.tasks.path import Path, Spiral
 from seed_control.tasks.steps import Step, StepRun
 from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
