@@ -28,6 +28,7 @@ from seed_core.vector3 import Vector3
 
 Model = Literal["midpoint", "plain"]
 MODELS = ("midpoint", "plain")
+COORDINATES = ("roll", "pitch", "yaw", "x", "y", "z")  # of the map, in the order of every vector (6,) of stiffnesses
 ROTATIONS, TRANSLATIONS = (1e-6, 1e6), (1e-3, 1e9)  # [N m/rad], [N/m] that a stiffness may have
 _ITERATIONS = 50  # the fixed point contracts by |p x f| / (2 k): a dozen steps reach rounding within 30 degrees
 _CONVERGED = 1e-14  # [m]

@@ -17,7 +17,7 @@ from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import NO_AXES, AxisFlags, HybridSetpoint
-from seed_control.wrench.estimate import Measurement, WrenchEstimator, share_of
+from seed_control.wrench.estimate import Measurement, WrenchEstimator, low_pass_share
 from seed_control.wrench.filters import DeflectionFilter
 from seed_core.bushing import Model, Stiffness
 from seed_core.spatial import Array, cross, length, rotation_from_rpy, so3_log
@@ -115,7 +115,7 @@ class HybridLaw(PublishedLaw):
             return
         across = force - pressing * n
         ratio = length(across) / abs(pressing)
-        self._friction = max(ratio, self._friction + share_of(dt, _FORGET) * (ratio - self._friction))
+        self._friction = max(ratio, self._friction + low_pass_share(dt, _FORGET) * (ratio - self._friction))
 
     @property
     def _rough(self) -> float:

@@ -12,7 +12,7 @@ from math import inf
 
 import numpy as np
 
-from seed_control.wrench.estimate import share_of
+from seed_control.wrench.estimate import low_pass_share
 from seed_core.spatial import Array, Wrench, length
 from seed_core.wrench_settings import ReferenceSettings
 
@@ -83,9 +83,9 @@ class Correction:
         ratio = float(np.max(np.abs(d) / np.sqrt(np.maximum(C.diagonal(), 1e-12))))
         self.active = self._settings.correct and ratio > (_END if self.active else _BEGIN)
         if self.active:
-            self._used = self._used + share_of(dt, _SLOWLY) * (self._x - self._used)
+            self._used = self._used + low_pass_share(dt, _SLOWLY) * (self._x - self._used)
         elif self._used.any():
-            self._used = self._used * (1.0 - share_of(dt, _SLOWLY))
+            self._used = self._used * (1.0 - low_pass_share(dt, _SLOWLY))
             if float(np.abs(self._used).max()) < _NOTHING:
                 self._used = np.zeros(9)
 

@@ -179,7 +179,7 @@ class WrenchEstimator:
         dt, self._followed = stamp - self._followed, stamp
         local, used = self.model.stiffness.vector(), self.bushing.stiffness.vector()
         if np.abs(local / used - 1.0).max() > _WORTHWHILE:
-            mixed = used + share_of(dt, FOLLOWING) * (local - used)
+            mixed = used + low_pass_share(dt, FOLLOWING) * (local - used)
             self.bushing = Bushing(Stiffness.from_vector(mixed), self.bushing.model)
 
     def measure(self, estimate: RelativePoseEstimate, X_WC: Array) -> Measurement:
@@ -245,7 +245,7 @@ class WrenchEstimator:
         return A @ C @ A.T, by_pose
 
 
-def share_of(dt: float, tau: float) -> float:
+def low_pass_share(dt: float, tau: float) -> float:
     """Weight of a new sample in a first-order low-pass of time constant tau [s] after dt [s]."""
     return 1.0 - exp(-max(dt, 0.0) / tau) if tau > 0.0 else 1.0  # stamps may be set back
 

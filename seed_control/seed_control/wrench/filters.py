@@ -8,7 +8,7 @@ import numpy as np
 
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import AxisFlags
-from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, share_of
+from seed_control.wrench.estimate import ROTATION_DEVIATION, Measurement, low_pass_share
 from seed_core.spatial import Array, Wrench, length, make_pose, rpy_from_rotation, so3_exp, so3_log
 
 _NO_TURN = 1e-6  # [rad] of a wanted rotation that is none
@@ -75,21 +75,21 @@ class ToolFilter:
         p, dt = self._parameters, m.stamp - self._stamp
         self._stamp = m.stamp
         noise = self._noise.update(m.X_WT[:3, :3], m.rotation_deviation)
-        a = share_of(dt, p.rotation_filter)
+        a = low_pass_share(dt, p.rotation_filter)
         self.p_TC = self.p_TC + a * (m.X_TC[:3, 3] - self.p_TC)
         self.spring = _mixed(self.spring, m.spring, a)
         self.on_environment = _mixed(self.on_environment, m.on_environment, a)
         if m.discrepancy is None:
             self.discrepancy = None
         else:
-            b = share_of(dt, p.discrepancy_filter)
+            b = low_pass_share(dt, p.discrepancy_filter)
             self.discrepancy = m.discrepancy if self.discrepancy is None else _mixed(self.discrepancy, m.discrepancy, b)
         if not self._smoothed or dt == inf:
             self.R_WT, self._tip = m.X_WT[:3, :3], m.tip
         else:
             smoothing = p.rotation_filter * min(noise / ROTATION_DEVIATION, 1.0)
-            self.R_WT = self.R_WT @ so3_exp(share_of(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
-            self._tip = self._tip + share_of(dt, p.force_filter) * (m.tip - self._tip)
+            self.R_WT = self.R_WT @ so3_exp(low_pass_share(dt, smoothing) * so3_log(self.R_WT.T @ m.X_WT[:3, :3]))
+            self._tip = self._tip + low_pass_share(dt, p.force_filter) * (m.tip - self._tip)
         self.X_WT = make_pose(self.R_WT, self._tip - self.R_WT @ self._p_Ttip)
 
 
@@ -145,10 +145,10 @@ class DeflectionFilter:
         p, dt = self.parameters, m.stamp - self._stamp
         self._stamp = m.stamp
         least = p.feedforward_ratio * loop_time
-        fast = share_of(dt, max(p.angle_feedforward, least) * tipping_gain)
-        slow = share_of(dt, max(p.position_feedforward, least) * tipping_gain**3)
+        fast = low_pass_share(dt, max(p.angle_feedforward, least) * tipping_gain)
+        slow = low_pass_share(dt, max(p.position_feedforward, least) * tipping_gain**3)
         q = rpy_from_rotation(m.X_TC[:3, :3])
-        self.steady = self.steady + share_of(dt, _STEADY_LOOPS * loop_time) * (q - self.steady)
+        self.steady = self.steady + low_pass_share(dt, _STEADY_LOOPS * loop_time) * (q - self.steady)
         left = q - self.q
         slow *= _upright(left * held)
         speed = np.ones(3) if pressing is None else 1.0 - (1.0 - _UNHURRIED) * pressing * pressing  # by axis
@@ -162,7 +162,7 @@ class DeflectionFilter:
             return
         # F = K d at the gripper's C = tip + d + ..., commanded to give way by (K / k) d: the loop has that gain
         gain = max(sum(yielding.diagonal().tolist()), 1.0)
-        gentle = share_of(dt, SIDE_LOOPS * max(p.position_feedforward, least) * gain)
+        gentle = low_pass_share(dt, SIDE_LOOPS * max(p.position_feedforward, least) * gain)
         deflection = m.X_WT[:3, :3] @ m.X_TC[:3, 3]
         self.yielded = self.yielded + gentle * (yielding @ deflection - self.yielded)
 

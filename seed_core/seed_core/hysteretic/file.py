@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from seed_core.bushing import COORDINATES
 from seed_core.config import ConfigError, field, load_saved, save_file
 from seed_core.hysteretic.spring import HystereticStiffness
 from seed_core.vector3 import Vector3
@@ -14,7 +15,6 @@ HEADER = (
     "# SPDX-License-Identifier: Apache-2.0\n"
     "# Identified spring: load k xi + rise xi |xi| + friction z along roll, pitch, yaw [rad], x, y, z [m].\n"
 )
-AXES = ("roll", "pitch", "yaw", "x", "y", "z")  # in the order of the coordinates
 _LARGE = 1e12
 
 
@@ -22,7 +22,7 @@ _LARGE = 1e12
 class SpringAxis:
     """The spring along one coordinate; units are N m and rad, or N and m."""
 
-    axis: str = field(choices=AXES, doc="which coordinate")
+    axis: str = field(choices=COORDINATES, doc="which coordinate")
     stiffness: float = field(unit="N m/rad or N/m", low=1e-6, high=1e9, doc="at rest, without friction")
     rise: float = field(unit="N m/rad^2 or N/m^2", low=-_LARGE, high=_LARGE, doc="of the stiffness with deflection")
     yields: tuple[float, ...] = field(unit="rad or m", low=1e-12, high=10.0, doc="of each friction element")
@@ -54,8 +54,8 @@ class HystereticFile:
     version: int = field(1, low=1, high=1, doc="of this format")
 
     def __post_init__(self) -> None:
-        if tuple(a.axis for a in self.axes) != AXES:
-            raise ConfigError(f"axes must be {', '.join(AXES)} in this order, not {[a.axis for a in self.axes]}")
+        if tuple(a.axis for a in self.axes) != COORDINATES:
+            raise ConfigError(f"axes must be {', '.join(COORDINATES)} in this order, not {[a.axis for a in self.axes]}")
         if len({len(a.yields) for a in self.axes}) > 1:
             raise ConfigError("all axes must have as many friction elements")
 
@@ -91,7 +91,7 @@ def hysteretic_file(
             residual=float(spring.residual[i]),
             largest=float(spring.largest[i]),
         )
-        for i, axis in enumerate(AXES)
+        for i, axis in enumerate(COORDINATES)
     )
     return HystereticFile(hand, tool, date, pressure_hpa, width_m, (x, y, z), axes)
 

@@ -15,14 +15,13 @@ from math import cos, sin
 
 import numpy as np
 
-from seed_core.bushing import Bushing, Stiffness
+from seed_core.bushing import COORDINATES, Bushing, Stiffness
 from seed_core.config import ConfigError
-from seed_core.estimate import AXES, RelativePoseEstimate
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rpy_from_rotation, skew, so3_exp, so3_log
 from seed_core.wrench_model import BushingModel, MapUncertainty, SpringWrench, observed_part, pose_covariance
 
 BEYOND = 1.5  # times what was identified, on any coordinate, is outside
-ORDER = (3, 4, 5, 0, 1, 2)  # of AXES, in which the coordinates come
 _SURE = MapUncertainty(residual=0.0, coupling=0.0, lever=0.0, unidentified=0.0, drift=0.0)
 
 
@@ -146,7 +145,7 @@ class HystereticSpring:
         )
         unit = "deg" if turn else "mm"
         return (
-            f"beyond the range of the identification: {AXES[ORDER[i]]} is {value:.1f} {unit}, identified up to "
+            f"beyond the range of the identification: {COORDINATES[i]} is {value:.1f} {unit}, identified up to "
             f"{most:.1f} {unit}: press less, or identify with larger poses"
         )
 
