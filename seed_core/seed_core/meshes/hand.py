@@ -4,7 +4,7 @@
 import numpy as np
 
 from seed_core.hand import Hand, Tool
-from seed_core.meshes.bubbles import HEIGHT, RADIUS, RIM, RIM_X, RIM_Z, SIDES
+from seed_core.meshes.bubbles import RADIUS, RIM, RIM_X, RIM_Z, SIDES
 from seed_core.meshes.shapes import SECTORS, Mesh, Part, box, capsule, cylinder, joined, loft, sphere, turned
 from seed_core.spatial import Array, make_pose
 
@@ -74,7 +74,7 @@ def tool_parts(
 
     Args:
         tool: where its tip is; the default tool if left out.
-        kind: 'squeegee', 'pen', 'torque_driver', 'peg', 'ball', 'round_peg', 'plug'; its name says it if left out.
+        kind: 'squeegee', 'pen' or 'marker', 'torque_driver', 'peg', 'ball', 'round_peg', 'plug'; its name if left out.
         radius: [m] of the handle between the bubbles.
         blade_width: [m] of a squeegee's blade.
     """
@@ -123,6 +123,3 @@ def _middle(length: float) -> tuple[float, float, float]:
 
 def _to_tip(head: Mesh, start: Array, tip: Array, radius: float) -> Mesh:
     return joined([head, cylinder(radius, start, start + 0.4 * (tip - start))])
-
-
-__all__ = ["BLADE", "BUBBLE", "HEIGHT", "PAPER", "WOOD", "hand_parts", "tool_parts"]
