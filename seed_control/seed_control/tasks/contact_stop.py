@@ -8,7 +8,7 @@ import numpy as np
 
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
-from seed_control.tasks.steps import Step, StepRun
+from seed_control.tasks.steps import Ending, Step, StepRun
 from seed_control.tasks.task import Control
 from seed_core.spatial import Array, inverse_pose
 
@@ -72,7 +72,7 @@ class StopRun(StepRun):
         self._to_work = inverse_pose(X_W)
         self.found: FoundPlace | None = None
 
-    def advance(self, dt: float, state: ControllerState) -> str:
+    def advance(self, dt: float, state: ControllerState) -> Ending:
         self._t += dt
         new = state.X_W_tip is not None and state.X_W_tip is not self._seen
         if new:

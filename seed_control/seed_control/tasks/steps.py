@@ -2,6 +2,7 @@
 """A task as a list of steps, and one step being played: its place on the path, its set-point, and when it is over."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from seed_control.tasks.task import Control, Drawing, Phase, Task
 from seed_core.spatial import Array, Wrench, inverse_pose, length, make_pose, so3_exp, so3_log
 from seed_core.vector3 import Vector3
 
+# How a step has ended; '' while it runs. 'again': an insertion found no way in, so that the search is to be repeated.
+Ending = Literal["", "done", "timeout", "failed", "again"]
 _TURN_SPEED = 0.3  # [rad/s] of the reference
 _SEEN = 0.1  # of an image in the rotation that is seen
 _TYPICAL = 1.5  # [s] that a phase with a condition counts for in the progress
@@ -113,8 +116,8 @@ class StepRun:
         """By how much (3,) [m] the tip landed beside its place, and so the reference."""
         return self._landing.beside if self._landing is not None else np.zeros(3)
 
-    def advance(self, dt: float, state: ControllerState) -> str:
-        """Go on by dt [s]; 'done', 'timeout' or '' while it runs."""
+    def advance(self, dt: float, state: ControllerState) -> Ending:
+        """Go on by dt [s]; how it has ended, if it has."""
         phase = self.step.phase
         self._t += dt * self.pace
         if self._landing is not None:

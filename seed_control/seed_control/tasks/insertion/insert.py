@@ -10,7 +10,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks.insertion.sections import Insert
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
 from seed_control.tasks.path import Path
-from seed_control.tasks.steps import Step, StepRun
+from seed_control.tasks.steps import Ending, Step, StepRun
 from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp, so3_log
 
 _SHARE = 0.35  # of an image in the pose that the next try starts from
@@ -59,7 +59,7 @@ class InsertRun(StepRun):
         """[m] of the tip below the mouth, smoothed."""
         return float(self._axis @ self._place) - self._mouth
 
-    def advance(self, dt: float, state: ControllerState) -> str:
+    def advance(self, dt: float, state: ControllerState) -> Ending:
         self._t += dt
         if self.finish:
             return "done"
@@ -118,7 +118,7 @@ class InsertRun(StepRun):
         """Pushing, with the reference at a place (3,) in the work frame."""
         return self._pushing.moved(self._X_W @ make_pose(self.R_end, place), np.zeros(3))
 
-    def _answer(self) -> str:
+    def _answer(self) -> Ending:
         """Stuck: back off, mend what the wrench complains of, try again."""
         i, watch = self._insert, self._watch
         self._told = (
@@ -155,6 +155,6 @@ class InsertRun(StepRun):
             self._anchored = self._t
             self._current = self._at(place)
 
-    def _fail(self, why: str) -> str:
+    def _fail(self, why: str) -> Ending:
         self.why = f"phase '{self.step.phase.name}': {why}: check hole, part and work frame"
         return "failed"

@@ -12,7 +12,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks.insertion.plate import PlateUnderTip
 from seed_control.tasks.insertion.sections import Search
 from seed_control.tasks.path import Path, Spiral
-from seed_control.tasks.steps import Step, StepRun
+from seed_control.tasks.steps import Ending, Step, StepRun
 from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
 
 _TOGETHER = 1.15  # shares of `drop` and `rim` that add up to a hole: what has caught in its mouth shows some of both
@@ -53,7 +53,7 @@ class SearchRun(StepRun):
         if isinstance(before, SearchRun) and before.found:
             self.plate, self.found = before.plate, True
 
-    def advance(self, dt: float, state: ControllerState) -> str:
+    def advance(self, dt: float, state: ControllerState) -> Ending:
         ended = super().advance(dt, state)
         if self.finish or self.found:
             return "done"
