@@ -10,7 +10,7 @@ from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Ending, Step, StepRun
 from seed_control.tasks.task import Control
-from seed_core.spatial import Array, inverse_pose
+from seed_core.spatial import Array
 
 _ENOUGH = 12  # images that a place is the mean of
 _LEAST = 5e-5  # [m] deviation of a place, however well its images agree
@@ -68,32 +68,26 @@ class StopRun(StepRun):
         self._stop, self._way, self._edge, self._start = stop, way, edge, start
         self._going = 0.0  # [s] along the surface
         self._images: list[_Image] = []
-        self._seen: Array | None = None
-        self._to_work = inverse_pose(X_W)
         self.found: FoundPlace | None = None
 
     def advance(self, dt: float, state: ControllerState) -> Ending:
         self._t += dt
-        new = state.X_W_tip is not None and state.X_W_tip is not self._seen
-        if new:
-            self._seen = state.X_W_tip
+        X = self._tips.new(state)
         if self.finish or self.found is not None:
             return "done"
-        sliding = self._stop.edge and bool(self._images) and len(self._images) >= _ENOUGH
+        sliding = bool(self._stop.edge) and len(self._images) >= _ENOUGH
         if state.settled or sliding:
             if sliding:
                 self._going += dt
-            if new:
-                self._look(state)
+            if X is not None:
+                self._look(X)
         self.position, self.velocity = self.path.at(self._going)
         if dt == 0.0 or not sliding:
             self.velocity = np.zeros(3)
         return "failed" if self._gone_too_far(state) else ""
 
-    def _look(self, state: ControllerState) -> None:
-        """One image of a tip that touches."""
-        assert state.X_W_tip is not None
-        X = self._to_work @ state.X_W_tip
+    def _look(self, X: Array) -> None:
+        """One image of a tip that touches, at X (4, 4) in the work frame."""
         self._images.append(_Image(X, float(self._edge @ X[:3, 3]), -float(self._way @ X[:3, 3])))
         n = len(self._images)
         if not self._stop.edge and n >= _ENOUGH:
@@ -129,7 +123,7 @@ class StopRun(StepRun):
                 "nearer or reach further"
             )
         if state.X_W_tip is not None and not self._images:
-            gone = float(self._way @ ((self._to_work @ state.X_W_tip)[:3, 3] - self._start))
+            gone = float(self._way @ ((self._tips.to_work @ state.X_W_tip)[:3, 3] - self._start))
             most, remedy = stop.reach, "begin nearer or reach further"
             if stop.edge:
                 most, remedy = min(stop.reach, _DEEPEST), "begin nearer"

@@ -70,6 +70,26 @@ def _drawing(drawing: Drawing) -> list[Step]:
     return out
 
 
+class TipImages:
+    """The measured tip in the work frame, image by image.
+
+    Attributes:
+        to_work: (4, 4) pose of W in the work frame.
+    """
+
+    def __init__(self, X_W: Array) -> None:
+        """X_W: (4, 4) pose of the work frame."""
+        self.to_work = inverse_pose(X_W)
+        self._newest: Array | None = None
+
+    def new(self, state: ControllerState) -> Array | None:
+        """The tip (4, 4) in an image that was not seen here before; None without one."""
+        if state.X_W_tip is None or state.X_W_tip is self._newest:
+            return None
+        self._newest = state.X_W_tip
+        return np.asarray(self.to_work @ state.X_W_tip)
+
+
 class StepRun:
     """One step being played; everything in the work frame until the set-point.
 
@@ -97,7 +117,7 @@ class StepRun:
         self.finish, self.why = False, ""
         self.R_seen: Array | None = None
         self.p_seen: Array | None = None
-        self._image: Array | None = None
+        self._tips = TipImages(X_W)
         self.position, self.velocity = path.at(0.0)
         self._first = first_setpoint(step.phase.control, X_W, make_pose(R_start, self.position))
         self._force_share = 1.0  # of the phase's force, that `_first` asks for
@@ -122,9 +142,7 @@ class StepRun:
         self._t += dt * self.pace
         if self._landing is not None:
             self._landing.step(dt, state.in_contact)
-        if state.X_W_tip is not None and state.X_W_tip is not self._image:
-            self._image = state.X_W_tip
-            X = inverse_pose(self._X_W) @ state.X_W_tip
+        if (X := self._tips.new(state)) is not None:
             if self._landing is not None:
                 self._landing.image(X[:3, 3], state.in_contact)
             if phase.control is not None and phase.control.torque_axes:

@@ -6,8 +6,8 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
 from seed_control.tasks.path import Path
-from seed_control.tasks.steps import Step, StepRun, first_setpoint
-from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp, so3_log
+from seed_control.tasks.steps import Step, StepRun, TipImages, first_setpoint
+from seed_core.spatial import Array, length, make_pose, so3_exp, so3_log
 
 _TURN_SPEED = 0.45  # [rad/s] at which the tool's attitude follows the normal, at most
 _FOLLOWING = 1.2  # [rad/s] how fast it settles, without a lag where the normal turns evenly
@@ -34,27 +34,24 @@ class SurfaceRun(StepRun):
         super().__init__(step, Path(points, phase.speed, phase.acceleration), R_start, R_start, X_W)
         self.axes, self._R_tip = axes, R_tip
         self.position, self._gone = start.copy(), np.zeros(3)
-        self._seen: Array | None = None
+        self._images = TipImages(X_W)  # beside those of the path
         self._since, self._turning = 0.0, np.zeros(3)  # [s], [rad/s] in the work frame
         self._first = first_setpoint(phase.control, X_W, make_pose(R_start, start), "found")
 
     def _go(self, dt: float, state: ControllerState) -> None:
         self._since += dt
-        if state.X_W_tip is not None and state.X_W_tip is not self._seen:
-            self._seen = state.X_W_tip
-            self._look(state)
+        if (X := self._images.new(state)) is not None:
+            self._look(X[:3, 3], state)
         gone, velocity = self.path.at(self._t)
         self.position = self.position + self.axes @ (gone - self._gone)
         self._gone, self.velocity = gone, self.pace * (self.axes @ velocity) if dt > 0.0 else np.zeros(3)
 
-    def _look(self, state: ControllerState) -> None:
-        """What a new image says of the surface: its normal, and where the tip is on it."""
-        to_work = inverse_pose(self._X_W)
-        if state.in_contact and state.X_W_tip is not None:
-            n = to_work[:3, :3] @ state.R_W_task[:, 2]
+    def _look(self, tip: Array, state: ControllerState) -> None:
+        """What a new image says of the surface: its normal, and where the tip (3,) is on it."""
+        if state.in_contact:
+            n = self._images.to_work[:3, :3] @ state.R_W_task[:, 2]
             self.axes = carried(self.axes, n)
             self.force_projector = np.outer(n, n)
-            tip = (to_work @ state.X_W_tip)[:3, 3]
             self.position = self.position + float(n @ (tip - self.position)) * n
         dt, self._since = min(self._since, 0.1), 0.0
         left = so3_log(self.axes @ self._R_tip @ self.R_end.T)

@@ -11,7 +11,7 @@ from seed_control.tasks.insertion.sections import Insert
 from seed_control.tasks.insertion.stuck import Push, StuckWatch
 from seed_control.tasks.path import Path
 from seed_control.tasks.steps import Ending, Step, StepRun
-from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp, so3_log
+from seed_core.spatial import Array, length, make_pose, so3_exp, so3_log
 
 _SHARE = 0.35  # of an image in the pose that the next try starts from
 _ANCHOR = 0.15  # [s] after which the reference is put where the tip is: force control has left it
@@ -42,9 +42,7 @@ class InsertRun(StepRun):
         )
         self._keyed = len(control.torque_axes) == 3
         self._watch = StuckWatch(length(force), insert.stuck)
-        self._to_work = inverse_pose(X_W)
         self._place, self._R = start.copy(), R_start  # smoothed
-        self._newest: Array | None = None
         self._pushing = self._current = replace(self._first, touches=True)  # a slack peg touches as well
         self._anchored = self._began = 0.0
         self._retreat: Path | None = None
@@ -90,14 +88,12 @@ class InsertRun(StepRun):
 
     def _new_push(self, state: ControllerState) -> Push | None:
         """What a new image tells; None without one."""
-        if state.X_W_tip is None or state.X_W_tip is self._newest or state.filtered is None:
+        if state.filtered is None or (X := self._tips.new(state)) is None:
             return None
-        X = self._to_work @ state.X_W_tip
-        self._newest = state.X_W_tip
         self._place = self._place + _SHARE * (X[:3, 3] - self._place)
         self._R = self._R @ so3_exp(_SHARE * so3_log(self._R.T @ X[:3, :3]))
         self.position = self._place
-        to_work = self._to_work[:3, :3] @ state.R_W_task
+        to_work = self._tips.to_work[:3, :3] @ state.R_W_task
         force, moment = to_work @ state.filtered.force, to_work @ state.filtered.torque
         axial = float(self._axis @ force)
         across = np.eye(3) - np.outer(self._axis, self._axis)

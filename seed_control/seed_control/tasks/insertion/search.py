@@ -12,8 +12,8 @@ from seed_control.state import ControllerState
 from seed_control.tasks.insertion.plate import PlateUnderTip
 from seed_control.tasks.insertion.sections import Search
 from seed_control.tasks.path import Path, Spiral
-from seed_control.tasks.steps import Ending, Step, StepRun
-from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
+from seed_control.tasks.steps import Ending, Step, StepRun, TipImages
+from seed_core.spatial import Array, length, make_pose, so3_exp
 
 _TOGETHER = 1.15  # shares of `drop` and `rim` that add up to a hole: what has caught in its mouth shows some of both
 _AGAIN = 0.5  # [s] at the end of the pattern, for what the last images tell
@@ -43,8 +43,7 @@ class SearchRun(StepRun):
             path = Path([start, start + search.along] if search.pattern == "line" else [start], *pace)
         super().__init__(step, path, R_start, R_end, X_W)
         self._surface = PlateUnderTip(search.drop)
-        self._to_work = inverse_pose(X_W)
-        self._newest: Array | None = None  # the newest image's tip
+        self._images = TipImages(X_W)  # beside those of the path
         self._at_rest: Array | None = None  # (2,) [N] sideways as it began
         self._rounds = _ROUNDS * 2.0 * np.pi * np.deg2rad(search.angle) / _ROCKING  # [s] of tilting
         if search.pattern == "tilt":
@@ -58,9 +57,8 @@ class SearchRun(StepRun):
         if self.finish or self.found:
             return "done"
         self._touched = self._touched or state.in_contact
-        if state.X_W_tip is not None and state.X_W_tip is not self._newest:
-            self._newest = state.X_W_tip
-            self._look((self._to_work @ state.X_W_tip)[:3, 3])
+        if (X := self._images.new(state)) is not None:
+            self._look(X[:3, 3])
         if self.found or self._feels_hole(state):
             self.found = True
             return "done"
@@ -92,7 +90,7 @@ class SearchRun(StepRun):
         """[N] across the press, less what there was as it began."""
         if state.filtered is None or not self._touched:
             return 0.0
-        across = self._to_work[:2, :3] @ state.R_W_task @ state.filtered.force
+        across = self._images.to_work[:2, :3] @ state.R_W_task @ state.filtered.force
         if self._at_rest is None:
             self._at_rest = across
         off = across - self._at_rest
