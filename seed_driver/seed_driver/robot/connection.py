@@ -17,7 +17,7 @@ from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, RobotState
 from seed_driver.robot import link, registers, rtde_client, tcp_and_payload
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.program import ProgramFile, program
+from seed_driver.robot.program import program, program_file
 from seed_driver.robot.state_checks import check_state
 from seed_driver.robot.tcp_and_payload import TcpAndPayload
 from seed_ur import rtde
@@ -64,7 +64,6 @@ class Robot:
         self._taken_until = 0.0  # [s] monotonic, until when it may not have taken it yet
         self._untold_tcp = config.tcp  # of controllers that do not tell theirs
         self._good: Mapping[str, Any] = {}  # the newest state that can be
-        self._program: ProgramFile | None = None
         self._slider: rtde_client.RtdeClient | None = None
 
     @property
@@ -176,8 +175,7 @@ class Robot:
         flags = (NO_WAIT if checked else UPLOAD) | (UPPER_REGISTERS if self.offset else 0)
         self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE), flags)
         if checked:
-            self._program = ProgramFile(program(self.version, self.offset))
-            self.control.setCustomScriptFile(self._program.path)  # sends it, too
+            self.control.setCustomScriptFile(program_file(program(self.version, self.offset)))  # sends it, too
 
     def clear_command(self) -> None:
         """Nothing is left in the command register of a program that is stopped: it may go on later."""

@@ -198,15 +198,12 @@ def program(version: tuple[int, ...], offset: int) -> str:
     return "\n".join(line for line in text.splitlines() if line) + "\n"
 
 
-class ProgramFile:
-    """A file that ur_rtde reads the program from whenever it sends it; it lives in memory, and as long as this."""
+def program_file(text: str) -> str:
+    """Path of a file with the program's text, which ur_rtde reads whenever it sends it.
 
-    def __init__(self, text: str) -> None:
-        self._fd = os.memfd_create("seed_driver_program")
-        self.path = f"/proc/self/fd/{self._fd}"
-        if os.write(self._fd, text.encode()) != len(text):
-            raise LinkError("no memory for the robot's program")
-
-    def close(self) -> None:
-        """Let it go."""
-        os.close(self._fd)
+    It lives in memory, and as long as this process. Raises LinkError: there is no room for it.
+    """
+    fd, data = os.memfd_create("seed_driver_program"), text.encode()
+    if os.write(fd, data) != len(data):
+        raise LinkError("no memory for the robot's program")
+    return f"/proc/self/fd/{fd}"

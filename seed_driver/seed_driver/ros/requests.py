@@ -103,7 +103,6 @@ class Requests:
 
     async def _power_tool(self, on: bool) -> str:
         """The voltage that is configured at the tool's connector, or none."""
-        self._require_active()
         return await self._in_thread(set_tool_voltage, self._tool_voltage() if on else 0)
 
     async def _release(self, *commands: str) -> str:
