@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.features import COUNT, features
-from seed_core.spatial import Array, inverse_pose, so3_log
+from seed_core.spatial import Array, inverse_pose, make_pose, so3_log
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample
 from seed_sysid.data.membrane_sample import MembraneSample, since
 from seed_sysid.membrane.terms import MAIN
@@ -26,7 +26,8 @@ class MembraneData(NamedTuple):
     """n samples of G grips.
 
     Attributes:
-        Z: (n, 32) features. wrench: (n, 6) about C's origin, in C, as the sensor tells it [N m, N].
+        Z: (n, 32) features. wrench: (n, 6) about the point midway between both patches, in C, as the sensor tells it
+            [N m, N]: about that point a grasp is the nearest to symmetric, wherever in the hand the tool is held.
         grip: (n,) number from 0; middles: (G, 2, 3) of the patches at the grasp [m].
         pressures: (G,) [hPa] at the grasp, nan where unknown. widths: (G,) [m].
         nuisance: (n, 6, k) derivatives of `wrench` by bias of each grip, drift, and the offset of the sensor's frame;
@@ -52,6 +53,11 @@ class MembraneData(NamedTuple):
     with_pressure: bool
     lost: tuple[str, ...]
     kept: np.ndarray
+
+    @property
+    def to_C(self) -> Array:
+        """(G, 6, 6) that take a wrench about the point midway between both patches to C's origin, by grip."""
+        return np.array([wrench_transform(make_pose(None, p)) for p in self.middles.mean(axis=1)])
 
     def without(self, bad: np.ndarray) -> MembraneData:
         """The samples that are not bad (n,)."""
@@ -100,7 +106,8 @@ def membrane_data(data: Dataset) -> MembraneData:
     X_TC = data.poses("kinematic" if all(s.kinematic is not None for s in samples) else "estimator")
     motion = np.array([_motion(inverse_pose(X)) for X in X_TC])
     motion -= np.array([motion[grip == g][0] for g in range(len(grips))])[grip]
-    to_C = np.array([wrench_transform(inverse_pose(X)) for X in X_TC])
+    between = np.array([make_pose(None, -p) for p in np.mean(middles, axis=1)])[grip]  # (n, 4, 4) of C, midway
+    from_T = np.array([wrench_transform(X @ inverse_pose(Y)) for X, Y in zip(between, X_TC, strict=True)])
     w_T = data.wrenches() @ wrench_transform(data.header.X_TS).T
     time = np.array([s.stamp for s in samples])
     drift = (time - time.mean()) / (float(np.ptp(time)) or 1.0)
@@ -109,12 +116,12 @@ def membrane_data(data: Dataset) -> MembraneData:
     columns += [drift[:, None, None] * np.eye(6), frame_derivatives(w_T - home[grip])]
     return MembraneData(
         Z=Z,
-        wrench=np.einsum("nij,nj->ni", to_C, w_T),
+        wrench=np.einsum("nij,nj->ni", from_T, w_T),
         grip=grip,
         middles=np.array(middles),
         pressures=np.array(pressures),
         widths=np.array([np.mean([s.width for s in samples if s.grip == g]) for g in grips]),
-        nuisance=to_C @ np.concatenate(columns, axis=2),
+        nuisance=from_T @ np.concatenate(columns, axis=2),
         nuisance_std=np.concatenate([np.tile(_BIAS_STD, len(grips)), _DRIFT_STD, _OFFSET_STD]),
         motion=motion,
         path=_paths(samples),

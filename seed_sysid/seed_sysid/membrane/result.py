@@ -28,10 +28,11 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
     Raises:
         ConfigError: no map that can be used, such as one with a stiffness that is not positive.
     """
-    data, spread, follow = fit.data, fit.spread(), fit.follow()
+    data, spread, follow, to_C = fit.data, fit.spread(), fit.follow(), fit.data.to_C
     leverage = ((values(data.Z, fit.terms) @ spread.T) ** 2).sum(axis=1)
     # The map adds the coefficients' share to this one's; the errors of paths left out have both.
-    std = np.maximum(rms(fit.unseen) / np.sqrt(1.0 + leverage.mean()), _LEAST_STD)
+    unseen = np.einsum("nij,nj->ni", to_C[data.grip], fit.unseen)
+    std = np.maximum(rms(unseen) / np.sqrt(1.0 + leverage.mean()), _LEAST_STD)
     gas_std = rms(np.array([c.unseen for c in fit.gas]).T) if fit.gas else np.zeros(2)
     grips = []
     for i in np.argsort(-data.widths):
@@ -45,7 +46,7 @@ def map_file(fit: MembraneFit, hand: str, tool: str, date: str) -> MembraneMapFi
                 right_middle=tuple(right),
                 torque_std=tuple(std[:3].tolist()),
                 force_std=tuple(std[3:].tolist()),
-                coefficients=format_rows(coefficients),
+                coefficients=format_rows(to_C[i] @ coefficients),
                 spread=format_rows(spread),
                 follow=format_rows(follow),
                 pressure_rise=format_rows(gas) if len(gas) else (),
@@ -128,7 +129,7 @@ def remaining_hysteresis(fit: MembraneFit, B: Array, z: Array) -> Array:
         B: (n, 6, 6) of generalised forces to wrenches, as `stiffness_map` gives them.
         z: (n, 6) states of friction at the samples.
     """
-    load = np.linalg.solve(B, fit.left_out[:, :, None])[:, :, 0]
+    load = np.linalg.solve(B, fit.data.to_C[fit.data.grip] @ fit.left_out[:, :, None])[:, :, 0]
     power = (z**2).sum(axis=0)
     return np.asarray((z * load).sum(axis=0) / np.maximum(power, 1e-9))
 

@@ -105,17 +105,18 @@ class _Elements:
 
     def __init__(self, fit: MembraneFit, changes: Array) -> None:
         """changes: (n, 2, 2, 6) of all samples, as of Run."""
-        kept = changes[fit.data.kept]
-        self._elements = FiniteElements.fitted(kept, fit.wrench)
-        left = fit.data.wrench - self._elements.wrench(kept)[-1]
-        self._of_left = fit_membrane(fit.data._replace(wrench=left), DEFAULT_MODEL, fit.nuisance)
-        self._middles = fit.data.middles[len(fit.data.widths) // 2]  # of the motions' grip
+        kept, data, to_C = changes[fit.data.kept], fit.data, fit.data.to_C
+        self._elements = FiniteElements.fitted(kept, np.einsum("nij,nj->ni", to_C[data.grip], fit.wrench))
+        elements = np.linalg.solve(to_C[data.grip], self._elements.wrench(kept)[-1][:, :, None])[:, :, 0]
+        self._of_left = fit_membrane(data._replace(wrench=data.wrench - elements), DEFAULT_MODEL, fit.nuisance)
+        middle = len(data.widths) // 2  # the motions' grip
+        self._middles, self._to_C = data.middles[middle], to_C[middle]
 
     def told(self, estimates: list[RelativePoseEstimate], changes: Array) -> dict[str, Array]:
         """(n, 6) load on the tool about T, in T, by name."""
         Z = np.array([features(by_finger(e.membrane), self._middles) for e in estimates])
         alone = self._elements.wrench(changes)
-        both = alone[-1] + values(Z, self._of_left.terms) @ self._of_left.coefficients(0.0)[0].T
+        both = alone[-1] + values(Z, self._of_left.terms) @ (self._to_C @ self._of_left.coefficients(0.0)[0]).T
         to_T = np.array([wrench_transform(inverse_pose(e.X_CT)) for e in estimates])
         by_name = zip((*OF_ELEMENTS, OF_BOTH), (*alone, both), strict=True)
         return {name: np.einsum("nij,nj->ni", to_T, load) for name, load in by_name}
