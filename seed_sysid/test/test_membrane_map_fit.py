@@ -90,6 +90,19 @@ def test_the_sensors_frame_is_found_beside_the_map(analysis: Analysis) -> None:
     assert_allclose(shift, [0.003, -0.002, 0.002], atol=8e-4)
 
 
+def test_a_grasp_beside_the_frame_is_not_taken_for_an_error_of_the_sensors() -> None:
+    """Fingers that hold the tool 8 mm further along z: forces along x and y then have that lever about C."""
+    found = analyse(toy_dataset(np.random.default_rng(0), offset=OFFSET, widths=1, aside=0.008), "kinematic").membrane
+    assert found is not None
+    assert_allclose(found.fit.nuisance[-3:], [0.003, -0.002, 0.002], atol=8e-4)
+    model, toy = MembraneMap(found.file), Toy(grip=0, aside=0.008)
+    told, loads = [], []
+    for X_CT in combined_motion(np.random.default_rng(5), size=0.5):
+        loads.append(wrench_transform(inverse_pose(X_CT)) @ toy.move(X_CT))
+        told.append(model.spring(RelativePoseEstimate(0.0, X_CT, membrane=toy.membrane())).wrench.vector())
+    assert (rms(np.array(told) - loads) < 0.1 * rms(np.array(loads))).all()
+
+
 def test_hysteresis_against_the_pose_is_told_to_be_friction(analysis: Analysis) -> None:
     assert analysis.hysteretic
     assert analysis.membrane is not None

@@ -29,14 +29,16 @@ GRIPS = ((1.0, 0.026, 1020.0), (1.15, 0.020, 1030.0), (1.3, 0.014, 1040.0))  # s
 
 @dataclass
 class Toy:
-    """friction: of the points on the tool; curvature: share of stiffening at 5 mm."""
+    """friction: of points on the tool; curvature: share of stiffening at 5 mm; aside: of the patches along z [m]."""
 
     friction: float = 1.0
     curvature: float = 0.3
     grip: int = 1
+    aside: float = 0.0
 
     def __post_init__(self) -> None:
-        self.rest = [np.stack([0.006 * _U, np.full(_N, side * 0.012), 0.015 * _V], 1) for side in (1.0, -1.0)]
+        x, z = 0.006 * _U, 0.015 * _V + self.aside
+        self.rest = [np.stack([x, np.full(_N, side * 0.012), z], 1) for side in (1.0, -1.0)]
         self.on_tool = [p.copy() for p in self.rest]
         self.x = [p.copy() for p in self.rest]
         self.slips = 0.0
@@ -101,12 +103,13 @@ def toy_dataset(
     curvature: float = 0.3,
     offset: Array | None = None,
     widths: int = 3,
+    aside: float = 0.0,
 ) -> Dataset:
     """The suite's own procedure on the toy, at rest at every pose, with the noise of a sensor."""
     to_sensor = np.eye(6) if offset is None else wrench_transform(offset)
     samples, stamp = [], 0.0
     for grip, targets in enumerate(designs(Procedure())[:widths]):
-        toy = Toy(friction, curvature, grip=grip)
+        toy = Toy(friction, curvature, grip, aside)
         for target in targets:
             stamp += 4.0
             X_CT = inverse_pose(target.X_TC)

@@ -6,11 +6,14 @@
 g runs from -1 to 1 over the grips' widths. Component by component, the strengths of the groups of terms are those that
 make the data most probable (seed_sysid.membrane.regression); the sensor's part is common to all components and found in
 turn. The larger a motion the worse any smooth function fits, so samples weigh less with the square of their motion.
+
+An offset of the sensor's frame and an elastic centre beside the patches give nearly the same wrenches while the tool
+turns little. So a grasp is symmetric about its patches at first, which leaves the lever to the sensor; only then the
+terms that the mirrors x = 0 and z = 0 forbid may take what the data show of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +69,7 @@ class MembraneFit:
         left_out: (n, 6) [N m, N] error of each sample predicted from all others.
         unseen: (n, 6) [N m, N] error of each sample predicted from those of other paths: a sample's neighbours on its
             own way, there and back and at other grips, flatter the map.
-        wrench: (n, 6) [N m, N] without the sensor's part.
+        wrench: (n, 6) [N m, N] without the sensor's part. All these are about the point midway between the patches.
     """
 
     data: MembraneData
@@ -124,21 +127,23 @@ def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> 
     weight, g = sample_weights(data.Z), grip_coordinate(data.widths)[data.grip]
     measured = data.wrench
     nuisance = np.zeros(data.nuisance.shape[2]) if known is None else known
-    starts: list[Array | None] = [None] * 6
     parts: list[Component] = []
-    for _ in range(_ROUNDS if known is None else 1):
-        wrench = measured - data.nuisance @ nuisance
-        parts = []
-        for i, parity in enumerate(WRENCH_PARITY):
-            parts.append(_component(data.Z, wrench[:, i], weight, g, MODELS[model], parity, starts[i], grips, path))
-            starts[i] = _logarithms(parts[i].regression, wrench[:, i] * weight)
-        nuisance = _nuisance(data, parts, weight) if known is None else known
+    for skewed in (False, True) if known is None else (True,):
+        starts: list[Array | None] = [None] * 6
+        for _ in range(_ROUNDS if known is None else 1):
+            wrench = measured - data.nuisance @ nuisance
+            parts = []
+            for i, parity in enumerate(WRENCH_PARITY):
+                offered = groups(MODELS[model], parity, skewed)
+                parts.append(_component(data.Z, wrench[:, i], weight, g, offered, starts[i], grips, path))
+                starts[i] = _logarithms(parts[i].regression, wrench[:, i] * weight)
+            nuisance = _nuisance(data, parts, weight) if known is None else known
     wrench = measured - data.nuisance @ nuisance
     gas: tuple[Component, ...] = ()
     if data.with_pressure and known is None:
         motion = [kind for kind in MODELS[model] if "pressure" not in kind]
         gas = tuple(
-            _component(data.Z, data.Z[:, i], weight, g, motion, parity, None, grips, path)
+            _component(data.Z, data.Z[:, i], weight, g, groups(motion, parity), None, grips, path)
             for i, parity in zip(PRESSURES, GAS_PARITY, strict=True)
         )
     left_out, unseen = np.array([p.left_out for p in parts]).T, np.array([p.unseen for p in parts]).T
@@ -187,13 +192,11 @@ def _component(
     y: Array,
     weight: Array,
     g: Array,
-    kinds: Iterable[str],
-    parity: Array,
+    parts: list[Group],
     start: Array | None,
     grips: int,
     path: np.ndarray,
 ) -> Component:
-    parts = groups(kinds, parity)
     F = [values(Z, p.terms) for p in parts]
     if grips > 1:
         F += [g[:, None] * values(Z, terms) for terms in _by_grip(parts)]

@@ -59,9 +59,12 @@ class Group(NamedTuple):
     mirrored: bool
 
 
-def groups(kinds: Iterable[str], parity: Array) -> list[Group]:
-    """The groups of a component whose signs in the mirrors y = 0, x = 0, z = 0 are parity (3,)."""
-    symmetric, skewed, forbidden = [], [], []
+def groups(kinds: Iterable[str], parity: Array, skewed: bool = True) -> list[Group]:
+    """The groups of a component whose signs in the mirrors y = 0, x = 0, z = 0 are parity (3,).
+
+    skewed: whether those that x = 0 or z = 0 forbid are among them.
+    """
+    symmetric, lopsided, forbidden = [], [], []
     products = list[Product]()
     for kind in kinds:
         allowed = [t for t in KINDS[kind] if PARITY[list(t)].prod() == parity[0]]
@@ -69,12 +72,13 @@ def groups(kinds: Iterable[str], parity: Array) -> list[Group]:
         rest = [t for t in allowed if t not in whole]
         symmetric.append(Group(kind, tuple(whole), True))
         if len(KINDS[kind][0]) == 1:
-            skewed.append(Group(f"{kind}, skewed", tuple(rest), True))
+            lopsided.append(Group(f"{kind}, skewed", tuple(rest), True))
             forbidden += [t for t in KINDS[kind] if t not in allowed]
         else:
             products += rest
-    others = (Group("products, skewed", tuple(products), True), Group("fingers that differ", tuple(forbidden), False))
-    return [g for g in (*symmetric, *skewed, *others) if g.terms]
+    lopsided.append(Group("products, skewed", tuple(products), True))
+    offered = (*symmetric, *(lopsided if skewed else ()), Group("fingers that differ", tuple(forbidden), False))
+    return [g for g in offered if g.terms]
 
 
 def indices(terms: Iterable[Product]) -> np.ndarray:
