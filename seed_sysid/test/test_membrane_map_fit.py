@@ -90,17 +90,19 @@ def test_the_sensors_frame_is_found_beside_the_map(analysis: Analysis) -> None:
     assert_allclose(shift, [0.003, -0.002, 0.002], atol=8e-4)
 
 
-def test_a_grasp_beside_the_frame_is_not_taken_for_an_error_of_the_sensors() -> None:
-    """Fingers that hold the tool 8 mm further along z: forces along x and y then have that lever about C."""
-    found = analyse(toy_dataset(np.random.default_rng(0), offset=OFFSET, widths=1, aside=0.008), "kinematic").membrane
+@pytest.mark.parametrize(("shift", "aside"), [((0.003, -0.002, 0.002), 0.008), ((0.001, 0.001, -0.004), 0.0)])
+def test_the_lever_of_the_sensor_is_told_from_that_of_the_grasp(shift: tuple[float, ...], aside: float) -> None:
+    """Fingers that hold the tool further along z, or a sensor that is off: each gives forces a lever about C."""
+    offset = make_pose(OFFSET[:3, :3], shift)
+    found = analyse(toy_dataset(np.random.default_rng(0), offset=offset, widths=1, aside=aside), "kinematic").membrane
     assert found is not None
-    assert_allclose(found.fit.nuisance[-3:], [0.003, -0.002, 0.002], atol=8e-4)
-    model, toy = MembraneMap(found.file), Toy(grip=0, aside=0.008)
+    assert_allclose(found.fit.nuisance[-3:], shift, atol=5e-4)
+    model, toy = MembraneMap(found.file), Toy(grip=0, aside=aside)
     told, loads = [], []
     for X_CT in combined_motion(np.random.default_rng(5), size=0.5):
         loads.append(wrench_transform(inverse_pose(X_CT)) @ toy.move(X_CT))
         told.append(model.spring(RelativePoseEstimate(0.0, X_CT, membrane=toy.membrane())).wrench.vector())
-    assert (rms(np.array(told) - loads) < 0.1 * rms(np.array(loads))).all()
+    assert (rms(np.array(told) - loads) < 0.055 * rms(np.array(loads))).all()
 
 
 def test_hysteresis_against_the_pose_is_told_to_be_friction(analysis: Analysis) -> None:
