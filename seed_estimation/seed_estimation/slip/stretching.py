@@ -22,16 +22,11 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.slip.markers import Markers
 
 FAST, LATELY = 0.015, 0.14  # [m/s] of both fingers' dragged markers, within so many [s]
-STOPPED, BACK = (
-    0.25,
-    -0.15,
-)  # [1] of its largest speed: below the first, a finger's markers stop; above the second, stay
+STOPPED, BACK = 0.25, -0.15  # [1] of its largest speed, between which a finger's markers rest
 RESTS = 2  # frames in a row: a tool that turns back rests for one
 LAG, GROWTH = 1e-4, 0.055  # [m] of the patch's ends behind its middle, mean of both; [1] of the way, by which it grew
-EDGE, EVENLY = (
-    0.025,
-    3.5,
-)  # [1] least incipient slip of a patch that slides; growth over it, from which on all gives way
+EDGE = 0.025  # [1] least incipient slip of a patch that slides
+EVENLY = 3.5  # [1] growth over incipient slip, from which on the sheet gives way all over
 WAY = 8e-4  # [m] least way over which that is measured
 ENDS = np.array((3, 8))  # of `MaterialMotion.deformation`: u^2 along x, v^2 along z
 AXES = slice(1, 3)  # of a displacement: along x and z
