@@ -185,7 +185,9 @@ def test_without_the_authoritys_key_no_new_authority_takes_its_place(store: Path
 
 def test_launch_files_give_each_node_its_enclave() -> None:
     known = set(read_policy(POLICY))
-    for file in ROOT.glob("seed_*/launch/**/*.xml"):
+    files = list(ROOT.glob("seed_*/launch/**/*.xml"))
+    assert files
+    for file in files:
         for node in ElementTree.parse(file).getroot().iter("node"):
             name = f"/{node.get('name')}"
             given = [e.get("value") for e in node.iter("env") if e.get("name") == "ROS_SECURITY_ENCLAVE_OVERRIDE"]

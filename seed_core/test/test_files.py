@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seed_core.program.command_line import command
 from seed_core.program.files import write_text, written_whole
 from seed_core.program.npz import read_npz, write_npz
 
@@ -52,3 +53,19 @@ def test_what_a_link_leads_to_is_written(tmp_path: Path) -> None:
     write_text(link, "new")
     assert link.is_symlink()
     assert file.read_text() == "new"
+
+
+def test_a_full_disk_is_told_with_the_file_that_could_not_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "result.json"
+    file.write_text("old")
+    (tmp_path / "result.json.part").symlink_to("/dev/full")
+
+    def main(_: list[str]) -> None:
+        write_text(file, "new")
+
+    assert command("seed tool")(main)([]) == 1
+    assert capsys.readouterr().err == f"seed tool: {file}: No space left on device\n"
+    assert [f.name for f in tmp_path.iterdir()] == ["result.json"]
+    assert file.read_text() == "old"

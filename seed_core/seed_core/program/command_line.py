@@ -2,6 +2,7 @@
 """The base of the suite's command lines: checked arguments, help, exit codes, and the folder of results."""
 
 import argparse
+import errno
 import functools
 import itertools
 import json
@@ -19,6 +20,7 @@ from seed_core.errors import FailedError, SeedError
 from seed_core.program.suggestions import did_you_mean
 
 N = TypeVar("N", int, float)
+FULL = (errno.ENOSPC, errno.EDQUOT)  # a disk, or what a user may have of it: no mistake in a command
 LARGEST_SEED = 2**31 - 1  # what a parameter of a node takes, too
 
 
@@ -124,7 +126,7 @@ def command(name: str) -> Callable[[Callable[[list[str]], int | None]], Callable
                 problem, code = str(error), 1 if isinstance(error, FailedError) else 2
             except OSError as error:  # a folder that cannot be written, a file where a folder should be; a full disk
                 where = f"{error.filename}: " if error.filename else ""
-                problem, code = f"{where}{error.strerror or error}", 2 if error.filename else 1
+                problem, code = f"{where}{error.strerror or error}", 1 if error.errno in FULL or not where else 2
             print(f"{name}: {problem}", file=sys.stderr)
             return code
 

@@ -38,7 +38,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     After an error `path` is as it was, and the other file is gone. Where `path` is a link, what it leads to is written.
 
     Raises:
-        OSError: it cannot be written, or `path` is a folder or a device.
+        OSError: it cannot be written, or `path` is a folder or a device; with its name, also where the disk is full.
     """
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
     if target.exists() and not target.is_file():
@@ -49,9 +49,11 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         with part.open("rb") as file:  # on the disk before the old one goes
             os.fsync(file.fileno())
         part.replace(target)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             part.unlink()
+        if isinstance(error, OSError) and not error.filename:
+            error.filename = str(path)
         raise
 
 
