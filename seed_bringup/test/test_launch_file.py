@@ -380,7 +380,7 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
         ("scenario=pen", "scenario=pen: write scenario:=pen"),
         ("scenario:=penn", "did you mean pen?"),
         ("task:=squeege", "did you mean squeegee?"),
-        ("method:=published fingers:=left", "fingers:=left with method:=published: that one needs both"),
+        ("base:=", "base:= has no name"),
         ("task:=triangel.yaml", "no task 'triangel.yaml': no such file in"),
         ("namespace:=9x", "'9x' must be names with / between them"),
         (f"hand_file:={__file__}", f"hand_file: {__file__}: not YAML"),
@@ -388,7 +388,7 @@ def seed_launch(*words: str) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_a_mistake_in_an_argument_is_told_once_before_any_node_starts(word: str, told: str) -> None:
-    done = seed_launch(*word.split(" "))
+    done = seed_launch(word)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
