@@ -22,7 +22,7 @@ def contradictions(given: Mapping[str, str], values: Mapping[str, str]) -> list[
     simulated = values.get("simulated", "True") == "True"
     arm = f"robot:={robot} robot_ip:={values['robot_ip']}" if robot == "ur" else f"robot:={robot}"
     if "base" in given and not given["base"]:
-        raise LaunchError("base:= has no name: give that of the arm's base frame, or leave it away")
+        raise LaunchError("base:= has no name: give that of the arm's base frame, or leave it out")
     if values.get("fingers", "both") != "both" and method == "published":
         raise LaunchError(f"fingers:={values['fingers']} with method:=published: that one needs both")
     if method == "truth" and not simulated:

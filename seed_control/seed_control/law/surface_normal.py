@@ -28,7 +28,7 @@ import numpy as np
 
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 
 _H, _A, _S, _MU, _SOFT, _SIZE = 0, slice(1, 3), slice(3, 6), 6, 7, 8
 _HEIGHT, _SLOPE, _BEND = 2e-3, 0.35, 6.0  # [m], [1], [1/m] deviations at first contact
@@ -120,7 +120,7 @@ class SurfaceNormal:
     def image(self, m: Measurement, s: HybridSetpoint, stiffness: float, loop_time: float) -> None:
         """One image in contact, of a grasp with this mean stiffness [N/m], answered after loop_time [s]."""
         self._predict(m, s)
-        if self._pressing < _TOUCHES * float(np.sqrt(s.wrench.force @ s.wrench.force)):
+        if self._pressing < _TOUCHES * length(s.wrench.force):
             self._leave()
         foretold = self.x[_A].copy()
         self._track(m)
@@ -137,7 +137,7 @@ class SurfaceNormal:
         self.x[_H] += height - self.height  # a normal that turns moves no surface
         self._going = self.tangents @ s.velocity * loop_time
         turn = self._bend() @ self._going
-        size = float(np.sqrt(turn @ turn))
+        size = length(turn)
         self.ahead = self._off(turn * min(_FURTHEST / max(size, 1e-9), 1.0))
 
     def slope(self, behind: bool) -> Array:
@@ -191,7 +191,7 @@ class SurfaceNormal:
         F[1, 3:5] = F[2, 4:6] = d
         self.x = F @ self.x
         self.x[_H] -= rise
-        way = float(np.sqrt(self._velocity @ self._velocity)) * dt if self._slides else 0.0
+        way = length(self._velocity) * dt if self._slides else 0.0
         walk = np.zeros(_SIZE)
         self._felt = self.tangents @ force / max(pressing, _LEAST_FORCE)
         felt = self._felt - self.x[_A]
@@ -215,9 +215,9 @@ class SurfaceNormal:
 
     def _speed(self, s: HybridSetpoint) -> float:
         """[m/s] of the tip; until it slides, only along the path: noise goes anywhere."""
-        speed = float(np.sqrt(self._velocity @ self._velocity))
+        speed = length(self._velocity)
         path = self.tangents @ s.velocity
-        of_path = float(np.sqrt(path @ path))
+        of_path = length(path)
         if self._slides or of_path < _LEAST_SPEED:
             return speed
         return float(self._velocity @ path) / of_path
@@ -267,7 +267,7 @@ class SurfaceNormal:
 
     def _stick(self) -> None:
         """The slope, where the force of a tip that sticks leans by more than friction can hold."""
-        leans = float(np.sqrt(self._drag @ self._drag))
+        leans = length(self._drag)
         if leans > _MOST_FRICTION:
             h = np.zeros(_SIZE)
             h[_A] = self._drag / leans

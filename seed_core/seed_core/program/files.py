@@ -32,6 +32,17 @@ def shared_path(package: str, relative: str) -> Path:
 
 
 @contextmanager
+def named_in_errors(path: str | Path) -> Iterator[None]:
+    """Errors of the system in the block that name no file, as of a full disk, name this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno and not error.filename:
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
     """The file to write in the block, `path` with .part at its end. It takes the place of `path` when the block ends.
 
@@ -45,15 +56,14 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         raise FileExistsError(EEXIST, "is a folder or a device: name a file", str(target))
     part = target.with_name(target.name + ".part")
     try:
-        yield part
-        with part.open("rb") as file:  # on the disk before the old one goes
-            os.fsync(file.fileno())
-        part.replace(target)
-    except BaseException as error:
+        with named_in_errors(path):
+            yield part
+            with part.open("rb") as file:  # on the disk before the old one goes
+                os.fsync(file.fileno())
+            part.replace(target)
+    except BaseException:
         with suppress(OSError):
             part.unlink()
-        if isinstance(error, OSError) and error.errno and not error.filename:
-            error.filename = str(path)
         raise
 
 

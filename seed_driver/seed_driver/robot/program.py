@@ -10,6 +10,7 @@ licence).
 """
 
 import os
+from functools import cache
 
 from seed_driver.robot.link import LinkError
 
@@ -198,10 +199,11 @@ def program(version: tuple[int, ...], offset: int) -> str:
     return "\n".join(line for line in text.splitlines() if line) + "\n"
 
 
+@cache
 def program_file(text: str) -> str:
     """Path of a file with the program's text, which ur_rtde reads whenever it sends it.
 
-    It lives in memory, and as long as this process. Raises LinkError: there is no room for it.
+    It lives in memory, one for each text, and as long as this process. Raises LinkError: there is no room for it.
     """
     fd, data = os.memfd_create("seed_driver_program"), text.encode()
     if os.write(fd, data) != len(data):

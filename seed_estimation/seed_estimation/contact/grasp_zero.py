@@ -16,7 +16,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose
+from seed_core.spatial import Array, inverse_pose, length
 from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.surface import surface
 from seed_estimation.images.normalise import coarse, normalised
@@ -118,7 +118,7 @@ def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
     motions = np.array([d.motion for d in seen.values()])
     motion, apart = motions.mean(axis=0), motions - motions.mean(axis=0)
     deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()]) + np.square(apart).mean()))
-    size = float(np.sqrt(motion @ motion))
+    size = length(motion)
     if len(seen) < 2 or size < CLEAR * deviation:  # one bubble that is pressed aside looks the same
         return GraspZero(motion, deviation)
     x, z = 1e3 * motion

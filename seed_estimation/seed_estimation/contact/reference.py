@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 from seed_estimation.contact.grasp_zero import GraspZero, dragged, grasp_zero
 from seed_estimation.contact.membrane import mean_depth, membrane_at_rest
 from seed_estimation.contact.patch import QUICK, ContactPatch, PatchFinder
@@ -136,7 +136,7 @@ def _load(
             for f, s in reference.finders.items()
         }
     )
-    size = float(np.sqrt(zero.shift @ zero.shift))
+    size = length(zero.shift)
     if zero.loaded and (p.loaded_grasp == "refuse" or size > p.max_drag):
         raise EstimatorError(f"{zero.words}; let something carry its weight and grasp again")
     return zero

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seed_core.membrane.material import Patch, of_field, patch_of, rigid_motion
-from seed_core.spatial import Array, both, inverse_pose, make_pose, skew, so3_exp, so3_log
+from seed_core.spatial import Array, both, inverse_pose, length, make_pose, skew, so3_exp, so3_log
 from seed_estimation.images.sampling import Crop, sample
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.rigid_fit.reference import FingerModel, Material
@@ -155,7 +155,7 @@ class MaterialTracker:
             return None
         middle = self._X[:3, :3] @ self._area.mean(axis=1) + self._X[:3, 3]
         shift, turn = step[:3, :3] @ middle + step[:3, 3] - middle, so3_log(step[:3, :3])
-        self._way += float(np.sqrt(shift @ shift)) + self.patch.size * float(np.sqrt(turn @ turn))
+        self._way += length(shift) + self.patch.size * length(turn)
         self._X = step @ self._X
         off = ASSUMED[0] + ASSUMED[1] * self._way
         covariance = self._found.covariance + self._about_middle(off, self._X)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import blended_transform_factory
 
-from seed_core.errors import FailedError
+from seed_core.program.files import named_in_errors
 from seed_sim.closed_loop.recording import Recording
 
 BLUE, GREY, INK = "#1f6feb", "#9aa4b2", "#1f2937"
@@ -18,13 +18,9 @@ NAMED, ROOM = 8, 0.05  # most phases whose names are drawn, and the share of the
 
 
 def save(figure: Figure, file: Path, dpi: int) -> None:
-    """Write a picture. Raises OSError, or FailedError where that would not name the file: the disk is full."""
-    try:
+    """Write a picture. Raises OSError."""
+    with named_in_errors(file):
         figure.savefig(file, dpi=dpi)
-    except OSError as error:
-        if error.filename:
-            raise
-        raise FailedError(f"{file}: {error.strerror or error}") from error
 
 
 def draw_path(axis: Axes, recording: Recording, phase: str) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.spatial import Array, inverse_pose, make_pose, rotation_from_rpy
+from seed_core.spatial import Array, inverse_pose, length, make_pose, rotation_from_rpy
 from seed_sim.plant.holes.edges import depth_in, normal_of
 from seed_sim.plant.holes.friction import StickSlip
 from seed_sim.plant.holes.parameters import HoleSection
@@ -107,7 +107,7 @@ class HoleContact:
         forces = force[:, None] * normal
         forces += self._stick.force(on, normal, velocity - away[:, None] * normal, force, dt)
         total, torque = forces.sum(axis=0), _crossed(at - origin, forces).sum(axis=0)
-        self.largest = max(self.largest, float(np.sqrt(total @ total)))
+        self.largest = max(self.largest, length(total))
         self.squeeze = max(self.squeeze, float(np.sqrt((forces * forces).sum(axis=1)).sum()))
         self._load = HoleLoad(R_HW.T @ torque, R_HW.T @ total)
         return self._load
