@@ -19,7 +19,7 @@ from seed_core.spatial import Array, inverse_pose, make_pose, so3_exp
 from seed_estimation.images.sampling import Crop
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.images.tactile_images import Mask as Grey
-from seed_estimation.rigid_fit.fit import fit
+from seed_estimation.rigid_fit.fit import Fit, fit
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.markers import FREE, SIDEWAYS, THREE, Depth, sees
@@ -136,8 +136,8 @@ class Following:
         """Where depth alone puts the tool; what it does not see stays as in X."""
         if X is None:
             return None
-        found = fit(self._depths, crops, X, 0.0, PRIOR, (0, STEPS))
-        if not all(math.isfinite(rms) for rms in found.depth_rms.values()):
+        found = by_depth(self._depths, crops, X)
+        if found is None:
             return None
         self._told = found.H_depth
         deviation = np.sqrt(np.linalg.inv(found.H_depth[THREE] + FREE).diagonal())
@@ -175,6 +175,15 @@ class Following:
         way = (model.X_XC[:2, :3].T @ flow)[[0, 2]]
         place = (X_CT[:3, :3] @ points + X_CT[:3, 3:])[:, good]
         return _rigid_step(place, way, self._lever)
+
+
+def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Array) -> Fit | None:
+    """Where depth alone puts the tool; what it does not see stays as in X_CT (4, 4). None: a finger has none.
+
+    depths: models without image.
+    """
+    found = fit(depths, crops, X_CT, 0.0, PRIOR, (0, STEPS))
+    return found if all(math.isfinite(rms) for rms in found.depth_rms.values()) else None
 
 
 def _some(points: Array32) -> Array:

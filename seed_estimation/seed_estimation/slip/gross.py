@@ -2,7 +2,7 @@
 """Gross slip: the tool breaks loose and slides in the grasp, and the alarm that is raised then.
 
 Markers show where the membrane is, depth shows where the tool is. While the tool sticks, both move as one. When it
-breaks loose, sliding friction bears less than what it stuck with, or not more. Hence six signs:
+breaks loose, sliding friction bears less than what it stuck with, or not more. Hence seven signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
                   far explains; the patch still slips along its edge (incipient slip); and where depth sees that
@@ -10,6 +10,7 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
+    turned on     depth has the tool turn on, which it sees badly, while markers rest (`turning.py`)
     stretched     material that was dragged stops, and its patch is stretched as one that slides (`stretching.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
@@ -37,6 +38,7 @@ from seed_estimation.slip.following import Following
 from seed_estimation.slip.markers import FREE, FREE_ALL, SIDEWAYS, THREE, UNSEEN, Depth, Markers, Observation, sees
 from seed_estimation.slip.parting import ACROSS, Parting
 from seed_estimation.slip.stretching import AXES, Stretching
+from seed_estimation.slip.turning import Turning
 
 FALL_FRAMES = 2  # within which a membrane has sprung back
 LOADED = 0.0015  # [m] below this displacement friction bears next to nothing
@@ -69,6 +71,7 @@ class GrossSlip:
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
         self._following = Following(models, self._lever) if len(models) > 1 else None
         self._parting, self._stretching = Parting(), Stretching(models)
+        self._turning = Turning(models, reach)
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then
@@ -109,12 +112,13 @@ class GrossSlip:
         return fallen or gone_on or left or unseen or (not locked and self._torn(stamp))
 
     def _slides_unseen(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth) -> bool:
-        """Whether both fingers' markers are seen in this frame, and tell of a slip that depth does not see."""
+        """Whether both fingers' markers are seen in this frame, and tell of a slip that depth sees badly or not at all."""
         markers = list(self._markers.values())
         if len(markers) != 2 or not all(m.seen and m.seen[-1].stamp == stamp for m in markers):
             return False
         parted = self._parted(fit, markers)
-        return self._stretching.slides(crops, fit.X_CT, markers, ~sees(depth.deviation)[AXES]) or parted
+        turns = self._turning.goes_on(crops, fit.X_CT, markers, depth)
+        return self._stretching.slides(crops, fit.X_CT, markers, ~sees(depth.deviation)[AXES]) or parted or turns
 
     def _parted(self, fit: Fit, markers: Sequence[Markers]) -> bool:
         covariance = np.linalg.inv(fit.H_depth + FREE_ALL)

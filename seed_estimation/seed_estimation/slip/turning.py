@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tool that turns on between fingers whose markers rest, where depth sees its turn badly.
+
+A box's flat sides look nearly alike however far it has turned about y, the axis through both fingers. Depth alone knows
+that turn to 3 degrees in one image, which is too little for the other signs. But what it sees goes on while the tool
+does, and noise does not: the mean of a few frames, against the mean of those before, tells a turn of 3 to 6 degrees.
+The noise is taken from the frames themselves: what depth states of itself holds errors that stay, too.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from seed_core.spatial import Array
+from seed_estimation.images.sampling import Crop
+from seed_estimation.rigid_fit.reference import FingerModel
+from seed_estimation.rigid_fit.residuals import motion_vector
+from seed_estimation.slip.following import by_depth
+from seed_estimation.slip.markers import Depth, Markers
+
+NOW, RESTING, BEFORE, FEWEST = 3, 4, 15, 6  # frames: of now, of markers that rest, before these, and least of those
+LATELY = 0.6  # [s] that is looked back
+GROWTH, SURE = 5e-4, 5.0  # [m] at the patch's reach, and deviations, by which the tool must have turned on
+NOISE = 0.4  # [1] least noise, of the deviation that depth states; rendered and simulated boxes have as much
+RESTS = 0.4  # [1] of that growth, up to which the markers' way is none
+EDGE = 0.025  # [1] least incipient slip of a patch that slides
+OFF = 3e-4  # [m] from the markers, from which on depth is fitted: one step towards it falls short
+TURN, ABOUT_Y = 0, 1  # the turn about y in a displacement, and in a motion
+
+
+class Turn(NamedTuple):
+    """Of tool and markers in one frame.
+
+    Attributes:
+        stamp: [s].
+        gap: by how much further depth has the tool turned than the markers have [m].
+        deviation: of that, as depth states it [m].
+        markers: (3,) displacement since the grasp, mean of both fingers [m].
+    """
+
+    stamp: float
+    gap: float
+    deviation: float
+    markers: Array
+
+
+class Turning:
+    """Of the tool in one grasp."""
+
+    def __init__(self, models: Sequence[FingerModel], reach: float) -> None:
+        """reach: of the patch [m], at which a turn is a displacement."""
+        self._depths, self._reach = [m.without_image() for m in models], reach
+        self._turns: deque[Turn] = deque(maxlen=RESTING + BEFORE)
+
+    def goes_on(self, crops: Mapping[str, Crop], X_CT: Array, markers: Sequence[Markers], depth: Depth) -> bool:
+        """Whether the tool turns, and the markers that both fingers show in these images rest.
+
+        X_CT (4, 4): of the tool; depth: where it alone would put the tool.
+        """
+        now = [m.seen[-1] for m in markers]
+        stamp, displacement = now[0].stamp, np.mean([s.displacement for s in now], axis=0)
+        while self._turns and not 0.0 < stamp - self._turns[0].stamp <= LATELY:
+            self._turns.popleft()
+        edge = float(np.mean([s.incipient for s in now]))
+        turned, rested = float(depth.displacement[TURN]), float(displacement[TURN])
+        rests = bool(self._turns) and float(np.abs(displacement - self._turns[-1].markers).max()) < RESTS * GROWTH
+        if rests and edge > EDGE and abs(turned - rested) > OFF:
+            found = by_depth(self._depths, crops, X_CT)
+            turned = turned if found is None else self._reach * float(motion_vector(found.X_CT)[ABOUT_Y])
+        self._turns.append(Turn(stamp, turned - rested, float(depth.deviation[TURN]), displacement))
+        # friction that gives way has held the tool back until then
+        return edge > EDGE and grown(self._turns) * rested > 0.0
+
+
+def grown(turns: Sequence[Turn]) -> float:
+    """By how much the gap has surely grown of late while the markers rest [m]; 0: it has not."""
+    gaps = np.array([t.gap for t in turns])
+    before, now = gaps[:-RESTING], gaps[-NOW:]
+    if len(before) < FEWEST:
+        return 0.0
+    growth = float(now.mean() - before.mean())
+    if abs(growth) < GROWTH:
+        return 0.0
+    noise = max(float(np.diff(before).std()) / math.sqrt(2.0), NOISE * float(np.mean([t.deviation for t in turns])))
+    sure = abs(growth) > SURE * noise * math.sqrt(1.0 / len(now) + 1.0 / len(before))
+    way = np.abs(np.diff([t.markers for t in list(turns)[-RESTING:]], axis=0)).sum(axis=0)
+    return growth if sure and float(way.max()) < RESTS * abs(growth) else 0.0
