@@ -30,18 +30,24 @@ def dragged(t: float, bears: float) -> float:
     return handled(min(t, BEGIN)) + min(0.04 * max(t - BEGIN, 0.0), bears)
 
 
-def rings(left: Motion, right: Motion, held: Motion = np.zeros_like, by_depth: Motion | None = None) -> float | None:
-    """When fingers part [s] whose markers are so far along z [m] at a time; None: never.
+def rings(
+    left: Motion, right: Motion, held: Motion = np.zeros_like, by_depth: Motion | None = None, axis: int = 2
+) -> float | None:
+    """When fingers part [s] whose markers are so far along an axis [m] at a time; None: never.
 
-    held: turn about x [rad] at which the images have the tool; by_depth: at which depth sees it; default: the same.
+    axis: 0: turned about y, at the patch's reach; 2: along z.
+    held: turn about x [rad] at which the images have the tool.
+    by_depth: at which depth sees it; default: the same.
     """
     parting, rng = Parting(), np.random.default_rng(3)
     fingers: list[Any] = [SimpleNamespace(seen=[], side=side, X_CT=np.eye(4)) for side in (SIDE, -SIDE)]
     for t in np.arange(PERIOD, BEGIN + 1.0, PERIOD).tolist():
         for finger, way in zip(fingers, (left, right), strict=True):
             finger.X_CT = make_pose(so3_exp((held(t), 0.0, 0.0)))
-            z = way(t) + NOISE * rng.normal()
-            finger.seen = [*finger.seen[-4:], Observation(t, np.array((0.0, 0.0, z)), abs(z), UNSEEN, 0.0, False, 0.0)]
+            displacement = np.zeros(3)
+            displacement[axis] = way(t) + NOISE * rng.normal()
+            size = float(np.abs(displacement).max())
+            finger.seen = [*finger.seen[-4:], Observation(t, displacement, size, UNSEEN, 0.0, False, 0.0)]
         seen = (by_depth or held)(t) + TURN_NOISE * rng.normal()
         if parting.parts(fingers, np.array((0.0, held(t))), np.array((0.0, seen)), np.full(2, TURN_NOISE)):
             return t
@@ -53,6 +59,17 @@ def test_fingers_of_which_one_stops_earlier_are_told(less: float) -> None:
     at = rings(lambda t: dragged(t, 0.0045 - less), lambda t: dragged(t, 0.0045))
     assert at is not None
     assert -0.001 < at - BEGIN - 0.0045 / 0.04 < 0.1
+
+
+@pytest.mark.parametrize("less", [0.0006, 0.0015])
+def test_fingers_of_which_one_turns_less_are_told(less: float) -> None:
+    at = rings(lambda t: dragged(t, 0.0025 - less), lambda t: dragged(t, 0.0025), axis=0)
+    assert at is not None
+    assert -0.001 < at - BEGIN - 0.0025 / 0.04 < 0.1
+
+
+def test_fingers_that_turn_nearly_alike_are_not_told() -> None:
+    assert rings(lambda t: dragged(t, 0.0023), lambda t: dragged(t, 0.0025), axis=0) is None
 
 
 def test_fingers_are_told_that_would_rather_have_the_tool_turned() -> None:

@@ -112,7 +112,7 @@ class GrossSlip:
         return fallen or gone_on or left or unseen or (not locked and self._torn(stamp))
 
     def _slides_unseen(self, crops: Mapping[str, Crop], fit: Fit, stamp: float, depth: Depth) -> bool:
-        """Whether both fingers' markers are seen in this frame, and tell of a slip that depth sees badly or not at all."""
+        """Whether both fingers' markers are seen in this frame, and tell of a slip that depth sees badly, if at all."""
         markers = list(self._markers.values())
         if len(markers) != 2 or not all(m.seen and m.seen[-1].stamp == stamp for m in markers):
             return False

@@ -7,8 +7,10 @@ from its edge inwards long before it lets go; but a drag that ends does not. The
 turned than apart, which depth knows better: the gap between the fingers' displacements is taken at the turn that depth
 sees.
 
+So it is with the turn about y: both membranes turn alike on a tool that sticks.
+
 A tool that sticks makes a gap, too: by images of unequal times, by a scale of depth that is wrong, and by depth that
-is late. Along x and along z alike, with the turn about z and about x:
+is late. Along x and along z alike, with the turn about z and about x (none counts for the turn about y):
 
     gap = constant + lever turn + skew speed + late (turn's speed)
 
@@ -26,8 +28,10 @@ from seed_core.spatial import Array
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.markers import Markers, Observation
 
-FAST, LATELY, STOPPED = 0.012, 0.2, 0.25  # [m/s] of dragged markers, within so many [s]; share of it when they stopped
-PARTED, SURE = 2e-4, 2.0  # [m] and deviations by which the gap differs from what it should be
+# Turn about y at the patch's reach, shift along x and z: [m/s] of dragged markers, and [m] by which the gap differs
+FAST, PARTED = np.array((0.008, 0.012, 0.012)), np.array((2.5e-4, 2e-4, 2e-4))
+LATELY, STOPPED = 0.2, 0.25  # [s] that is looked back for a drag; share of its speed when it has stopped
+SURE = 2.0  # deviations by which the gap differs from what it should be
 FRAMES, BEHIND = 2, 3  # in a row; by which what is learned stays behind
 # What may be at first: [m], [m] of lever (a depth that is 5 % off in scale), [s] of skew, [m s] of depth that is late
 FIRST = np.array((2e-4, 1e-2, 1.2e-2, 4e-4))
@@ -49,6 +53,7 @@ class Gap(NamedTuple):
         size: [m]. variance: of its noise [m^2].
         of: (4,) what it goes with: 1, the turn [rad], the speed [m/s] and the turn's speed [rad/s].
         margin: [m] by which a tool that moves may make another gap than was learned.
+        parted: [m] beyond that and its deviations, from which on it is another gap.
         stops: whether the markers have just been dragged along that axis, and now rest.
     """
 
@@ -57,6 +62,7 @@ class Gap(NamedTuple):
     variance: float
     of: Array
     margin: float
+    parted: float
     stops: bool
 
 
@@ -77,7 +83,7 @@ class UsualGap:
     def unlike(self, gap: Gap) -> bool:
         """Whether a drag has just ended, and the gap has surely been another than usual for some frames since."""
         off, deviation = self._off(gap)
-        parted = gap.stops and abs(off) > PARTED + SURE * deviation + gap.margin
+        parted = gap.stops and abs(off) > gap.parted + SURE * deviation + gap.margin
         side = math.copysign(1.0, off) if parted else 0.0
         self._count = self._count + 1 if side and side == self._side else int(side != 0.0)
         self._side = side
@@ -94,7 +100,7 @@ class UsualGap:
 
     def _learn(self, gap: Gap) -> None:
         off, deviation = self._off(gap)
-        if abs(off) < PARTED + SURE * deviation + gap.margin:
+        if abs(off) < gap.parted + SURE * deviation + gap.margin:
             gain = self._P @ gap.of / (deviation**2 + gap.margin**2)
             self._value = self._value + gain * off
             self._P = self._P - np.outer(gain, gap.of @ self._P)
@@ -104,7 +110,8 @@ class UsualGap:
 
 
 class _Motion(NamedTuple):
-    """Of the tool up to a time [s]: turn (2,) [rad] about z and x, and speeds (2,) [m/s], [rad/s]."""
+    """Up to a time [s]: turn (3,) of the tool [rad]: none, about z, about x; speed (3,) of the markers about y, along x
+    and along z [m/s]; rate (3,) of the turn [rad/s]."""
 
     stamp: float
     turn: Array
@@ -116,7 +123,7 @@ class Parting:
     """Of both fingers in one grasp."""
 
     def __init__(self) -> None:
-        self._usual = (UsualGap(), UsualGap())
+        self._usual = (UsualGap(), UsualGap(), UsualGap())
         self._motions: deque[_Motion] = deque()
 
     def parts(self, markers: Sequence[Markers], turn: Array, by_depth: Array, deviation: Array) -> bool:
@@ -129,7 +136,8 @@ class Parting:
             self._motions.clear()
             return False
         now, before = markers[0].seen[-1].stamp, markers[0].seen[-2].stamp
-        speed, rate = 0.5 * (a[-1] + b[-1])[1:] / (now - before), np.zeros(2)
+        turn = np.concatenate(((0.0,), turn))
+        speed, rate = 0.5 * (a[-1] + b[-1]) / (now - before), np.zeros(3)
         if self._motions and now > self._motions[-1].stamp:
             rate = (turn - self._motions[-1].turn) / (now - self._motions[-1].stamp)
         self._motions.append(_Motion(now, turn, speed, rate))
@@ -141,22 +149,22 @@ class Parting:
             return False
         apart = abs(markers[0].side - markers[1].side)
         size = _moved(markers[0], by_depth) - _moved(markers[1], by_depth)
-        variance = NOISE**2 + np.square(apart * deviation)
+        variance = NOISE**2 + np.square(apart * np.concatenate(((0.0,), deviation)))
         speeds = np.abs([m.speed for m in self._motions])
         rates = np.abs([m.rate for m in self._motions])
         margin = SKEWED * speeds[-FRAMES - 1 :].max(axis=0) + LATE * apart * rates[-FRAMES - 1 :].max(axis=0)
         fastest = speeds.max(axis=0)
         stops = (fastest > FAST) & (speeds[-1] < STOPPED * fastest)
-        of = np.stack((np.ones(2), turn, speed, rate), axis=1)
-        gaps = [Gap(now, *each) for each in zip(size, variance, of, margin, stops, strict=True)]
-        unlike = [usual.unlike(gap) for usual, gap in zip(self._usual, gaps, strict=True)]  # both learn
+        of = np.stack((np.ones(3), turn, speed, rate), axis=1)
+        gaps = [Gap(now, *each) for each in zip(size, variance, of, margin, PARTED, stops, strict=True)]
+        unlike = [usual.unlike(gap) for usual, gap in zip(self._usual, gaps, strict=True)]  # all learn
         return any(unlike)
 
 
 def _moved(markers: Markers, by_depth: Array) -> Array:
-    """Displacement (2,) [m] of the tool along x and z by one finger's markers, were it turned as depth sees it."""
+    """Displacement (3,) [m] of the tool by one finger's markers, were it turned about z and x as depth sees it."""
     z, x = by_depth - motion_vector(markers.X_CT)[ACROSS]
-    return np.asarray(markers.seen[-1].displacement[1:] + markers.side * np.array((z, -x)))
+    return np.asarray(markers.seen[-1].displacement + markers.side * np.array((0.0, z, -x)))
 
 
 def _steps(seen: Sequence[Observation]) -> Array:
