@@ -165,6 +165,6 @@ def refuse_idle(Z: Array, least: Array) -> None:
     if idle:
         raise DatasetError(
             f"the membranes hardly moved along {', '.join(idle)}: rms {np.round(spread, 2).tolist()} of 4 deg or 2 mm "
-            f"(at least {least.max():g}): visit larger poses, and grip harder if the grasp does not bear them; if it does, "
+            f"(at least {least.max():g}): visit larger poses, and grip harder if the grasp does not bear them; or "
             "the estimator does not follow the material"
         )
