@@ -13,7 +13,7 @@ from seed_core.estimate import MembraneMotion, RelativePoseEstimate
 from seed_core.membrane.features import MIRROR, NAMES, SCALES, by_finger, features, gripper_rates
 from seed_core.membrane.map import GRASPED, LEVER, UNLEARNED, MembraneMap, pressure_reason
 from seed_core.membrane.map_file import GripMap, MembraneMapFile, format_rows, load_membrane_map, save_membrane_map
-from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, pose_from_rpy, so3_exp
+from seed_core.spatial import Array, Wrench, inverse_pose, pose_from_rpy, so3_exp
 from seed_core.wrench_model import WithMemory
 
 MIDDLES = np.array([[0.001, 0.012, 0.002], [0.001, -0.012, 0.002]])
@@ -163,20 +163,6 @@ def test_covariance_has_the_estimates_the_coefficients_and_the_residuals_share()
             both.append(replace(m, X_CM=X))
         loads.append(model.spring(replace(stuck(X_CT), membrane=tuple(both))).wrench.vector())
     assert_allclose(np.diag(more), UNLEARNED * np.var(loads, axis=0), rtol=0.15)
-
-
-def test_covariance_has_the_share_of_the_tools_pose() -> None:
-    """The membranes' load stays what it is; the frame that it is told in, and the point, do not."""
-    X_CT, model = pose_from_rpy((0.1, -0.2, 0.05), (0.002, 0.001, -0.003)), MembraneMap(made())
-    stated = np.diag([1e-4] * 3 + [1e-6] * 3)
-    known, rng = replace(stuck(X_CT), covariance=1e-20 * np.eye(6)), np.random.default_rng(2)
-    more = model.spring(replace(known, covariance=stated)).covariance - model.spring(known).covariance
-    loads = []
-    for e in rng.multivariate_normal(np.zeros(6), stated, 4000):
-        X = make_pose(so3_exp(e[:3]) @ X_CT[:3, :3], X_CT[:3, 3] + e[3:])
-        loads.append(model.spring(replace(known, X_CT=X)).wrench.vector())
-    sizes = np.sqrt(np.outer(np.diag(more), np.diag(more)))
-    assert_allclose(more / sizes, np.cov(np.array(loads).T) / sizes, atol=0.1)
 
 
 def test_a_new_grasp_is_off_by_a_share_of_the_load_and_by_a_lever() -> None:

@@ -72,6 +72,15 @@ def test_fingers_that_turn_nearly_alike_are_not_told() -> None:
     assert rings(lambda t: dragged(t, 0.0023), lambda t: dragged(t, 0.0025), axis=0) is None
 
 
+def test_fingers_that_turn_apart_slowly_are_not_told() -> None:
+    """At 7 mm/s a load may part them with a part of the patches sliding."""
+
+    def slowly(bears: float) -> Motion:
+        return lambda t: min(0.007 * max(t - BEGIN, 0.0), bears)
+
+    assert rings(slowly(0.0015), slowly(0.0025), axis=0) is None
+
+
 def test_fingers_are_told_that_would_rather_have_the_tool_turned() -> None:
     """The images explain 0.5 mm between the fingers by a turn of 1.2 degrees, which depth does not see."""
     slid = 0.0005 / (2.0 * SIDE)

@@ -3,11 +3,15 @@
 
 from collections import deque
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from seed_estimation.slip.turning import BEFORE, GROWTH, RESTING, Turn, grown
+from seed_estimation.slip import turning
+from seed_estimation.slip.markers import UNSEEN, Depth, Observation
+from seed_estimation.slip.turning import BEFORE, FEWEST, GROWTH, RESTING, Turn, Turning, grown
 
 PERIOD, REACH = 1.0 / 45.0, 0.01  # [s], [m]
 NOISE = 1.8e-4  # [m] of one image
@@ -41,8 +45,15 @@ def test_a_tool_that_turns_on_at_2_rad_s_is_told_within_150_ms(sign: float) -> N
         assert 0.0 < at < 0.15
 
 
-def test_a_tool_that_stops_with_its_markers_is_not_told() -> None:
-    assert [told(stopped, seed=seed) for seed in range(200)] == [None] * 200
+@pytest.mark.parametrize("late", [0.0, 1.0, 1.5])  # [images]
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.2])
+def test_depth_that_is_late_or_of_another_scale_tells_no_turn_as_tool_and_markers_stop(
+    late: float, gain: float
+) -> None:
+    def seen(t: float) -> float:
+        return gain * stopped(t - late * PERIOD)
+
+    assert [told(seen, seed=seed) for seed in range(40)] == [None] * 40
 
 
 def test_markers_that_go_on_say_that_the_tool_sticks() -> None:
@@ -51,10 +62,8 @@ def test_markers_that_go_on_say_that_the_tool_sticks() -> None:
 
 
 def test_noisy_depth_must_see_a_larger_turn() -> None:
-    grows = 2.0 * GROWTH / REACH  # [rad]
-
     def tool(t: float) -> float:
-        return grows if t > STOP else 0.0
+        return 2.0 * GROWTH / REACH if t > STOP else 0.0
 
     def markers(_: float) -> float:
         return 0.0
@@ -64,5 +73,70 @@ def test_noisy_depth_must_see_a_larger_turn() -> None:
     assert told(tool, markers, noise=1e-4, deviation=2e-3) is None
 
 
-def test_a_few_images_tell_nothing() -> None:
-    assert grown([Turn(i * PERIOD, 0.001 * i, NOISE, np.zeros(3)) for i in range(RESTING + 2)]) == 0.0
+@pytest.mark.parametrize(("share", "is_told"), [(0.95, False), (1.05, True)])
+def test_less_than_three_degrees_are_not_told(share: float, is_told: bool) -> None:
+    turns = [Turn(i * PERIOD, share * GROWTH * (i >= 12), 1e-6, np.zeros(3)) for i in range(12 + RESTING)]
+    assert bool(grown(turns)) == is_told
+
+
+@pytest.mark.parametrize(("count", "is_told"), [(FEWEST - 1, False), (FEWEST, True)])
+def test_a_few_images_tell_nothing(count: int, is_told: bool) -> None:
+    turns = [Turn(i * PERIOD, 0.001 * (i >= count), 1e-6, np.zeros(3)) for i in range(count + RESTING)]
+    assert bool(grown(turns)) == is_told
+
+
+class Watched:
+    """Turning, told of a box: its depth sees the turn badly, and turns on by 10 degrees as the markers rest."""
+
+    def __init__(self) -> None:
+        self.turning, self.stamp = Turning([], REACH), 0.0
+
+    def image(self, gap: float, markers: float = 0.001, incipient: float = 0.05, deviation: float = 5e-4) -> bool:
+        """gap, markers: turns at REACH [m]; deviation: depth's [m]."""
+        self.stamp += PERIOD
+        displacement = np.array((markers, 0.0, 0.0))
+        seen = Observation(self.stamp, displacement, abs(markers), UNSEEN, incipient, False, 0.0)
+        fingers: list[Any] = [SimpleNamespace(seen=[seen])] * 2
+        depth = Depth(displacement + np.array((gap, 0.0, 0.0)), np.array((deviation, 1e-4, 1e-3)))
+        return self.turning.goes_on({}, np.eye(4), fingers, depth)
+
+    def turns_on(self, **how: float) -> bool:
+        for _ in range(12):
+            assert not self.image(0.0, **how)
+        return any(self.image(0.0017, **how) for _ in range(RESTING))
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    monkeypatch.setattr(turning, "by_depth", lambda *_: None)
+    return Watched()
+
+
+def test_a_box_that_turns_on_is_told(watched: Watched) -> None:
+    assert watched.turns_on()
+
+
+def test_a_tool_that_turns_back_is_not_told(watched: Watched) -> None:
+    assert not watched.turns_on(markers=-0.001)
+
+
+def test_a_patch_that_sticks_to_its_edge_is_not_told(watched: Watched) -> None:
+    assert not watched.turns_on(incipient=0.02)
+
+
+def test_a_turn_that_depth_sees_well_is_left_to_the_other_signs(watched: Watched) -> None:
+    assert not watched.turns_on(deviation=1e-4)
+
+
+@pytest.mark.parametrize("by", [-0.1, 0.2])  # [s]
+def test_images_of_another_time_do_not_count(watched: Watched, by: float) -> None:
+    for _ in range(12):
+        watched.image(0.0)
+    watched.stamp += by
+    assert not any(watched.image(0.0017) for _ in range(RESTING))
+
+
+def test_markers_that_were_found_a_pitch_further_begin_anew(watched: Watched) -> None:
+    for _ in range(12):
+        watched.image(0.0, markers=0.003)
+    assert not any(watched.image(0.0015, markers=0.0015) for _ in range(RESTING))

@@ -36,12 +36,12 @@ from seed_core.membrane.features import (
 )
 from seed_core.membrane.map_file import MOST_FACTORS, GripMap, MembraneMapFile, format_rows, load_membrane_map
 from seed_core.spatial import Array, Wrench, both, inverse_pose, skew, so3_log, wrench_adjoint
-from seed_core.wrench_model import SpringWrench, observed_part, pose_covariance
+from seed_core.wrench_model import SpringWrench, observed_part
 
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
 # By which a new grasp is off, since its band is found a pixel or two elsewhere: share of each load, and lever [m]
-GRASPED, LEVER = 0.01, 0.0004
+GRASPED, LEVER = 0.01, 0.0012
 # Share of the motions' variance that counts: what mounts, lens and range err by, the identification has learned
 UNLEARNED = 0.25
 STILL = 0.1  # share of the residual's variance that small motions have
@@ -143,10 +143,7 @@ class MembraneMap:
         to_T = wrench_adjoint(X_TC)
         doubt = max(1.0, self._growth(z) + squared)
         reason = self._beyond(z, squared) or self._of_pressure(motions, None if rises is None else z, terms, doubt)
-        wrench = Wrench.from_vector(to_T @ w_C)
-        by_pose = _rates_by_pose(X_TC[:3, :3], wrench)
-        covariance = to_T @ covariance @ to_T.T + by_pose @ pose_covariance(estimate) @ by_pose.T
-        return SpringWrench(wrench, covariance, reason)
+        return SpringWrench(Wrench.from_vector(to_T @ w_C), to_T @ covariance @ to_T.T, reason)
 
     @property
     def stiffness(self) -> Stiffness:
@@ -270,17 +267,6 @@ def _tool_rates(X_CT: Array) -> Array:
     out = -np.eye(6)
     out[:3, :3] += 0.5 * skew(so3_log(X_CT[:3, :3]))  # inverse left Jacobian, up to angle^2 / 12
     out[3:, :3] = skew(X_CT[:3, 3])
-    return out
-
-
-def _rates_by_pose(R_TC: Array, w_T: Wrench) -> Array:
-    """(6, 6) d w_T / d [rotation vector in C, translation in C] of the tool, the load in C being what it is.
-
-    Turning the tool by w in C turns the load in T by -R_TC w; shifting it by p changes the torque about T by f x p.
-    """
-    out = np.zeros((6, 6))
-    out[:3, :3] = skew(w_T.torque) @ R_TC
-    out[:3, 3:] = out[3:, :3] = skew(w_T.force) @ R_TC
     return out
 
 

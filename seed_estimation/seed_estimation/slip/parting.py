@@ -7,10 +7,10 @@ from its edge inwards long before it lets go; but a drag that ends does not. The
 turned than apart, which depth knows better: the gap between the fingers' displacements is taken at the turn that depth
 sees.
 
-So it is with the turn about y: both membranes turn alike on a tool that sticks.
+Nor do membranes turn apart about y on a tool that sticks.
 
 A tool that sticks makes a gap, too: by images of unequal times, by a scale of depth that is wrong, and by depth that
-is late. Along x and along z alike, with the turn about z and about x (none counts for the turn about y):
+is late. Along x and along z alike, with the turn about z and about x; about y no turn counts:
 
     gap = constant + lever turn + skew speed + late (turn's speed)
 
@@ -46,14 +46,14 @@ ACROSS = np.array((2, 0))  # turns about z and x, by which a tool takes one fing
 
 
 class Gap(NamedTuple):
-    """Between both fingers' markers along one axis in one frame.
+    """Between both fingers' markers along or about one axis in one frame.
 
     Attributes:
         stamp: of the frame [s].
         size: [m]. variance: of its noise [m^2].
         of: (4,) what it goes with: 1, the turn [rad], the speed [m/s] and the turn's speed [rad/s].
         margin: [m] by which a tool that moves may make another gap than was learned.
-        parted: [m] beyond that and its deviations, from which on it is another gap.
+        bound: [m] beyond that and its deviations, from which on it is another gap.
         stops: whether the markers have just been dragged along that axis, and now rest.
     """
 
@@ -62,12 +62,12 @@ class Gap(NamedTuple):
     variance: float
     of: Array
     margin: float
-    parted: float
+    bound: float
     stops: bool
 
 
 class UsualGap:
-    """The gap along one axis while the tool sticks."""
+    """The gap along or about one axis while the tool sticks."""
 
     def __init__(self) -> None:
         self._value, self._P = np.zeros(4), np.diag(FIRST**2)
@@ -83,7 +83,7 @@ class UsualGap:
     def unlike(self, gap: Gap) -> bool:
         """Whether a drag has just ended, and the gap has surely been another than usual for some frames since."""
         off, deviation = self._off(gap)
-        parted = gap.stops and abs(off) > gap.parted + SURE * deviation + gap.margin
+        parted = gap.stops and abs(off) > gap.bound + SURE * deviation + gap.margin
         side = math.copysign(1.0, off) if parted else 0.0
         self._count = self._count + 1 if side and side == self._side else int(side != 0.0)
         self._side = side
@@ -100,7 +100,7 @@ class UsualGap:
 
     def _learn(self, gap: Gap) -> None:
         off, deviation = self._off(gap)
-        if abs(off) < gap.parted + SURE * deviation + gap.margin:
+        if abs(off) < gap.bound + SURE * deviation + gap.margin:
             gain = self._P @ gap.of / (deviation**2 + gap.margin**2)
             self._value = self._value + gain * off
             self._P = self._P - np.outer(gain, gap.of @ self._P)
@@ -110,8 +110,14 @@ class UsualGap:
 
 
 class _Motion(NamedTuple):
-    """Up to a time [s]: turn (3,) of the tool [rad]: none, about z, about x; speed (3,) of the markers about y, along x
-    and along z [m/s]; rate (3,) of the turn [rad/s]."""
+    """Up to a time; entries of each: about y, along x, along z.
+
+    Attributes:
+        stamp: [s].
+        turn: (3,) of the tool [rad] that goes with the gap: 0, about z, about x.
+        speed: (3,) of the markers [m/s].
+        rate: (3,) of the turn [rad/s].
+    """
 
     stamp: float
     turn: Array

@@ -4,7 +4,7 @@
 A box's flat sides look nearly alike however far it has turned about y, the axis through both fingers. Depth alone knows
 that turn to 3 degrees in one image, which is too little for the other signs. But what it sees goes on while the tool
 does, and noise does not: the mean of a few frames, against the mean of those before, tells a turn of 3 to 6 degrees.
-The noise is taken from the frames themselves: what depth states of itself holds errors that stay, too.
+A face that is wider than the patch shows nothing of its turn: only where the fingers turn apart a slip is told then.
 """
 
 import math
@@ -19,13 +19,17 @@ from seed_estimation.images.sampling import Crop
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
 from seed_estimation.slip.following import by_depth
-from seed_estimation.slip.markers import Depth, Markers
+from seed_estimation.slip.markers import Depth, Markers, sees
 
-NOW, RESTING, BEFORE, FEWEST = 3, 4, 15, 6  # frames: of now, of markers that rest, before these, and least of those
-LATELY = 0.6  # [s] that is looked back
+NOW, RESTING, BEFORE, FEWEST = 3, 4, 15, 6  # frames: means of now and of before, with markers that rest between them
+LATELY, PAUSE = 0.6, 0.1  # [s] that is looked back, and longest between two images
 GROWTH, SURE = 5e-4, 5.0  # [m] at the patch's reach, and deviations, by which the tool must have turned on
-NOISE = 0.4  # [1] least noise, of the deviation that depth states; rendered and simulated boxes have as much
-RESTS = 0.4  # [1] of that growth, up to which the markers' way is none
+NOISE = 0.4  # [1] least noise, of the deviation that depth states: on simulated boxes it is 0.34 to 0.46 of that
+# Depth that is late closes a gap as the tool stops, and depth of a wrong scale leaves one: [s] times the speed before,
+# and share of the way since then, that count as none
+LATE, SCALE = 0.025, 0.25
+RESTS = 0.4  # [1] of the growth, up to which the markers' way is none
+LEAP = 1.2e-3  # [m] between two frames, by which markers go that were found a pitch further
 EDGE = 0.025  # [1] least incipient slip of a patch that slides
 OFF = 3e-4  # [m] from the markers, from which on depth is fitted: one step towards it falls short
 TURN, ABOUT_Y = 0, 1  # the turn about y in a displacement, and in a motion
@@ -62,29 +66,34 @@ class Turning:
         """
         now = [m.seen[-1] for m in markers]
         stamp, displacement = now[0].stamp, np.mean([s.displacement for s in now], axis=0)
-        while self._turns and not 0.0 < stamp - self._turns[0].stamp <= LATELY:
+        step = float(np.abs(displacement - self._turns[-1].markers).max()) if self._turns else 0.0
+        if self._turns and (not 0.0 < stamp - self._turns[-1].stamp <= PAUSE or step > LEAP):
+            self._turns.clear()
+        while self._turns and stamp - self._turns[0].stamp > LATELY:
             self._turns.popleft()
         edge = float(np.mean([s.incipient for s in now]))
         turned, rested = float(depth.displacement[TURN]), float(displacement[TURN])
-        rests = bool(self._turns) and float(np.abs(displacement - self._turns[-1].markers).max()) < RESTS * GROWTH
-        if rests and edge > EDGE and abs(turned - rested) > OFF:
+        if step < RESTS * GROWTH and edge > EDGE and abs(turned - rested) > OFF:
             found = by_depth(self._depths, crops, X_CT)
             turned = turned if found is None else self._reach * float(motion_vector(found.X_CT)[ABOUT_Y])
         self._turns.append(Turn(stamp, turned - rested, float(depth.deviation[TURN]), displacement))
-        # friction that gives way has held the tool back until then
-        return edge > EDGE and grown(self._turns) * rested > 0.0
+        # friction that gives way has held the tool back until then; what depth sees well has other signs
+        return edge > EDGE and not sees(depth.deviation)[TURN] and grown(self._turns) * rested > 0.0
 
 
 def grown(turns: Sequence[Turn]) -> float:
-    """By how much the gap has surely grown of late while the markers rest [m]; 0: it has not."""
-    gaps = np.array([t.gap for t in turns])
+    """By how much the gap has surely grown of late while the markers rest [m], with its sign; 0: it has not."""
+    gaps, markers = np.array([t.gap for t in turns]), np.array([t.markers for t in turns])
     before, now = gaps[:-RESTING], gaps[-NOW:]
     if len(before) < FEWEST:
         return 0.0
     growth = float(now.mean() - before.mean())
-    if abs(growth) < GROWTH:
+    way = float(np.abs(np.diff(markers[-RESTING:], axis=0)).sum(axis=0).max())
+    if abs(growth) < GROWTH or way > RESTS * abs(growth):
         return 0.0
     noise = max(float(np.diff(before).std()) / math.sqrt(2.0), NOISE * float(np.mean([t.deviation for t in turns])))
-    sure = abs(growth) > SURE * noise * math.sqrt(1.0 / len(now) + 1.0 / len(before))
-    way = np.abs(np.diff([t.markers for t in list(turns)[-RESTING:]], axis=0)).sum(axis=0)
-    return growth if sure and float(way.max()) < RESTS * abs(growth) else 0.0
+    stamps = np.array([t.stamp for t in turns])
+    turn = markers[:, TURN]
+    speed = float(np.abs(np.diff(turn) / np.diff(stamps)).max())
+    usual = LATE * speed + SCALE * abs(float(turn[-1] - turn[:-RESTING].mean()))
+    return growth if abs(growth) > usual + SURE * noise * math.sqrt(1.0 / len(now) + 1.0 / len(before)) else 0.0
