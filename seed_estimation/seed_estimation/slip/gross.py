@@ -10,8 +10,8 @@ breaks loose, sliding friction bears less than what it stuck with, or not more. 
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
-    turned on     depth has the tool turn on, which it sees badly, while markers rest (`turning.py`)
     stretched     material that was dragged stops, and its patch is stretched as one that slides (`stretching.py`)
+    turned on     depth sees the tool turn on, though badly, while markers rest (`turning.py`)
     torn          the track is lost under a load, and no finger's markers are found as one body
 
 A displacement has three components [m]: turn about y at the patch's reach, along x, along z. A fall is what the
