@@ -178,7 +178,7 @@ class Following:
 
 
 def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Array) -> Fit | None:
-    """Where depth alone puts the tool; what it does not see stays as in X_CT (4, 4). None: a finger has none.
+    """Where depth alone puts the tool; what it does not see stays as in X_CT (4, 4). None: a finger has no depth.
 
     depths: models without image.
     """
