@@ -68,7 +68,7 @@ def test_the_flow_of_the_images_is_the_motion_of_the_material() -> None:
     rendered = pytest.importorskip("rendered")
     estimator, bubbles = rendered.held(tactile.TactileParameters(), 5)
     models = estimator._tracker.models
-    following = Following(models, np.array((0.01, 1.0, 1.0)))
+    following = Following(models, [m.without_image() for m in models], np.array((0.01, 1.0, 1.0)))
     depth = Depth(np.zeros(3), DEEP)
     for i in range(4):
         X = make_pose(p=(6e-4 * i, 0.0, -4e-4 * i))

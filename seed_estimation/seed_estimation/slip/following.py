@@ -58,10 +58,9 @@ class Step(NamedTuple):
 class Following:
     """The material of all fingers in one grasp."""
 
-    def __init__(self, models: Sequence[FingerModel], lever: Array) -> None:
-        """lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]."""
-        self._models, self._lever = models, lever
-        self._depths = [m.without_image() for m in models]
+    def __init__(self, models: Sequence[FingerModel], depths: Sequence[FingerModel], lever: Array) -> None:
+        """depths: models without image; lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]."""
+        self._models, self._depths, self._lever = models, depths, lever
         self._points = [_some(m.patch.points.p) for m in models]
         self._crops: Mapping[str, Crop] = {}  # of the last images, and their grey pictures where they were needed
         self._greys: dict[str, Grey] = {}

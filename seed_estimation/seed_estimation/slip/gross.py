@@ -69,9 +69,10 @@ class GrossSlip:
         # one bubble by itself mistakes yaw for x and roll for z, but not how far the markers of its patch have moved
         centre = np.array((0.0, p[1].mean() if len(models) == 1 else 0.0, 0.0))
         self._markers = {m.finger: Markers(m, self._lever, centre) for m in models}
-        self._following = Following(models, self._lever) if len(models) > 1 else None
+        depths = [m.without_image() for m in models]
+        self._following = Following(models, depths, self._lever) if len(models) > 1 else None
         self._parting, self._stretching = Parting(), Stretching(models)
-        self._turning = Turning(models, reach)
+        self._turning = Turning(depths, reach)
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then

@@ -18,11 +18,12 @@ from seed_core.spatial import Array
 from seed_estimation.images.sampling import Crop
 from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.rigid_fit.residuals import motion_vector
-from seed_estimation.slip.following import by_depth
+from seed_estimation.slip.following import PAUSE, by_depth
 from seed_estimation.slip.markers import Depth, Markers, sees
+from seed_estimation.slip.stretching import EDGE
 
 NOW, RESTING, BEFORE, FEWEST = 3, 4, 15, 6  # frames: means of now and of before, with markers that rest between them
-LATELY, PAUSE = 0.6, 0.1  # [s] that is looked back, and longest between two images
+LATELY = 0.6  # [s] that is looked back
 GROWTH, SURE = 5e-4, 5.0  # [m] at the patch's reach, and deviations, by which the tool must have turned on
 NOISE = 0.4  # [1] least noise, of the deviation that depth states: on simulated boxes it is 0.34 to 0.46 of that
 # Depth that is late closes a gap as the tool stops, and depth of a wrong scale leaves one: [s] times the speed before,
@@ -30,7 +31,6 @@ NOISE = 0.4  # [1] least noise, of the deviation that depth states: on simulated
 LATE, SCALE = 0.025, 0.25
 RESTS = 0.4  # [1] of the growth, up to which the markers' way is none
 LEAP = 1.2e-3  # [m] between two frames, by which markers go that were found a pitch further
-EDGE = 0.025  # [1] least incipient slip of a patch that slides
 OFF = 3e-4  # [m] from the markers, from which on depth is fitted: one step towards it falls short
 TURN, ABOUT_Y = 0, 1  # the turn about y in a displacement, and in a motion
 
@@ -40,7 +40,7 @@ class Turn(NamedTuple):
 
     Attributes:
         stamp: [s].
-        gap: by how much further depth has the tool turned than the markers have [m].
+        gap: by how much further the tool has turned, as depth sees it, than the markers have [m].
         deviation: of that, as depth states it [m].
         markers: (3,) displacement since the grasp, mean of both fingers [m].
     """
@@ -54,9 +54,9 @@ class Turn(NamedTuple):
 class Turning:
     """Of the tool in one grasp."""
 
-    def __init__(self, models: Sequence[FingerModel], reach: float) -> None:
-        """reach: of the patch [m], at which a turn is a displacement."""
-        self._depths, self._reach = [m.without_image() for m in models], reach
+    def __init__(self, depths: Sequence[FingerModel], reach: float) -> None:
+        """depths: models without image; reach: of the patch [m], at which a turn is a displacement."""
+        self._depths, self._reach = depths, reach
         self._turns: deque[Turn] = deque(maxlen=RESTING + BEFORE)
 
     def goes_on(self, crops: Mapping[str, Crop], X_CT: Array, markers: Sequence[Markers], depth: Depth) -> bool:
