@@ -408,10 +408,11 @@ def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear
 
 
 class Found:
-    """An analysis that has the tool lost at poses of the work, or not."""
+    """An analysis that has the tool lost at poses of the work, or not; with a map, or without."""
 
-    def __init__(self, lost: bool) -> None:
+    def __init__(self, lost: bool, refused: str = "") -> None:
         self.not_borne = ("0/053-work",) if lost else ()
+        self.membrane, self.membrane_refused = None if refused else "map", refused
 
 
 @pytest.mark.parametrize(("found_from", "closed"), [(0.002, 0.002), (0.006, 0.006), (np.inf, None)])
@@ -431,6 +432,21 @@ def test_a_gripper_is_closed_further_while_the_tool_is_lost(found_from: float, c
     assert at.membrane.squeeze - scenario.membrane.squeeze == pytest.approx(closed)
 
 
+@pytest.mark.parametrize(("shows_from", "closed"), [(0.0, 0.0), (0.003, 0.004), (np.inf, None)])
+def test_a_gripper_is_closed_further_until_its_grasp_shows_a_map(shows_from: float, closed: float | None) -> None:
+    scenario = on_membrane(load_scenario("nominal"), 7400)
+
+    def identified(at: Scenario) -> tuple[Found, float]:
+        further = at.membrane.squeeze - scenario.membrane.squeeze
+        return Found(lost=False, refused="" if further >= shows_from else "hardly moved along pitch"), further
+
+    if closed is None:
+        with pytest.raises(SeedError, match="no membrane map: hardly moved along pitch"):
+            membranes.closed_until_borne(scenario, identified)
+        return
+    assert membranes.closed_until_borne(scenario, identified)[2] == pytest.approx(closed)
+
+
 @pytest.mark.parametrize(
     ("bears_from", "tears_at", "closed"),
     [
@@ -447,14 +463,13 @@ def test_a_gripper_is_closed_further_until_the_grasp_bears_its_work(
     scenario = on_membrane(load_scenario("nominal"), 7400, firm=True)
     squeeze = scenario.membrane.squeeze
 
-    def identified(believed: Scenario, *_: object) -> tuple[Found, str]:
+    def identified(believed: Scenario, *_: object) -> Found:
         further = believed.membrane.squeeze - squeeze
         if further >= tears_at:
             raise SeedError("the tool pierces the left membrane")
-        return Found(lost=further < bears_from), f"map at {1e3 * further:.0f} mm"
+        return Found(lost=further < bears_from)
 
     monkeypatch.setattr(membranes, "_identified", identified)
-    believed, found, file = membranes.identify_membranes(scenario, World(), 7400)
+    believed, found = membranes.identify_membranes(scenario, World(), 7400)
     assert believed.membrane.squeeze - squeeze == pytest.approx(closed)
-    assert file == f"map at {1e3 * closed:.0f} mm"
     assert bool(found.not_borne) == (closed < bears_from)

@@ -139,7 +139,7 @@ class _Work:
 
     def identify_membranes(self) -> None:
         """Stiffness and membrane map, on a fixed force/torque sensor, as the world's cameras see the membranes."""
-        scenario, analysis, file = identify_membranes(
+        scenario, analysis = identify_membranes(
             self.belief.scenario, self._world, self._seed, self._method, self._identifying
         )
         self.believe(scenario=scenario)
@@ -152,7 +152,7 @@ class _Work:
             "unexplained": share, "stiffness": stiffness, "squeeze": scenario.membrane.squeeze,
         }  # fmt: skip
         if self._model == "membrane":
-            self.believe(membranes=file)
+            self.believe(membranes=analysis.membrane.file)
         elif self._model == "hysteretic":
             self.believe(spring=fit_hysteretic(analysis).identified)
 

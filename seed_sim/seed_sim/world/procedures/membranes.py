@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
-from seed_core.errors import SeedError
-from seed_core.membrane.map_file import MembraneMapFile
+from seed_core.errors import FailedError, SeedError
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.identification.membrane_cell import MembraneCell
+from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.session import ToolLostError, simulate
 from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane.hold import MembraneHold
@@ -22,6 +22,7 @@ from seed_sysid.fit.analysis import Analysis, analyse
 _CLOSER, _TIMES = 0.002, 3  # [m] of imprint, by which a gripper is closed further, and how often at most
 
 T = TypeVar("T")
+Cell = TypeVar("Cell", Scenario, IdentificationScenario)
 
 
 class WorldTactilePoses(TactilePoses):
@@ -38,7 +39,7 @@ class WorldTactilePoses(TactilePoses):
 
 def identify_membranes(
     believed: Scenario, world: World, seed: int, method: str = "rigid_fit", progress: Progress | None = None
-) -> tuple[Scenario, Analysis, MembraneMapFile]:
+) -> tuple[Scenario, Analysis]:
     """Run the procedure at the scenario's grip, and fit stiffness and membrane map to its samples.
 
     Where the grasp does not bear the work, the gripper is closed further and identified again, as the report asks for.
@@ -51,20 +52,22 @@ def identify_membranes(
         progress: is told the share of the poses of each identification.
 
     Returns:
-        The cell with the grip that was settled on, the analysis there, and the map.
+        The cell with the grip that was settled on, and the analysis there, with its map.
 
     Raises:
         SeedError: the run ended early, or its data give no stiffness or no map.
     """
-    return closed_until_borne(believed, lambda scenario: _identified(scenario, world, seed, method, progress))
+    at, analysis, _ = closed_until_borne(
+        believed, lambda cell: (_identified(cell, world, seed, method, progress), None)
+    )
+    return at, analysis
 
 
-def closed_until_borne(
-    scenario: Scenario, identify: Callable[[Scenario], tuple[Analysis, T]]
-) -> tuple[Scenario, Analysis, T]:
+def closed_until_borne(scenario: Cell, identify: Callable[[Cell], tuple[Analysis, T]]) -> tuple[Cell, Analysis, T]:
     """Identify; while the grasp does not bear its work, close the gripper by 2 mm and identify again, at most thrice.
 
-    So it is done where the estimator loses the tool again and again.
+    So it is done where the estimator loses the tool again and again, and where the data give no map of the membranes:
+    most often the grasp does not bear poses as large as a map needs.
 
     Args:
         scenario: the cell, with the grip to begin with.
@@ -74,33 +77,36 @@ def closed_until_borne(
         The cell with the grip that was settled on, and what `identify` gave there.
 
     Raises:
-        SeedError: no identification came to its end. Where a later one does not, what was found before counts.
+        SeedError: no identification came to its end with a map. Where a later one does not, what was found before
+            counts.
     """
-    found: tuple[Scenario, Analysis, T] | None = None
+    found: tuple[Cell, Analysis, T] | None = None
     for times in range(_TIMES + 1):
         squeeze = scenario.membrane.squeeze + times * _CLOSER
         at = replace(scenario, membrane=replace(scenario.membrane, squeeze=squeeze))
         try:
-            found = at, *identify(at)
+            analysis, more = identify(at)
+            if analysis.membrane is None:
+                raise _NoMapError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
         except SeedError as error:
             if found is not None:
                 break
-            if times == _TIMES or not isinstance(error, ToolLostError):
+            if times == _TIMES or not isinstance(error, ToolLostError | _NoMapError):
                 raise
             continue
-        if not found[1].not_borne:
+        found = at, analysis, more
+        if not analysis.not_borne:
             break
     assert found is not None
     return found
 
 
-def _identified(
-    believed: Scenario, world: World, seed: int, method: str, progress: Progress | None
-) -> tuple[Analysis, MembraneMapFile]:
+class _NoMapError(FailedError):
+    """The data of an identification give no map."""
+
+
+def _identified(believed: Scenario, world: World, seed: int, method: str, progress: Progress | None) -> Analysis:
     scenario = membrane_identification_of(believed)
     cell = MembraneCell(scenario, seed, WorldTactilePoses(believed, world, seed, method))
     data, _ = simulate(scenario, seed, None, cell=cell, progress=progress)
-    analysis = analyse(data, "estimator", scenario.procedure.fit)
-    if analysis.membrane is None:
-        raise SeedError(f"no membrane map: {analysis.membrane_refused or 'no sample tells of membranes'}")
-    return analysis, analysis.membrane.file
+    return analyse(data, "estimator", scenario.procedure.fit)

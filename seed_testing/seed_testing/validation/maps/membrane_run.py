@@ -17,6 +17,7 @@ from seed_sim.membrane import BubbleState, GraspState, MembraneGrasp, random_mem
 from seed_sim.tactile.parameters import ToolShape
 from seed_sysid.data.dataset import Dataset, Header, Sample, flat_pose
 from seed_sysid.data.membrane_sample import mean_membrane
+from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.excitation import designs
 from seed_sysid.stiffness_map import wrench_transform
@@ -46,6 +47,7 @@ class Truth:
 
     estimates: list[RelativePoseEstimate]
     elements: Array | None  # (n, 2, 2, 6) change since the grasp of what finite_elements.Watcher tells
+    X_CT: Array  # (n, 4, 4) true poses
     wrench: Array
     sliding: float  # mean share of the touching nodes
     size: float  # times 2 mm and 4 degrees rms
@@ -55,9 +57,10 @@ class Truth:
 class Run(NamedTuple):
     """A membrane's identification, and motions by the share of the touching nodes that was to slide."""
 
-    data: Dataset
+    analysis: Analysis
     elements: Array | None  # (n, 2, 2, 6) of its samples, as of Truth
     motions: dict[float, Truth]
+    closed: float = 0.0  # [m] by which the gripper was closed further, in imprint, until the grasp could be identified
 
 
 class Watcher:
@@ -103,7 +106,7 @@ def run_membrane(seed: int, shares: tuple[float, ...], noise: float, frames: int
         frames: of each motion.
 
     Raises:
-        MembraneError: the membrane cannot be inflated or grasped.
+        SeedError: the membrane cannot be inflated or grasped, or does not fit one spring.
     """
     rng = np.random.default_rng([seed, 0x3A9])
     membrane = replace(random_membrane(seed, SPACING), step=STEP)
@@ -137,10 +140,10 @@ def run_membrane(seed: int, shares: tuple[float, ...], noise: float, frames: int
                     membrane=mean_membrane([seen]),
                 )
             )
-    data = Dataset(Header(hand="membrane", tool="handle", created=""), samples)
+    analysis = analyse(Dataset(Header(hand="membrane", tool="handle", created=""), samples), "kinematic")
     motion = combined_motion(rng, frames)
     motions = {s: move(grasp, membrane.squeeze, motion, s, noise, rng, dots) for s in shares}
-    return Run(data, np.array(elements), motions)
+    return Run(analysis, np.array(elements), motions)
 
 
 def move(
@@ -157,16 +160,17 @@ def move(
     ambient = grasp.parameters.ambient
     watcher = Watcher(closed := grasp.close(squeeze), noise, rng)
     first = dots.seen(closed, IMAGES)
-    estimates, elements, loads, sliding = [], [], [], []
+    estimates, elements, true, loads, sliding = [], [], [], [], []
     for i, X_CT in enumerate(poses(motion, size)):
         state = grasp.solve(X_CT, i / RATE)
         if not state.converged:
             continue
         estimates.append(RelativePoseEstimate(i / RATE, X_CT, membrane=watcher.motions(state, ambient)))
         elements.append(dots.seen(state) - first)
+        true.append(X_CT)
         loads.append(state.wrench.vector())
         sliding.append(state.sliding_share)
-    return Truth(estimates, np.array(elements), np.array(loads), float(np.mean(sliding)), size)
+    return Truth(estimates, np.array(elements), np.array(true), np.array(loads), float(np.mean(sliding)), size)
 
 
 def size_of(grasp: MembraneGrasp, squeeze: float, motion: Array, share: float) -> float:
