@@ -13,10 +13,9 @@ from typing import Any
 from seed_bringup.commands.cells import domain_argument, join
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, results_folder, seed_number, whole
-from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
+from seed_sim.identification.scenario import identify_on_membrane, load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
-from seed_sim.identification.weight import identify_with_weight
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.parameters import FitParameters
@@ -36,6 +35,7 @@ WAYS = {  # what each takes beside --json
     "--membrane": ("membrane", "scenario", "seed", "world", "poses", "model", "out"),
     "--procedure weight": ("scenario", "seed", "world", "model"),
     "--procedure weight --membrane": ("membrane", "scenario", "seed", "world"),
+    "--procedure weight --from": ("hand", "model", "out"),
     "--from": ("poses", "model", "out"),
     "--world hidden": ("world", "seed", "draws"),
     "--live": ("domain", "poses", "zero_sensor", "out"),
@@ -63,8 +63,14 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--model", choices=("midpoint", "plain"), help="stiffness map to fit; default: the scenario's")
     out.add_argument(
-        "--from", dest="source", type=Path, metavar="FILE", help="fit recorded samples (file or bag) again"
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="FILE",
+        help="fit recorded samples (file or bag) again; "
+        "with --procedure weight: a bag of current_pose and relative_pose",
     )
+    out.add_argument("--hand", metavar="FILE", help="with --procedure weight --from: hand_file, with the tool's mass")
     out.add_argument("--world", choices=("known", "hidden"), help="hidden: see docs/worlds.md (default: known)")
     out.add_argument(
         "--draws", type=whole(1), help="of hidden worlds, the first being --seed; the grasp of `nominal` (default: 20)"
@@ -122,11 +128,13 @@ def _way(args: argparse.Namespace) -> str:
     """The key of WAYS. Raises SeedError: more than one is asked for."""
     asked = {
         "--live": args.live,
-        "--from": args.source is not None,
         "--world hidden": args.world == "hidden",
         "--procedure weight": args.procedure == "weight",
+        "--from": args.source is not None,
     }
     ways = [way for way, wanted in asked.items() if wanted]
+    if ways == ["--procedure weight", "--from"]:
+        ways = [" ".join(ways)]
     if len(ways) > 1:
         raise SeedError(f"{ways[0]} and {ways[1]} exclude each other: leave one of the two out")
     if args.membrane is None:
@@ -165,36 +173,19 @@ def _worlds(args: argparse.Namespace) -> int:
 
 
 def _weight(args: argparse.Namespace) -> int:
-    scenario = load(args.scenario)
-    if args.membrane is not None:
-        return _weight_on_membranes(identify_on_membrane(scenario, args.membrane), args)
-    fit, figures = identify_with_weight(scenario, args.seed, args.model or scenario.procedure.fit.model)
-    lines = [f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:"]
-    for axis, k, std, unit, true in zip(AXES, fit.stiffness, fit.std, UNITS, _six(figures["truth"]), strict=True):
-        found = f"{k:9.2f} +- {2 * std:6.2f} {unit:<8} true {true:9.2f}  error {abs(k / true - 1):6.2%}"
-        why_not = fit.undetermined.get(axis)
-        lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else found))
-    print(json.dumps(figures) if args.json else "\n".join(lines))
-    return 0
+    from seed_bringup import identify_weight
 
-
-def _weight_on_membranes(scenario: IdentificationScenario, args: argparse.Namespace) -> int:
-    from seed_sim.identification.membrane_weight import identify_membranes_with_weight
-
-    found, figures = identify_membranes_with_weight(scenario, args.seed)
-    lines = [
-        "load over the motion of the membranes' material, 95 % intervals, from a weight of "
-        f"{scenario.weight.mass:g} kg in {figures['attitudes']} attitudes:"
-    ]
-    for axis, k, half, unit in zip(AXES, found.slope, found.half_width, UNITS, strict=True):
-        why_not = found.undetermined.get(axis)
-        told = f"{k:9.2f} +- {half:6.2f} {unit}"
-        lines.append(f"  {axis:<6}" + (f" not given: {why_not}" if why_not else told))
-    lighter = figures["lighter"]
-    lines.append(f"a lighter weight, up to {lighter['load']:.1f} N, is told to {lighter['off']:.2f} N rms by them")
-    lines.append(found.caveats[-1])
-    print(json.dumps(figures) if args.json else "\n".join(lines))
-    return 0
+    if args.source:
+        if args.hand is None:
+            raise SeedError("--procedure weight --from wants --hand: the hand_file, with the tool's mass in it")
+        folder = args.out or (None if args.json else _folder_of(datetime.now(UTC)))
+        words, figures, whole = identify_weight.recorded(args.source, args.hand, args.model or "midpoint", folder)
+    elif args.membrane is not None:
+        words, figures, whole = identify_weight.simulated_on_membranes(args.scenario, args.membrane, args.seed)
+    else:
+        words, figures, whole = identify_weight.simulated(args.scenario, args.seed, args.model)
+    print(json.dumps(figures) if args.json else words)
+    return 0 if whole else 1
 
 
 def _six(halves: dict[str, list[float]]) -> list[float]:

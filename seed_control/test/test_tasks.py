@@ -31,7 +31,18 @@ from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import pose_from_rpy, so3_log
 
 UPRIGHT = pose_from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3]
-NAMES = ["find_edge", "follow", "insert_peg", "insert_plug", "peg", "pen", "squeegee", "torque_driver", "write"]
+NAMES = [
+    "attitudes",
+    "find_edge",
+    "follow",
+    "insert_peg",
+    "insert_plug",
+    "peg",
+    "pen",
+    "squeegee",
+    "torque_driver",
+    "write",
+]
 
 
 def bench_at(task_name: str) -> tuple[Bench, TaskPlayer]:

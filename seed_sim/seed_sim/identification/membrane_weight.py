@@ -19,7 +19,7 @@ from seed_sim.identification.tactile_poses import TactilePoses
 from seed_sim.membrane import MembraneError
 from seed_sysid.fit.weight import ORIENTATIONS_DEG, WeightError
 from seed_sysid.membrane.weights import WeightSlopes, expected_load, fit_weights
-from seed_sysid.stiffness_map import AXES
+from seed_sysid.report.weight import slope_figures
 
 _TURN, _PARTS = np.deg2rad(6.0), 12  # [rad] of the hand between images; parts in which the weight is let go
 _CHECKED, _LIGHTER = 3, 0.5  # attitudes in which the slopes have to tell the load of a lighter weight; its share
@@ -88,9 +88,10 @@ def identify_membranes_with_weight(
     found = fit_weights(motions, middles, np.array(X_CT), np.array(loads))
     off = [expected_load(found, motion, middles, X)[3:] - load[3:] for motion, X, load in lighter]
     largest = np.linalg.norm([load[3:] for _, _, load in lighter], axis=1).max()
-    figures = _figures(found, scenario, seed)
     check = {"off": float(np.sqrt(np.mean(np.square(off)) * 3.0)), "load": float(largest)}
-    return found, figures | {"attitudes": len(seen), "lighter": check}
+    figures = {"procedure": "weight", **slope_figures(found), "mass": weight.mass}
+    figures |= {"scenario": scenario.name, "seed": seed, "attitudes": len(seen), "lighter": check}
+    return found, figures
 
 
 def _mean(estimates: list[RelativePoseEstimate]) -> tuple[MembraneMotion, ...]:
@@ -103,20 +104,3 @@ def _mean(estimates: list[RelativePoseEstimate]) -> tuple[MembraneMotion, ...]:
         deformation = np.mean([m.deformation for m in same], axis=0)
         out.append(MembraneMotion(same[0].finger, X, deformation=deformation, centroid=same[0].centroid))
     return tuple(out)
-
-
-def _figures(found: WeightSlopes, scenario: IdentificationScenario, seed: int) -> dict[str, Any]:
-    def by_axis(values: Array) -> dict[str, float | None]:
-        return {a: float(v) if np.isfinite(v) else None for a, v in zip(AXES, values, strict=True)}
-
-    return {
-        "procedure": "weight",
-        "slope": by_axis(found.slope),
-        "half_width": by_axis(found.half_width),
-        "residual": by_axis(found.residual),
-        "undetermined": found.undetermined,
-        "caveats": list(found.caveats),
-        "mass": scenario.weight.mass,
-        "scenario": scenario.name,
-        "seed": seed,
-    }

@@ -12,6 +12,7 @@ from seed_sim.identification.scenario import IdentificationScenario
 from seed_sim.identification.truth import draw_truth
 from seed_sysid.fit.weight import ORIENTATIONS_DEG, WeightFit, fit_weight
 from seed_sysid.report.summary import split
+from seed_sysid.report.weight import split_known
 
 _NOISE = np.array([np.deg2rad(0.1)] * 3 + [5e-5] * 3)  # [rad, m]; of averaged images: docs/estimation_figures.md
 _SETTLED = 30  # steps of the fixed point of a tool that turns under its weight
@@ -48,18 +49,13 @@ def identify_with_weight(scenario: IdentificationScenario, seed: int, model: Mod
     error = np.abs(fit.stiffness - truth) / truth
     return fit, {
         "procedure": "weight",
-        "stiffness": _split_known(fit.stiffness),
-        "std": _split_known(fit.std),
+        "stiffness": split_known(fit.stiffness),
+        "std": split_known(fit.std),
         "truth": split(truth),
-        "relative_error": _split_known(error),
+        "relative_error": split_known(error),
         "max_relative_error": float(np.nanmax(error)),
         "undetermined": fit.undetermined,
         "scenario": scenario.name,
         "seed": seed,
         "orientations": len(ORIENTATIONS_DEG),
     }
-
-
-def _split_known(values: Array) -> dict[str, list[float | None]]:
-    """A six-vector as rotation and translation, None where it is not known."""
-    return {half: [v if np.isfinite(v) else None for v in part] for half, part in split(values).items()}

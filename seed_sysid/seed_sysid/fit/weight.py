@@ -20,7 +20,9 @@ ORIENTATIONS_DEG = ((0, 0), (90, 0), (-90, 0), (180, 0), (0, 90), (0, -90), (45,
 """Roll and pitch of the hand that load every axis; any other orientations do as well."""
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis is not given
 LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by less is not loaded
-_MINIMUM = 4
+MINIMUM = 4  # orientations
+_STRAY, _MOST_LEFT_OUT = 6.0, 0.3  # deviations off the line through the others; share of the orientations
+_NOISE = (np.deg2rad(0.05),) * 3 + (3e-5,) * 3  # [rad, m] that a mean pose is off by, at least
 
 
 class WeightError(SeedError):
@@ -29,11 +31,19 @@ class WeightError(SeedError):
 
 @dataclass(frozen=True)
 class WeightFit:
-    """Stiffness (6,) and its standard deviation, nan where the weight cannot tell, and by axis why it cannot."""
+    """Stiffness by a weight.
+
+    Attributes:
+        stiffness: (6,) [N m/rad, N/m], nan where the weight cannot tell. std: (6,) its standard deviation.
+        undetermined: by axis why the weight cannot tell.
+        left_out: indices of the orientations that do not go with the others: something else loaded the tool, or
+            carried it.
+    """
 
     stiffness: Array
     std: Array
     undetermined: dict[str, str]
+    left_out: tuple[int, ...] = ()
 
 
 def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightFit:
@@ -50,10 +60,12 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
     Raises:
         WeightError: too few orientations, or no axis is loaded.
     """
-    if len(X_TC) < _MINIMUM:
-        raise WeightError(f"{len(X_TC)} orientations are too few: hold the weight in at least {_MINIMUM}")
-    B, xi = stiffness_map(X_TC, model)
-    load = np.asarray(np.linalg.solve(B, wrench[:, :, None])[:, :, 0], dtype=float)
+    if len(X_TC) < MINIMUM:
+        raise WeightError(f"{len(X_TC)} orientations are too few: hold the weight in at least {MINIMUM}")
+    load, xi = loads_and_deflections(X_TC, wrench, model)
+    left_out = _strays(load, xi)
+    kept = np.setdiff1d(np.arange(len(load)), left_out)
+    load, xi = load[kept], xi[kept]
     stiffness, std, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
     for j, axis in enumerate(AXES):
         span, unit = float(np.ptp(load[:, j])), LOAD_UNITS[j]
@@ -68,7 +80,37 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
         stiffness[j], std[j] = 1.0 / compliance.slope, compliance.slope_std / compliance.slope**2
     if len(reasons) == 6:
         raise WeightError("the weight determines no axis: use a heavier one and turn the hand further")
-    return WeightFit(stiffness, std, reasons)
+    return WeightFit(stiffness, std, reasons, left_out)
+
+
+def loads_and_deflections(X_TC: Array, wrench: Array, model: Model) -> tuple[Array, Array]:
+    """(n, 6) generalised loads [N m, N] and displacements [rad, m] of each axis; arguments as of `fit_weight`."""
+    B, xi = stiffness_map(X_TC, model)
+    return np.asarray(np.linalg.solve(B, wrench[:, :, None])[:, :, 0], dtype=float), xi
+
+
+def _strays(load: Array, xi: Array) -> tuple[int, ...]:
+    """Orientations (of at most 30 %) that are far from the lines through all others, the furthest first."""
+    kept, out = list(range(len(load))), list[int]()
+    while len(out) + 1 <= _MOST_LEFT_OUT * len(load) and len(kept) > MINIMUM:
+        off = [_off(load[k], xi[k], np.delete(load[kept], i, axis=0), np.delete(xi[kept], i, axis=0))
+               for i, k in enumerate(kept)]  # fmt: skip
+        worst = int(np.argmax(off))
+        if off[worst] < _STRAY:
+            break
+        out.append(kept.pop(worst))
+    return tuple(out)
+
+
+def _off(load: Array, xi: Array, loads: Array, others: Array) -> float:
+    """By how many deviations an orientation (6,) lies off the line through others (n, 6), on its worst loaded axis."""
+    worst = 0.0
+    for j in np.flatnonzero(np.ptp(loads, axis=0) >= LOADED):
+        line = fit_line(loads[:, j], others[:, j], np.zeros(len(loads)))
+        scatter = max(line.scatter, _NOISE[j])
+        variance = scatter**2 * (1.0 + 1.0 / len(loads)) + ((load[j] - line.x_mean) * line.slope_std) ** 2
+        worst = max(worst, abs(float(xi[j] - line.at(load[j]))) / float(np.sqrt(variance)))
+    return worst
 
 
 def compliance_line(load: Array, deflection: Array) -> Line | None:

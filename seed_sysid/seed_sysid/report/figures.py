@@ -16,7 +16,7 @@ from seed_core.spatial import Array
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.stiffness_map import AXES, CHANNELS, LOAD_UNITS, UNITS, stiffness_map
 
-_POINTS, _OUTLIER = "#2f6f9f", "#c0392b"
+POINTS, OUTLIER = "#2f6f9f", "#c0392b"
 
 
 def svg(figure: Any) -> str:
@@ -47,11 +47,11 @@ def stiffness_against_pressure(a: Analysis, truth: list[Array] | None = None) ->
             y, spread = line.at(dense), line.scatter
             if not a.schedule.trend[j]:
                 y, spread, caveat = np.full_like(dense, line.mean), k.std(), " (no reliable trend)"
-            ax.fill_between(dense, y - 2 * spread, y + 2 * spread, color=_POINTS, alpha=0.15, lw=0)
-            ax.plot(dense, y, color=_POINTS, lw=1)
+            ax.fill_between(dense, y - 2 * spread, y + 2 * spread, color=POINTS, alpha=0.15, lw=0)
+            ax.plot(dense, y, color=POINTS, lw=1)
         if truth is not None:
             ax.plot(x, [t[j] for t in truth], "o", mfc="none", mec="0.4", ms=9, label="true")
-        ax.errorbar(x, k, yerr=half, fmt="o", color=_POINTS, capsize=4, ms=4, label="identified")
+        ax.errorbar(x, k, yerr=half, fmt="o", color=POINTS, capsize=4, ms=4, label="identified")
         ax.set_title(AXES[j] + caveat, fontsize=10)
         ax.set_ylim(min(0.75 * k.mean(), min(k - half)), max(1.25 * k.mean(), max(k + half)))
         ax.set(xlabel=label, ylabel=f"stiffness [{UNITS[j]}]")
@@ -64,7 +64,7 @@ def pressure_against_width(a: Analysis) -> str:
     figure, ax = plt.subplots(figsize=(5, 3.4))
     known = [(1e3 * s.width, float(np.mean(s.pressures))) for s in a.data.samples if s.pressures]
     if known:
-        ax.plot(*np.array(known).T, ".", color=_POINTS, alpha=0.5)
+        ax.plot(*np.array(known).T, ".", color=POINTS, alpha=0.5)
     if a.schedule and a.schedule.gripper:
         w = np.linspace(a.widths.min(), a.widths.max(), 10)
         ax.plot(1e3 * w, a.schedule.gripper.at_width(w), color="0.3", lw=1)
@@ -88,7 +88,7 @@ def load_against_displacement(a: Analysis) -> str:
             ends = np.array([xi[mine, j].min(), xi[mine, j].max()]) if mine.any() else np.zeros(2)
             ax.plot(ends, stiffness[g, j] * ends, color="0.6", lw=0.7, zorder=0)
         bad = own & ~a.solution.inlier
-        ax.plot(xi[bad, j], load[bad, j], "x", color=_OUTLIER)
+        ax.plot(xi[bad, j], load[bad, j], "x", color=OUTLIER)
         ax.set_title(AXES[j] + (" (hysteretic)" if AXES[j] in a.hysteretic else ""), fontsize=10)
         ax.set(xlabel=labels[j], ylabel=f"{'force' if j >= 3 else 'torque'} [{LOAD_UNITS[j]}]")
     figure.axes[0].legend(fontsize=8, title="width")
@@ -110,8 +110,8 @@ def residuals(a: Analysis) -> str:
     minutes = (a.problem.time - a.problem.time[0]) / 60.0
     for j, ax in plots:
         r = a.solution.residuals[:, j]
-        ax.plot(minutes[good], r[good], ".", color=_POINTS, ms=3)
-        ax.plot(minutes[~good], np.clip(r[~good], -5.0 * noise[j], 5.0 * noise[j]), "x", color=_OUTLIER)
+        ax.plot(minutes[good], r[good], ".", color=POINTS, ms=3)
+        ax.plot(minutes[~good], np.clip(r[~good], -5.0 * noise[j], 5.0 * noise[j]), "x", color=OUTLIER)
         figures = f"{noise[j]:.2g} {LOAD_UNITS[j]}, R² {a.solution.r_squared[j]:.5f}"
         ax.set_title(f"{CHANNELS[j]}: {figures}", fontsize=9)
         ax.set(ylabel=f"residual [{LOAD_UNITS[j]}]", xlabel="time [min]" if j >= 3 else "")
