@@ -125,7 +125,7 @@ def recorded(path: Path, hand_file: str, model: Model, folder: Path | None) -> A
     if fit.left_out:
         when = ", ".join(f"{t:.1f} s" for t in figures["left_out"])
         lines.append(
-            f"left out: the attitudes {when} after the first pose of the arm, in which something else bore the tool"
+            f"left out, since something else bore or loaded the tool: the rests {when} after the first pose of the arm"
         )
     if slopes is not None:
         lines += ["load over the motion of the membranes' material, 95 % intervals:", *slope_lines(slopes)]

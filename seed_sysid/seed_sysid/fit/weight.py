@@ -23,6 +23,7 @@ LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by les
 MINIMUM = 4  # orientations
 _STRAY, _MOST_LEFT_OUT = 6.0, 0.3  # deviations off the line through the others; share of the orientations
 _NOISE = (np.deg2rad(0.05),) * 3 + (3e-5,) * 3  # [rad, m] that a mean pose is off by, at least
+_BENT = 0.05  # of the range of deflections, by which a spring that stiffens is off its line
 
 
 class WeightError(SeedError):
@@ -107,7 +108,7 @@ def _off(load: Array, xi: Array, loads: Array, others: Array) -> float:
     worst = 0.0
     for j in np.flatnonzero(np.ptp(loads, axis=0) >= LOADED):
         line = fit_line(loads[:, j], others[:, j], np.zeros(len(loads)))
-        scatter = max(line.scatter, _NOISE[j])
+        scatter = max(line.scatter, _NOISE[j], _BENT * float(np.ptp(others[:, j])))
         variance = scatter**2 * (1.0 + 1.0 / len(loads)) + ((load[j] - line.x_mean) * line.slope_std) ** 2
         worst = max(worst, abs(float(xi[j] - line.at(load[j]))) / float(np.sqrt(variance)))
     return worst
