@@ -11,6 +11,8 @@ the kinematics go stale or invalid it decelerates to a hold, latched with the re
 from dataclasses import replace
 from math import inf
 
+import numpy as np
+
 from seed_control.algorithm2 import gripper_pose
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.limiter import AT_REST
@@ -20,7 +22,7 @@ from seed_control.monitor.pressure_check import PressureCheck
 from seed_control.parameters import LIVE, ControllerParameters
 from seed_control.report import describe
 from seed_control.setpoint.checks import SetpointChecks, unobserved_displacement, unobserved_load
-from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError
+from seed_control.setpoint.setpoints import RelativePoseSetpoint, Setpoint, SetpointError, WrenchSetpoint
 from seed_control.state import ControllerState, ControlOutput, EventLog
 from seed_control.supervisor import Supervisor
 from seed_control.wrench.estimate import WrenchEstimator
@@ -41,6 +43,7 @@ LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": Hybrid
 
 
 DOUBTED = 1.25  # times a new stiffness, with which what is followed must be possible: one that follows the grip varies
+ANOTHER = 0.05  # by which a stiffness differs that is another, not one that follows the grip
 AWAY = 0.02, 0.2  # [m], [rad] beyond its trailing: such an arm was moved, or held, by something else
 
 
@@ -209,6 +212,9 @@ class Controller:
         blend = self.parameters.stiffness_blend if self._guard.enabled else 0.0
         law, displacement, estimate = self.law, self.supervisor.displacement, self._inputs.estimate
         m, bushing = law.measured, Bushing(stiffness.scaled(DOUBTED), self.wrench_estimator.bushing.model)
+        ratio = stiffness.vector() / self.wrench_estimator.bushing.stiffness.vector()
+        if np.abs(ratio - 1.0).max() > ANOTHER:
+            self.supervisor.references.new_stiffness()
         if not self.wrench_estimator.set_stiffness(stiffness, t, blend) or m is None or estimate is None:
             return
         try:
@@ -246,7 +252,8 @@ class Controller:
             law.release()
             self.supervisor.follow_displacement(setpoint)
             return
-        hybrid = checks.as_hybrid(setpoint, m)
+        streamed = isinstance(setpoint, WrenchSetpoint) and isinstance(self._setpoint, WrenchSetpoint)
+        hybrid = checks.as_hybrid(setpoint, m, law.setpoint if streamed else None)
         if hybrid.differs_in_place_only(law.setpoint):
             checks.check_place(hybrid.X_W_tip)
             law.move(hybrid)
@@ -300,7 +307,8 @@ class Controller:
             if back is None:
                 command.stop(dt)
             else:
-                command.give_way(back, dt, self.parameters.max_speed)
+                p = self.parameters
+                command.give_way(back, dt, p.approach_speed if self.supervisor.doubtful else p.max_speed)
             return ()
         command.compare(self._inputs.history.newest(), dt)
         met: tuple[str, ...] = ()

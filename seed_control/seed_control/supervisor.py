@@ -41,6 +41,8 @@ class Supervisor:
         watch: what the contact says about clocks and swings.
         stamps: whether the images' clock was set back.
         uncertainty: of the wrench.
+        doubtful: what made it hold speaks against the poses, and so against the force to give way to: slowly, and no
+            further than lets go of what it pressed with.
         displacement: set-point of the grasp's displacement that is followed; None where another kind is, or none.
     """
 
@@ -73,6 +75,7 @@ class Supervisor:
         self.uncertainty = WrenchUncertainty(self._wrench_estimator)
         self._relief = Relief(0.7 * p.max_excess_force, p.max_deflection)
         self._held_at = ZERO  # [m] commanded place of C at which it came to hold
+        self.doubtful = False
         self._frozen, self._jumps = FrozenPoseCheck(), PoseJumpCheck(p)
 
     def set_limits(self, parameters: ControllerParameters) -> None:
@@ -84,6 +87,7 @@ class Supervisor:
         self.watch.restart()
         self.grasp_check.restart()
         self._relief.restart()
+        self.doubtful = False
         self._frozen.restart()
         self._jumps.restart()
         self.follow_displacement(None)
@@ -118,7 +122,7 @@ class Supervisor:
         jump = "" if unknown else self._jump(estimate)
         self.stamps.update(estimate.stamp, t)
         if self._loads:  # no force while images are dated by a clock that was set back
-            self.guard.hold(self.stamps.reason)
+            self._hold_in_doubt(self.stamps.reason)
         good = inputs.add_estimate(estimate, unknown or jump)
         if good:
             self.pressure.update(estimate)
@@ -126,9 +130,13 @@ class Supervisor:
         else:
             self._wrench_estimator.refused(estimate)
         if inputs.bad_in_a_row >= MOST_BAD:
+            if jump or frozen:
+                self._hold_in_doubt(inputs.why_bad)
             self.guard.hold(inputs.why_bad)
-            self.references.new_grasp()
-            if any(word in inputs.why_bad for word in EMPTY):
+            empty = any(word in inputs.why_bad for word in EMPTY)
+            if jump or empty or estimate.gross_slip or NEW_GRASP in inputs.why_bad:  # a dark image changes no grasp
+                self.references.new_grasp()
+            if empty:
                 self.grasp_check.let_go()
             if jump or NEW_GRASP in inputs.why_bad:
                 self.grasp_check.new_grasp("" if jump else NEW_GRASP)
@@ -150,7 +158,7 @@ class Supervisor:
         self.grasp_check.doubt(self.watch.stepped)
         self.grasp_check.update(m, self._pressing(), self._wrench_estimator.mean_stiffness)
         if guard.following and self._loads:
-            guard.hold(self.grasp_check.reason)
+            self._hold_in_doubt(self.grasp_check.reason)
         if self.displacement is not None:
             guard.displacement_travel.image(self.displacement.X_TC, m.X_TC, self._wrench_estimator.bushing.stiffness)
 
@@ -170,6 +178,11 @@ class Supervisor:
         self._held_at = p_WC
         return None
 
+    def _hold_in_doubt(self, reason: str) -> None:
+        """Hold for a reason ('' for none) that speaks against the poses."""
+        self.doubtful |= bool(reason) and self.guard.following
+        self.guard.hold(reason)
+
     def _check_force(self, m: Measurement) -> None:
         """What the newest image says against going on."""
         law, guard, k = self._law, self.guard, self._wrench_estimator.mean_stiffness
@@ -177,7 +190,7 @@ class Supervisor:
             wanted = law.plan.wanted @ law.plan.normals
             self._relief.image(m.on_environment.force, wanted, k * m.variance**0.5)
             if guard.held:
-                self._relief.give_way(k, m.X_WC[:3, 3], self._held_at)
+                self._relief.give_way(k, m.X_WC[:3, 3], self._held_at, self.doubtful)
         guard.check_overload(m)
         R_WC, p_WC = m.X_WC[:3, :3], m.X_WC[:3, 3]
         relaxed = R_WC @ self._wrench_estimator.p_Ttip

@@ -3,12 +3,13 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from quasi_static import Bench
 
-from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_core.estimate import EMPTY, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import Wrench, inverse_pose, make_pose
@@ -184,3 +185,30 @@ def test_a_tool_that_was_let_go_and_taken_anew_presses(empty: str) -> None:
     bench.told = lambda estimate: estimate
     assert bench.run(3.0).mode == "contact", bench.state.reason
     assert abs(bench.force - 5.0) < 0.2
+
+
+@pytest.mark.parametrize("rate", [30.0, 45.0, 90.0])
+@pytest.mark.parametrize("lost", [{"reason": "track lost"}, {"reason": "it has slid", "gross_slip": True}])
+def test_a_new_grasp_is_announced_whatever_was_told_before(rate: float, lost: dict[str, Any]) -> None:
+    """Else a controller that presses takes the deflection for gone, and presses once more."""
+    bench = Bench(image_rate=rate).enabled()
+    bench.press(8.0)
+    bench.run(3.0)
+    bench.told = lambda e: replace(e, valid=False, **lost)
+    bench.run(0.5)
+    bench.regrasp.begin("grasp")
+    bench.run(15.5 / rate)
+    bench.X_TT_new, bench.told = inverse_pose(bench.grasp()), lambda e: e
+    bench.regrasp.end()
+    bench.run(1.0)
+    bench.controller.enable(bench.t)
+    with pytest.raises(SetpointError, match="initialize the grasp free of load"):
+        _pressed(bench)
+    assert max(bench.forces[-500:]) < 8.5
+
+
+def _pressed(bench: Bench) -> None:
+    """Press once more; where that is not refused, the reason for which it then holds."""
+    bench.press(8.0)
+    bench.run(2.0)
+    raise SetpointError("", bench.state.reason)

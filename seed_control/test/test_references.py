@@ -45,6 +45,22 @@ def pressing(bench: Bench, force: float = 10.0, seconds: float = 2.0) -> float:
     return began
 
 
+def in_free_air(bench: Bench) -> None:
+    """Up and down, which shows the offset of the arm's reading."""
+    for i in range(8):
+        place = bench.start.copy()
+        place[:3, 3] += (0.01 * (i % 2), 0.0, 0.02 * (i % 2))
+        bench.controller.set_setpoint(HybridSetpoint(place), bench.t)
+        bench.run(2.0)
+
+
+def pressed(bench: Bench, seconds: float) -> float:
+    """Press with 8 N for so long; the force of the last second [N]."""
+    bench.press(8.0)
+    bench.run(seconds)
+    return float(np.mean(bench.forces[-round(1.0 / DT) :]))
+
+
 def start() -> np.ndarray:
     return np.asarray(HIGH @ Bench().start)
 
@@ -256,3 +272,43 @@ def test_a_tool_that_is_let_down_is_not_weighed(uncertain: float) -> None:
     assert len(seen) > 10
     assert max(seen) < 0.01
     assert check.reason == ""
+
+
+@pytest.mark.parametrize("jump", [8.0, -8.0, 3.0])
+def test_a_reading_that_is_zeroed_while_running_is_no_reference_until_its_offset_is_found_anew(jump: float) -> None:
+    bench = Bench(arm_noise=0.3, noise=1e-4).enabled()
+    in_free_air(bench)
+    arm, reading = bench.controller.supervisor.references.arm, bench.arm_reading
+    assert arm.reading is not None
+    shift = np.array((0.0, 0.0, jump))
+    bench.arm_reading = lambda X: Wrench(reading(X).torque, reading(X).force + shift)  # type: ignore[method-assign]
+    assert pressed(bench, 7.0) == pytest.approx(8.0, abs=0.15)
+    assert bench.state.contradictions == ()
+    assert arm.reading is None
+    in_free_air(bench)
+    assert arm.reading is not None
+    assert pressed(bench, 5.0) == pytest.approx(8.0, abs=0.2)
+
+
+def test_what_was_learnt_of_one_stiffness_is_not_added_to_another() -> None:
+    bench = Bench(arm_noise=0.3, noise=1e-4, believed=softer(0.7)).enabled()
+    in_free_air(bench)
+    assert pressed(bench, 11.0) == pytest.approx(8.0, abs=0.2)  # what is missing is added
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS, bench.t)
+    for i in range(12):
+        bench.run(0.5)
+        assert bench.force == pytest.approx(8.0, abs=0.2 if i else 0.5), bench.t  # while the stiffness changes
+    assert bench.state.contradictions == ()
+
+
+def test_another_stiffness_rescales_what_was_learnt_and_nothing_else() -> None:
+    correction, random = Correction(ReferenceSettings()), np.eye(6) * 1e-4
+    correction.rescale(np.full(3, 1.4))
+    assert_allclose(correction.mismatch(np.array((0, 0, 0, 1.0, 2.0, 3.0)))[0], 0.0)
+    for i in range(400):
+        told = np.array((0.0, 0.0, 0.0, 5.0, 10.0 * np.sin(0.3 * i), 4.0))
+        correction.learn(0.1 * i, told, told * (1, 1, 1, 1, 1.3, 1), random, 0.0 * random)
+    before = correction.mismatch(np.array((0, 0, 0, 0, 10.0, 0)))[0][4]
+    assert before == pytest.approx(3.0, abs=0.2)
+    correction.rescale(np.array((1.0, 1.3, 1.0)))
+    assert correction.mismatch(np.array((0, 0, 0, 0, 13.0, 0)))[0][4] == pytest.approx(0.0, abs=0.3)

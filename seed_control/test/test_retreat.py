@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A force is taken back faster than it is built up, and a hold gives way by the gripper's place of each image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from quasi_static import Bench
+from quasi_static import DT, Bench
 
 from seed_control.command.relief import Relief
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference, TipReference
-from seed_core.spatial import rotation_from_rpy
+from seed_core.spatial import make_pose, rotation_from_rpy
 from seed_core.vector3 import ZERO, Vector3
 
 PRESS = np.array((0.0, 0.0, -10.0))  # N, of the tool on the environment
@@ -28,12 +30,12 @@ def test_a_retreat_has_the_grippers_speed_a_press_its_own(height: float, step: f
 
 
 def test_relief_counts_from_where_the_gripper_was_at_the_image() -> None:
-    relief, held_at = Relief(2.0, 0.03), (0.0, 0.0, 0.5)
+    relief, held_at, doubtful = Relief(2.0, 0.03), (0.0, 0.0, 0.5), False
 
     def image(force: float, place: float, held: bool = True) -> None:
         relief.image(np.array((0.0, 0.0, force)), PRESS, 0.1)
         if held:
-            relief.give_way(1000.0, np.array((0.0, 0.0, place)), held_at)
+            relief.give_way(1000.0, np.array((0.0, 0.0, place)), held_at, doubtful)
 
     for _ in range(2):
         image(-14.0, 0.5, held=False)  # while it still moves
@@ -47,6 +49,12 @@ def test_relief_counts_from_where_the_gripper_was_at_the_image() -> None:
     image(-14.0, 0.504)
     assert relief.way == pytest.approx(8e-3)
     assert relief.target(held_at) == pytest.approx((0.0, 0.0, 0.508))
+    # a force that may be wrong lets go of what is pressed with, 10 N, and no more
+    relief.restart()
+    doubtful = True
+    for _ in range(3):
+        image(-40.0, 0.5)
+    assert relief.way == pytest.approx(0.01)
 
 
 def test_a_retreat_that_the_limits_did_not_allow_is_not_made_good_at_press_speed() -> None:
@@ -100,3 +108,21 @@ def test_a_hold_that_gives_way_turns_no_further() -> None:
     bench.run(0.5)
     assert bench.commands[-1][2, 3] > X_WE[2, 3] + 2e-3
     assert_allclose(bench.commands[-1][:3, :3], X_WE[:3, :3], atol=1e-6)
+
+
+@pytest.mark.parametrize("jump", [0.012, 0.02, -0.012, -0.02])
+def test_a_pose_that_jumps_is_followed_slowly_and_no_further_than_lets_go(jump: float) -> None:
+    """Nothing has moved: the estimator tells that the tool is pressed much more, or pulled."""
+    bench = Bench().enabled()
+    bench.press(8.0)
+    bench.run(4.0)
+    before = bench.commands[-1][2, 3]
+    bench.told = lambda e: replace(e, X_CT=e.X_CT @ make_pose(None, (0.0, 0.0, jump)))
+    bench.run(2.0)
+    assert bench.state.mode == "holding"
+    assert "has jumped" in bench.state.reason
+    gone = np.array([X[2, 3] for X in bench.commands[-500:]]) - before
+    assert gone.min() > -1e-4
+    assert gone.max() < 1.05 * 8.0 / np.mean(bench.stiffness.translation)
+    assert np.abs(np.diff(gone)).max() < 1.1 * bench.controller.parameters.approach_speed * DT
+    assert bench.force > 0.5

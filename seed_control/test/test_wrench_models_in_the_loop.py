@@ -97,15 +97,19 @@ def test_the_state_tells_standard_deviations_in_the_task_frame() -> None:
     assert np.linalg.eigvalsh(state.covariance).min() > 0.0
 
 
-def test_a_pose_that_is_refused_leaves_nothing_in_the_memory_of_a_model() -> None:
-    K = DEFAULT_STIFFNESS.vector()
-    full = np.array((0.2, 0.2, 0.2, 0.02, 0.02, 0.02))
-    friction = 0.01 * K * full
-    model = HystereticSpring(
+def with_friction(share: float) -> HystereticSpring:
+    """A model of the bench's spring in which friction bears a share of what the spring bears when fully deflected."""
+    K, full = DEFAULT_STIFFNESS.vector(), np.array((0.2, 0.2, 0.2, 0.02, 0.02, 0.02))
+    friction = share * K * full
+    return HystereticSpring(
         HystereticStiffness(
             K, np.zeros(6), 0.3 * full[None], friction[None], np.zeros((6, 3, 3)), np.zeros(6), full, np.zeros(3)
         )
     )
+
+
+def test_a_pose_that_is_refused_leaves_nothing_in_the_memory_of_a_model() -> None:
+    model = with_friction(0.01)
     bench = Bench(model=model).enabled()
     bench.press(3.0)
     bench.run(2.0)
@@ -121,3 +125,23 @@ def test_a_pose_that_is_refused_leaves_nothing_in_the_memory_of_a_model() -> Non
     assert next(once, "") == "", "it was told"
     assert bench.state.mode != "holding", bench.state.reason
     assert_allclose(model._z, before, atol=0.05)
+
+
+def test_images_that_nobody_can_use_take_no_memory_away() -> None:
+    """Loaded, and partly unloaded, a spring with friction tells more by its memory than it would tell without."""
+    bench = Bench(model=with_friction(0.1)).enabled()
+    bench.press(7.0)
+    bench.run(3.0)
+    bench.press(3.0)
+    bench.run(2.0)
+    before, bad = bench.state.estimated.force[2], 0  # type: ignore[union-attr]
+
+    def dark(e: RelativePoseEstimate) -> RelativePoseEstimate:
+        nonlocal bad
+        bad += 1
+        return replace(e, valid=False, reason="image is dark") if bad <= 3 else e
+
+    bench.told = dark
+    bench.run(0.6)
+    assert bench.state.mode == "holding"
+    assert_allclose(bench.state.estimated.force[2], before, atol=0.05)  # type: ignore[union-attr]

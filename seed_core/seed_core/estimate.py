@@ -138,4 +138,4 @@ class Regrasp:
             self._reason = ""
             return estimate
         self._told += 1
-        return replace(estimate, valid=False, reason=self._reason) if estimate.valid else estimate
+        return replace(estimate, valid=False, gross_slip=False, reason=self._reason)

@@ -23,7 +23,7 @@ class Relief:
     def restart(self) -> None:
         """It moves by itself again."""
         self._back, self.way = ZERO, 0.0
-        self._over, self._pressed = 0.0, 0
+        self._over, self._size, self._pressed = 0.0, 0.0, 0
 
     def image(self, force: Array, wanted: Array, deviation: float) -> None:
         """Take in an image, while it moves as well: what made it hold has been seen when it comes to hold.
@@ -35,20 +35,22 @@ class Relief:
         if size == 0.0:
             self._pressed = 0
             return
-        self._back = as_vector3(-wanted / size)
+        self._back, self._size = as_vector3(-wanted / size), size
         self._over = float(force @ wanted) / size - size
         self._pressed = self._pressed + 1 if self._over > max(self._most, _NOISE * deviation) else 0
 
-    def give_way(self, stiffness: float, place: Array, held_at: Vector3) -> None:
+    def give_way(self, stiffness: float, place: Array, held_at: Vector3, doubtful: bool) -> None:
         """Retreat, if the last images were pressed.
 
         Args:
             stiffness: of the grasp [N/m].
             place: of C when the newest image was taken (3,) [m] in W. held_at: where C came to hold [m].
+            doubtful: the force may be wrong; then no further than lets go of the wanted force.
         """
         if self._pressed >= _IMAGES:
             gone = dot(self._back, minus(as_vector3(place), held_at))
-            self.way = min(max(self.way, gone + self._over / stiffness), self._furthest)
+            furthest = min(self._furthest, self._size / stiffness) if doubtful else self._furthest
+            self.way = min(max(self.way, gone + self._over / stiffness), furthest)
 
     def target(self, held_at: Vector3) -> Vector3:
         """Where C is to go [m], from where it came to hold."""

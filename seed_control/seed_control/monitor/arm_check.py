@@ -3,7 +3,7 @@
 
 An arm's reading has an offset of many newtons. In free space, where the tool's weight tells the load, the offset is
 found; from then on the reading tells the spring's wrench wherever the arm goes, within what its offset drifts and its
-gain is off.
+gain is off. A reading that steps while the spring's wrench does not has another offset: it is found anew.
 """
 
 from collections import deque
@@ -25,6 +25,7 @@ _KEPT = 400  # readings
 _LEAST = 8  # samples in free space before the offset is known
 _MOST = 40  # of them that the offset is the mean of
 _MATCH = 0.016  # [s] by which reading and image may be apart
+_STEPS, _UPDATES = 6.0, 2  # deviations by which a reading steps, within so many updates, whose offset is another
 _STUCK = 100  # readings in a row that are the very same
 SET_BACK = 1.0  # [s] a reading older than the last by this: the clock was set back
 BOUNDS = 2000.0, 500.0  # [N], [N m] that no reading at a flange is beyond
@@ -57,13 +58,16 @@ class ArmCheck:
         self._same = 0
         self._zeros: deque[Array] = deque(maxlen=_MOST)
         self._zero: Array | None = None  # (6,) of the reading in E
+        self._zeroed = -inf  # [s] of the last step of the offset
         self._last: tuple[float, Array] | None = None
+        self._before: deque[tuple[Array, Array]] = deque(maxlen=_UPDATES)  # (6,) told by the model, and off by
         self.reading: SpringByArm | None = None
         self.reason = ""
 
     def reset(self) -> None:
         """A new grasp; the reading's offset stays."""
         self._test.reset()
+        self._before.clear()
         self._last, self.reading, self.reason = None, None, ""
 
     @property
@@ -125,13 +129,37 @@ class ArmCheck:
         change = told - last[1] if last is not None else np.zeros(6)
         rate = change / max(m.stamp - last[0], 1e-3) if last is not None else change
         carried = np.zeros(6) if self._settings.arm_weighs_tool else weight.vector()
-        r = self.reading = self._of_spring(m, at[0] - self._zero, self._noise / at[1], carried, rate)
+        r = self._of_spring(m, at[0] - self._zero, self._noise / at[1], carried, rate)
+        if self._steps(told, told - r.wrench, random + r.random):
+            self._zeros.clear()
+            self._zero, self._zeroed = None, m.stamp + _SPAN
+            self._test.reset()
+            self.reason = ""
+            return
+        self.reading = r
         share = self._settings.share_tolerance * length(told[3:])
         self._test.add(m.stamp, told - r.wrench, random + r.random, r.systematic, share)
         if not self._test.significant:
             self.reason = ""
         elif self._test.to_be_told(t):
             self.reason = self._words(told)
+
+    def _steps(self, told: Array, difference: Array, random: Array) -> bool:
+        """Whether the reading has stepped by itself since one of the last updates: its sensor was zeroed, say.
+
+        Args:
+            told: (6,) by the model. difference: (6,) of that and the reading. random: (6, 6) covariance of that.
+        """
+        for before in self._before:
+            step, loaded = (difference - before[1])[3:], length((told - before[0])[3:])
+            size = length(step)
+            if size > loaded:
+                step = step * (1.0 - loaded / size)  # a wrong stiffness goes with the load
+                if float(step @ np.linalg.solve(2.0 * random[3:, 3:], step)) > _STEPS**2:
+                    self._before.clear()
+                    return True
+        self._before.append((told, difference))
+        return False
 
     def _why_unusable(self, t: float) -> str:
         """What is wrong with the readings at t [s], whatever they tell; '' for nothing."""
@@ -145,7 +173,7 @@ class ArmCheck:
     def _learn_zero(self, free: list[FreeSpaceSample]) -> None:
         """The reading's offset, from moments at which the tool's weight tells the load."""
         for s in free:
-            if s.verified and (at := self._at(s.m.stamp)) is not None:
+            if s.verified and s.m.stamp > self._zeroed and (at := self._at(s.m.stamp)) is not None:
                 hanging = s.load if self._settings.arm_weighs_tool else np.zeros(6)
                 self._zeros.append(at[0] - self._on_flange(s.m, hanging))
         if len(self._zeros) >= _LEAST:

@@ -23,6 +23,7 @@ _SLOWLY = 0.6  # [s] in which a correction comes in
 _CORRELATION = 3.0  # how many times longer than a sample's distance errors stay alike
 _LEAST_SCALE = 0.5  # that a load is divided by
 _NOTHING = 1e-3  # of a correction that has gone
+_NO_SHARE = 1e-6
 _LEVER = 0.1  # [m] over which a force of that bound makes the torque's
 _BEGIN, _END = 3.5, 2.0  # standard deviations at which a correction begins and ends
 
@@ -45,6 +46,18 @@ class Correction:
         self._stamp = self._at = -inf
         self._systematic = np.zeros((6, 6))
         self.active = False
+
+    def rescale(self, ratio: Array) -> None:
+        """The model tells ratio (3,) times as much force along x, y and z of T from now on.
+
+        What was learnt of the load stays true, so it is another share of what is told; a share of which nothing was
+        learnt stays 0.
+        """
+        learnt = 1.0 - self._P.diagonal()[6:] / _PRIOR[6:]
+        before, now = self._x[6:], self._x[6:] / ratio + learnt * (1.0 / ratio - 1.0)
+        come_in = np.divide(self._used[6:], before, out=np.zeros(3), where=np.abs(before) > _NO_SHARE)
+        self._x, self._used = self._x.copy(), self._used.copy()
+        self._x[6:], self._used[6:] = now, np.clip(come_in, 0.0, 1.0) * now
 
     def learn(self, stamp: float, told: Array, reference: Array, random: Array, systematic: Array) -> None:
         """Take in one comparison of (torque, force) on the tool about T's origin, in T.

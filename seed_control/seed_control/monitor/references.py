@@ -47,6 +47,12 @@ class References:
         """What makes the arm hold; '' for nothing."""
         return self.contradictions[0] if self.contradictions and self.settings.on_contradiction == "hold" else ""
 
+    def new_stiffness(self) -> None:
+        """The model has another stiffness: what differed with the former one is told no longer."""
+        self.weight.reset()
+        self.arm.reset()
+        self.contradictions = ()
+
     def new_grasp(self) -> None:
         """What was found of the last grasp says nothing of the next."""
         self._wrench_estimator.new_grasp()

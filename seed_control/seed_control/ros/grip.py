@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The grip that answers slip, as a part of the controller's node: margin out, a width or a force to the gripper."""
 
+from collections import deque
 from math import inf, isfinite, nan
 
 import numpy as np
@@ -8,13 +9,14 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import Float64
 
 from seed_control.controller import Controller
-from seed_control.grip import GripControl, GripSettings, KeptLoad, Margin, SlipMargin, signs_of
+from seed_control.grip import GripControl, GripSettings, KeptLoad, Margin, SlipMargin, SlipSigns, signs_of
 from seed_core.estimate import NEW_GRASP, RelativePoseEstimate
-from seed_core.spatial import both
+from seed_core.spatial import Array, Wrench, both
 from seed_ros import COMMAND, QUEUE, SeedNode, diagnostics
 
 SEND = 0.01  # [s] between commands
 STATUS = 0.2  # [s] between two of ~/grip
+_KEPT = 30  # images, until they are matched with the arm
 _SHARE = 0.1  # of the load that a stiffness map leaves unknown
 
 
@@ -30,6 +32,10 @@ class GripAnswer:
         self.hold = ""
         self._margin, self._control, self._kept = SlipMargin(settings), GripControl(settings), KeptLoad()
         self._width = self._force = nan
+        self._signs: deque[tuple[float, SlipSigns]] = deque(maxlen=_KEPT)  # by stamp [s]
+        self._load: tuple[Wrench, Array, float] | None = (
+            None  # in C with covariance, and the grip [N], of the last image
+        )
         self._image = self._sent = self._width_heard = self._force_heard = -inf  # [s]
         self._told = node.publisher(Float64, "slip_margin", QUEUE)
         self._status = node.publisher(DiagnosticStatus, "~/grip", COMMAND)
@@ -52,13 +58,19 @@ class GripAnswer:
             self._control.heard(now, self._width, self._force)
 
     def estimate(self, estimate: RelativePoseEstimate) -> None:
-        """What an estimate tells of slip, valid or not."""
+        """What an estimate tells of slip, valid or not, with what the tool has slid on its membranes still in it."""
+        now, signs = self._node.now(), signs_of(estimate)
         if NEW_GRASP in estimate.reason:
             self._margin.restart()
             self._kept.restart()
+            self._load = None
         elif estimate.gross_slip:
-            self._control.slipped(self._node.now(), estimate.stamp)
+            self._control.slipped(now, estimate.stamp)
+            if self._load is not None:  # it was more than friction bears
+                self._update(now, estimate.stamp, *self._load, signs)
+                self._load = None
         elif estimate.valid:
+            self._signs.append((estimate.stamp, signs))
             self._control.sticks()
 
     def after_step(self, now: float) -> None:
@@ -73,11 +85,9 @@ class GripAnswer:
             C = estimator.covariance(m)[1] + np.diag((_SHARE * load.vector()) ** 2)
             R = m.X_CT[:3, :3]
             in_C = both(R) @ C @ both(R).T
-            margin = self._margin.update(m.stamp, load.rotated(R), in_C, self._force, signs_of(m.estimate))
-            self._control.image(margin, now)
-            if 0.0 <= now - self._force_heard <= self._settings.answer_time:  # a margin of an old grip is none
-                self._told.publish(Float64(data=margin.value))
-            self._tell(margin, now)
+            self._load = load.rotated(R), in_C, self._force
+            signs = next((s for stamp, s in self._signs if stamp == m.stamp), SlipSigns())
+            self._update(now, m.stamp, *self._load, signs)
         if self._settings.command == "off":
             return
         enabled = self._core.state.enabled
@@ -93,6 +103,16 @@ class GripAnswer:
         if isfinite(wanted) and not 0.0 <= now - self._sent < SEND:
             self._sent = now
             self._command.publish(Float64(data=wanted))
+
+    def _update(
+        self, now: float, stamp: float, load: Wrench, covariance: Array, force: float, signs: SlipSigns
+    ) -> None:
+        """The margin at an image, of a load in C, told and answered."""
+        margin = self._margin.update(stamp, load, covariance, force, signs)
+        self._control.image(margin, now)
+        if 0.0 <= now - self._force_heard <= self._settings.answer_time:  # a margin of an old grip is none
+            self._told.publish(Float64(data=margin.value))
+        self._tell(margin, now)
 
     def _tell(self, margin: Margin, now: float) -> None:
         """All that is known of the grip, some times a second."""

@@ -78,7 +78,9 @@ class SetpointChecks:
         known = self._wrench_estimator
         self.check_size((bushing or known.bushing).wrench(s.X_TC).plus(known.weight(R_WT)).about(known.p_Ttip))
 
-    def as_hybrid(self, s: HybridSetpoint | WrenchSetpoint, m: Measurement) -> HybridSetpoint:
+    def as_hybrid(
+        self, s: HybridSetpoint | WrenchSetpoint, m: Measurement, before: HybridSetpoint | None = None
+    ) -> HybridSetpoint:
         """The form that the law follows.
 
         A wrench (Algorithm 2, not hybrid): every direction carries force, and angles are torque where a contact resists
@@ -86,6 +88,8 @@ class SetpointChecks:
 
         Args:
             m: the newest measurement.
+            before: what a stream of wrenches has come to so far, whose orientation is held on; None: the present one
+                is held.
         """
         if isinstance(s, HybridSetpoint):
             return s
@@ -95,8 +99,11 @@ class SetpointChecks:
                 "a wrench set-point needs contact_resists about all three axes or none; use a "
                 "hybrid set-point for some of them",
             )
+        X_W_tip = m.X_WT @ self._X_Ttip
+        if before is not None and not any(s.contact_resists):
+            X_W_tip[:3, :3] = before.X_W_tip[:3, :3]
         return HybridSetpoint(
-            X_W_tip=m.X_WT @ self._X_Ttip,
+            X_W_tip=X_W_tip,
             wrench=s.wrench,
             force_projector=np.eye(3),
             torque_axes=s.contact_resists,

@@ -89,8 +89,10 @@ class TaskPlayer:
         return self._status
 
     def _advance(self, dt: float, state: ControllerState) -> TaskStatus:
+        if self._run is None and self._ending:
+            return self._ended(self._ending)
         if state.X_W_tip is None or not state.enabled or state.mode == "holding":
-            if self._run is None and not self._ending and self._waits:
+            if self._run is None and self._waits:
                 return self._status
             holds = f"arm holds: {state.reason or 'the controller stopped'}"
             return self._ended(f"{self._ending}; {holds}" if self._ending else holds)
@@ -151,6 +153,8 @@ class TaskPlayer:
             start = last - P @ last + P @ start
         axes = self._run.axes if self._run else np.eye(3)
         if self._ending:
+            if self._status.setpoint is not None:  # where a turn that is broken off has come to
+                R_start = self._X_W[:3, :3].T @ self._status.setpoint.X_W_tip[:3, :3]
             self._index = len(self._steps)
             path = Path([start, start + self.task.lift * axes[:, 2]], _LIFT_SPEED, 0.2)
             lift = Phase(f"lift after {'cancel' if self._cancelled else 'failure'}")

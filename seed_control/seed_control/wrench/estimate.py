@@ -67,6 +67,9 @@ class WrenchCorrection(Protocol):
     def mismatch(self, told: Array) -> tuple[Array, Array]:
         """What the model is off by (6,) of (torque, force), with covariance (6, 6)."""
 
+    def rescale(self, ratio: Array) -> None:
+        """The model tells ratio (3,) times as much force along x, y and z of T from now on."""
+
 
 class WrenchEstimator:
     """Estimates to measurements by a wrench model, for one tool and a stiffness that may change.
@@ -139,9 +142,11 @@ class WrenchEstimator:
             return
         if t < blend.start:  # the clock was set back: on from what is in use
             blend = self._blend = StiffnessBlend(self.bushing.stiffness, blend.new, t, blend.duration)
-        self.bushing = Bushing(blend.at(t), self.bushing.model)
+        former, self.bushing = self.bushing, Bushing(blend.at(t), self.bushing.model)
         if self._of_bushing is not None:
             self._of_bushing.bushing = self.bushing
+        if self.correction is not None:
+            self.correction.rescale(self.bushing.K / former.K)
         if blend.share(t) >= 1.0:
             self._blend = None
 
