@@ -22,6 +22,23 @@ def test_history_interpolates_between_neighbours_round_the_ring() -> None:
     assert_allclose(history.newest()[0, 3], 39.0)
 
 
+def test_history_extrapolates_with_a_slope_over_some_milliseconds() -> None:
+    history = PoseHistory()
+    for i in range(4):  # at 500 Hz, 100 mm/s
+        history.add(1.0 + 0.002 * i, make_pose(p=(2e-4 * i, 0.0, 0.0)))
+    assert_allclose(history.at(1.016)[0, 3], 1.6e-3, atol=1e-12)
+    history.add(1.00601, make_pose(p=(7e-4, 0.0, 0.0)))  # 10 us and 0.1 mm further
+    assert_allclose(history.at(1.021)[0, 3], 2.1e-3, atol=6e-4)
+    assert_allclose(history.at(1.00601)[0, 3], 7e-4)
+
+
+def test_history_too_short_for_a_slope_extrapolates_nothing() -> None:
+    history = PoseHistory()
+    history.add(1.0, np.eye(4))
+    history.add(1.00001, make_pose(p=(1e-4, 0.0, 0.0)))
+    assert_allclose(history.at(1.015)[0, 3], 1e-4)
+
+
 def test_history_refuses_stamps_that_do_not_rise() -> None:
     history = PoseHistory()
     assert history.at(0.0) is None

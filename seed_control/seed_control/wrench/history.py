@@ -10,6 +10,7 @@ from operator import itemgetter
 from seed_core.spatial import Array, interpolate_pose
 
 EXTRAPOLATION = 0.02  # [s] how far past the newest pose a look-up may reach
+_LEAST_SLOPE = 0.003  # [s] between the poses whose slope leads there: over less, noise of stamps and poses counts most
 
 
 class PoseHistory:
@@ -44,12 +45,19 @@ class PoseHistory:
         return True
 
     def at(self, stamp: float) -> Array | None:
-        """Pose at a time: between two neighbours, or up to 20 ms past the newest; None outside."""
-        entries = self._entries
-        if not self.oldest_stamp <= stamp <= self.newest_stamp + EXTRAPOLATION:
+        """Pose at a time: between two neighbours, or up to 20 ms past the newest; None outside.
+
+        Past the newest it goes on as over the last 3 ms or more; a shorter history tells its newest pose.
+        """
+        entries, newest = self._entries, self.newest_stamp
+        if not self.oldest_stamp <= stamp <= newest + EXTRAPOLATION:
             return None
-        if len(entries) == 1 or stamp == self.newest_stamp:
+        if stamp < newest:
+            k = bisect_right(entries, stamp, key=itemgetter(0))
+            (t0, X0), (t1, X1) = entries[k - 1], entries[k]
+            return interpolate_pose(X0, X1, (stamp - t0) / (t1 - t0))
+        before = next((entry for entry in reversed(entries) if newest - entry[0] >= _LEAST_SLOPE), None)
+        if before is None or stamp == newest:
             return self.newest()
-        k = min(bisect_right(entries, stamp, key=itemgetter(0)), len(entries) - 1)
-        (t0, X0), (t1, X1) = entries[k - 1], entries[k]
-        return interpolate_pose(X0, X1, (stamp - t0) / (t1 - t0))
+        t0, X0 = before
+        return interpolate_pose(X0, self.newest(), (stamp - t0) / (newest - t0))
