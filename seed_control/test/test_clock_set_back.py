@@ -13,6 +13,7 @@ from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
 from seed_control.monitor.pressure_check import PressureCheck
+from seed_control.parameters import LAWS
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.filters import WantedTurn
 from seed_core.estimate import MembraneMotion, RelativePoseEstimate
@@ -35,12 +36,13 @@ def run(controller: Controller, start: float, steps: int = 50) -> float:
     return start + 0.004 * steps
 
 
-def made() -> Controller:
-    return Controller(ControllerParameters(), Hand(), Tool(), DEFAULT_STIFFNESS)
+def made(law: str = "seed") -> Controller:
+    return Controller(ControllerParameters(law=law), Hand(), Tool(), DEFAULT_STIFFNESS)
 
 
-def test_a_clock_that_is_set_back_holds_and_then_goes_on() -> None:
-    controller = made()
+@pytest.mark.parametrize("law", LAWS)
+def test_a_clock_that_is_set_back_holds_and_then_goes_on(law: str) -> None:
+    controller = made(law)
     t = run(controller, 1000.0)
     controller.enable(t)
     assert controller.step(t).state.mode == "idle"
@@ -48,6 +50,19 @@ def test_a_clock_that_is_set_back_holds_and_then_goes_on() -> None:
     assert controller.state.mode == "holding"
     assert "the clock was set back by 20.196 s" in controller.state.reason
     t = run(controller, t)
+    controller.enable(t)
+    assert controller.step(t).state.mode == "idle"
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_an_image_that_comes_before_the_first_pose_after_the_clock_was_set_back_is_borne(law: str) -> None:
+    controller = made(law)
+    t = run(controller, 1000.0)
+    controller.enable(t)
+    controller.step(990.0)
+    controller.add_estimate(RelativePoseEstimate(990.0, HANGING, 1e-8 * np.eye(6)))
+    assert controller.step(990.004).state.mode == "holding"
+    t = run(controller, 990.008)
     controller.enable(t)
     assert controller.step(t).state.mode == "idle"
 

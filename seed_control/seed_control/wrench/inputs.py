@@ -111,7 +111,8 @@ class Inputs:
         if estimate is None:
             return None
         stamp, history = estimate.stamp, self.history
-        X_WE = history.at(stamp) if self._synchronised else history.newest()
+        newest = history.newest() if len(history) else None
+        X_WE = history.at(stamp) if self._synchronised else newest
         if X_WE is not None:
             self.pending, self.arrived, self.image_stamp = None, t, stamp
             self._events.used("estimates")
