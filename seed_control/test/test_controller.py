@@ -544,6 +544,16 @@ def test_mispaired_torque_and_unobserved_force_are_refused() -> None:
         blind.press(5.0)
 
 
+def test_force_that_is_refused_while_running_for_what_is_not_observed_is_refused_at_once() -> None:
+    """A quarter of an oblique force lies along C's x: none of the projector's rows has as much of it."""
+    bench = Bench()
+    bench.observed = (False, True, True, True, True, True)
+    bench.enabled()
+    n = np.array((0.26, 0.68, 0.69)) / np.linalg.norm((0.26, 0.68, 0.69))
+    with pytest.raises(SetpointError, match=r"SP15.*C's x.*does not observe"):
+        bench.controller.set_setpoint(HybridSetpoint(DOWN, Wrench(np.zeros(3), -3.0 * n), np.outer(n, n)), bench.t)
+
+
 @pytest.mark.parametrize("axis", [0, 1, 3, 4, 5])
 def test_an_axis_that_is_not_observed_and_not_asked_for_does_not_change_the_force(axis: int) -> None:
     bench = Bench()

@@ -9,6 +9,7 @@ from math import cos, radians, sin
 import numpy as np
 
 from seed_control.algorithm2 import wrench_about_T
+from seed_control.law.directions import force_directions
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import (
     AxisFlags,
@@ -135,8 +136,7 @@ class SetpointChecks:
             raise SetpointError("SP13", str(error)) from error
         self._check_deflection(X_TC)
         self._check_tipping(load_T.force, s.torque_axes, bushing.stiffness)
-        P = R_W_task @ s.force_projector @ R_W_task.T
-        directions = np.array([v for v in P if v @ v > 0.1])
+        directions, _ = force_directions(R_W_task @ s.force_projector @ R_W_task.T, None, R_W_task)
         _check_observed(unobserved_load(directions, s.torque_axes, estimate, R_WC))
 
     def check_place(self, X_W_tip: Array) -> None:
@@ -220,7 +220,8 @@ def unobserved_load(directions: Array, torque_axes: AxisFlags, estimate: Relativ
     """Which force or torque lies on an axis that the estimate does not observe (Sec. VIII-B); '' for none.
 
     Args:
-        directions: (m, 3) of force, in W. torque_axes: of T, that carry torque. R_WC: (3, 3) of the gripper.
+        directions: (m, 3) of force, unit vectors in W. torque_axes: of T, that carry torque.
+        R_WC: (3, 3) of the gripper.
     """
     for n in directions:
         for i, share in enumerate(R_WC.T @ n):
