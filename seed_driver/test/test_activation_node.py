@@ -10,6 +10,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 pytest.importorskip("tf2_msgs", reason="the workspace is not built (./seed test does it)")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -30,6 +31,24 @@ def test_a_servo_process_that_cannot_be_started_leaves_the_driver_inactive(monke
         answer = bench.call(Trigger, "driver/resend_robot_program", Trigger.Request())
         assert (answer.success, answer.message) == (False, "the driver is not active")
         assert node.supervisor is None
+    finally:
+        bench.close()
+
+
+def test_an_activation_that_failed_leaves_the_driver_as_before_it_was_configured(monkeypatch) -> None:
+    bench = Bench()
+    try:
+        node = bench.add(DriverNode, robot_ip="127.0.0.9", autostart=False)
+        before = len(list(node.publishers))
+        node.trigger_configure()
+        configured = len(list(node.publishers))
+        monkeypatch.setattr(subprocess, "Popen", Mock(side_effect=OSError("no more processes")))
+        assert node.trigger_activate() == TransitionCallbackReturn.ERROR
+        assert len(list(node.publishers)) == before
+        (result,) = node.set_parameters([Parameter("model", value="ur10e")])
+        assert result.successful, result.reason
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        assert len(list(node.publishers)) == configured
     finally:
         bench.close()
 

@@ -102,6 +102,10 @@ class DriverNode(SeedNode, LifecycleNode):
         self.config, self._idle = None, UNCONFIGURED
         return TransitionCallbackReturn.SUCCESS
 
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """As clean up: a transition that failed ends in unconfigured."""
+        return self.on_cleanup(state)
+
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """As deactivate."""
         self._end()
