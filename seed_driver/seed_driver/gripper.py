@@ -88,7 +88,7 @@ class GripperGoals:
     def due(self, t: float) -> Goal | None:
         """The goal to send at t [s]; None where there is nothing new."""
         c, new, old = self.config, self._wanted, self._sent
-        if new is None or 0.0 <= t - self._when < self._pause:
+        if new is None or new == old or 0.0 <= t - self._when < self._pause:
             return None
         if old is not None:
             moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width

@@ -46,6 +46,20 @@ def test_goals_come_no_faster_than_the_rate_and_only_when_something_changes() ->
     assert goals.due(3.0) is not None
 
 
+def test_the_same_goal_is_sent_once_whatever_the_least_changes() -> None:
+    goals = GripperGoals(GripperActionConfig(least_width=0.0, least_force=0.0))
+    sent = []
+    for i in range(10):
+        goals.width(0.03)
+        sent.append(goals.due(0.1 * i))
+    assert sent[0] is not None
+    assert sent[1:] == [None] * 9
+    goals.width(0.031)
+    assert goals.due(1.0) is not None
+    goals.refused()
+    assert goals.due(1.1) is not None
+
+
 def test_a_server_that_comes_later_gets_no_old_command() -> None:
     goals = GripperGoals(ANGLE)
     goals.push(12.0)
