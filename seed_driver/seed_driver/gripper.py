@@ -55,7 +55,8 @@ class GripperGoals:
     """Which goal to send, and what joint and server say of the fingers. Time is an argument.
 
     Attributes:
-        settled: [N] push of each finger by what the newest goal that has ended says; not a number for unknown.
+        settled: [N] push of each finger by what the newest goal that has ended says; not a number for unknown, as from
+            a new goal until one ends.
     """
 
     def __init__(self, config: GripperActionConfig) -> None:
@@ -94,7 +95,7 @@ class GripperGoals:
             moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
             if moved < c.least_width and abs(new.force - old.force) < c.least_force:
                 return None
-        self._sent, self._when, self._pause = new, t, 1.0 / c.rate
+        self._sent, self._when, self._pause, self.settled = new, t, 1.0 / c.rate, nan
         return new
 
     def refused(self) -> None:
