@@ -132,7 +132,7 @@ class FreeMembrane:
     def __init__(self, membrane: Membrane, points: Array) -> None:
         """points: (N, 3) of the patch in C [m]."""
         self._camera, self._rest, self._X_XC = membrane.camera, membrane.rest[..., 0], inverse_pose(membrane.X_CX)
-        self._X_CX, self._across, self._y = membrane.X_CX, points[:, ::2], points[:, 1]
+        self._across, self._y = points[:, ::2], points[:, 1]
         self._middle = self._across.mean(axis=0)
 
     def pixels(self, x: Array) -> Array32:

@@ -44,7 +44,7 @@ class InsertRun(StepRun):
         self._watch = StuckWatch(length(force), insert.stuck)
         self._place, self._R = start.copy(), R_start  # smoothed
         self._pushing = self._current = replace(self._first, touches=True)  # a slack peg touches as well
-        self._anchored = self._began = 0.0
+        self._anchored = 0.0
         self._retreat: Path | None = None
         self._since = 0.0  # [s] of the retreat
         self._push: Push | None = None  # the newest
