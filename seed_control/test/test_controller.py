@@ -14,7 +14,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
-from seed_core.spatial import Wrench, make_pose, pose_from_rpy, so3_log
+from seed_core.spatial import Wrench, make_pose, pose_from_rpy, rotation_error, so3_exp, so3_log
 from seed_testing.bench.control import growth
 
 TIGHT = 0.02  # [N]: what the servo's lag and the filter leave after three seconds
@@ -427,6 +427,24 @@ def test_a_stiffness_with_which_the_set_point_cannot_be_followed_holds() -> None
     bench.controller.set_stiffness(Stiffness(DEFAULT_STIFFNESS.rotation, (0.8, 1.2, 0.8)), bench.t)  # N/mm
     assert "the stiffness was changed: SP13" in bench.run(3.0).reason
     assert bench.force < 10.5
+
+
+def test_a_stream_of_wrenches_holds_the_orientation_that_it_began_with() -> None:
+    bench = Bench(noise=1e-4).enabled()
+    rng = np.random.default_rng(1)
+
+    def told(e: RelativePoseEstimate) -> RelativePoseEstimate:
+        noise = so3_exp(np.deg2rad(0.2) * rng.standard_normal(3))
+        covariance = np.diag([np.deg2rad(0.2) ** 2] * 3 + [1e-8] * 3)
+        return replace(e, X_CT=e.X_CT @ make_pose(noise), covariance=covariance)
+
+    bench.told = told
+    before = bench.commands[-1][:3, :3]
+    for _ in range(600):
+        bench.controller.set_setpoint(WrenchSetpoint(force_down(6.0)), bench.t)
+        bench.run(0.02)
+    assert bench.state.mode == "contact"
+    assert np.linalg.norm(rotation_error(bench.commands[-1][:3, :3], before)) < np.deg2rad(0.5)
 
 
 def test_wrench_setpoint_is_algorithm_two_along_all_directions() -> None:

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from seed_msgs.msg import MembraneMotion
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 from test_control_node import Cell
@@ -86,6 +87,43 @@ def test_it_grips_as_the_pull_needs_and_tells_the_margin(answering: tuple[Bench,
     values = {v.key: float(v.value) for v in told[-1].values}
     assert values["load_N"] == pytest.approx(PULL, rel=0.2)
     assert values["friction"] == pytest.approx(FRICTION, rel=0.2)
+
+
+def test_friction_is_learnt_from_what_the_tool_slides_on_its_membranes(off: tuple[Bench, Cell, Gripper]) -> None:
+    bench, cell, gripper = off
+    told: list[DiagnosticStatus] = []
+    bench.client.create_subscription(DiagnosticStatus, "controller/grip", told.append, COMMAND)
+    gripper.force = 8.0
+    slid = 0.0
+
+    def pulled(message: Any) -> None:
+        message.pose.pose.position.z = PULL / STIFFNESS + slid
+        message.slid.pose.position.z = slid
+        message.membrane = [MembraneMotion(finger=finger) for finger in ("left", "right")]
+        for motion in message.membrane:
+            motion.motion.pose.position.z = PULL / STIFFNESS
+
+    cell.enabled()
+    cell.change = pulled
+    assert bench.until(lambda: bool(told) and value(told, "load_N") > 0.8 * PULL)
+    stuck = value(told, "friction")
+    slid = PULL / STIFFNESS  # on membranes that stay
+    assert bench.until(lambda: value(told, "friction") < 0.8 * stuck)
+    assert value(told, "load_N") == pytest.approx(PULL, rel=0.2)
+    learnt = value(told, "friction")
+
+    def slips(message: Any) -> None:
+        pulled(message)
+        message.gross_slip, message.valid = True, False
+
+    cell.change = slips
+    assert bench.until(lambda: value(told, "margin") < 0.1)
+    assert value(told, "friction") <= learnt
+
+
+def value(told: list[DiagnosticStatus], name: str) -> float:
+    """Of the newest status."""
+    return next(float(v.value) for v in told[-1].values if v.key == name)
 
 
 def test_a_deaf_gripper_makes_the_arm_hold_and_is_named(answering: tuple[Bench, Cell, Gripper]) -> None:

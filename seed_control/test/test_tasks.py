@@ -25,10 +25,10 @@ from seed_control.tasks import (
 from seed_control.tasks.font import FontError, strokes_of_text
 from seed_control.tasks.path import Path as Route
 from seed_control.tasks.steps import steps_of
-from seed_control.tasks.task import WorkFrame
+from seed_control.tasks.task import Phase, WorkFrame
 from seed_core.config import ConfigError, load_text
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
-from seed_core.spatial import pose_from_rpy, so3_log
+from seed_core.spatial import pose_from_rpy, rotation_error, so3_log
 
 UPRIGHT = pose_from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.0))[:3, :3]
 NAMES = [
@@ -141,10 +141,25 @@ def test_cancel_at_any_point_leaves_the_tool_lifted(phase: str) -> None:
 def test_cancel_before_the_first_step_does_not_start_the_task() -> None:
     bench, player = bench_at("squeegee")
     player.cancel()
+    before = bench.X_WE.copy()
     status = play(bench, player, 10.0)
     assert status.done
     assert status.cancelled
-    assert bench.force == 0.0
+    bench.run(2.0)
+    assert_allclose(bench.X_WE, before, atol=1e-6)
+
+
+def test_a_task_that_is_cancelled_in_a_turn_turns_no_further() -> None:
+    task = Task(name="t", frame=WorkFrame((0.5, 0.0, 0.25)), phases=(Phase("turn", (0, 0, 0), tilt=(80.0, 0, 0)),))
+    bench, player = Bench(start=pose_from_rpy((np.pi, 0.0, 0.0), (0.5, 0.0, 0.25))).enabled(), TaskPlayer(task)
+    before = bench.X_WE[:3, :3].copy()
+    play(bench, player, 1.5)
+    turned = np.linalg.norm(rotation_error(bench.X_WE[:3, :3], before))
+    player.cancel()
+    assert play(bench, player, 10.0).cancelled
+    bench.run(2.0)
+    assert 0.2 < turned < 0.6
+    assert np.linalg.norm(rotation_error(bench.X_WE[:3, :3], before)) < turned + 0.05
 
 
 def test_a_table_that_falls_away_is_named_as_that() -> None:

@@ -95,7 +95,9 @@ class GripperGoals:
             moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
             if moved < c.least_width and abs(new.force - old.force) < c.least_force:
                 return None
-        self._sent, self._when, self._pause, self.settled = new, t, 1.0 / c.rate, nan
+        if old is None or new.position != old.position:
+            self.settled = nan
+        self._sent, self._when, self._pause = new, t, 1.0 / c.rate
         return new
 
     def refused(self) -> None:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Widths and forces as goals of a gripper's action; against a server where control_msgs is installed."""
 
-from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from math import isnan
@@ -91,8 +90,7 @@ def test_only_fingers_that_stall_push() -> None:
     assert isnan(goals.settled)
 
 
-@pytest.mark.parametrize("command", [lambda goals: goals.width(0.08), lambda goals: goals.push(5.0)])
-def test_a_new_goal_leaves_the_push_unknown_until_it_ends(command: Callable[[GripperGoals], None]) -> None:
+def test_a_new_width_leaves_the_push_unknown_until_it_ends() -> None:
     goals = GripperGoals(ANGLE)
     goals.push(15.0)
     goal = goals.due(0.0)
@@ -101,11 +99,14 @@ def test_a_new_goal_leaves_the_push_unknown_until_it_ends(command: Callable[[Gri
     goals.push(15.0)
     assert goals.due(1.0) is None
     assert goals.settled == 15.0
-    command(goals)
-    goal = goals.due(2.0)
+    goals.push(5.0)
+    assert goals.due(2.0) is not None
+    assert goals.settled == 15.0  # the fingers push on
+    goals.width(0.08)
+    goal = goals.due(3.0)
     assert goal is not None
     assert isnan(goals.settled)
-    goals.ended(goal, stalled=False, reached=True, t=2.5)
+    goals.ended(goal, stalled=False, reached=True, t=3.5)
     assert goals.settled == 0.0
 
 

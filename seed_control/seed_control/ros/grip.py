@@ -67,6 +67,7 @@ class GripAnswer:
         elif estimate.gross_slip:
             self._control.slipped(now, estimate.stamp)
             if self._load is not None:  # it was more than friction bears
+                self._status_told = -inf  # told at once
                 self._update(now, estimate.stamp, *self._load, signs)
                 self._load = None
         elif estimate.valid:
