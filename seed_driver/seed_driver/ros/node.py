@@ -83,7 +83,11 @@ class DriverNode(SeedNode, LifecycleNode):
         """Start the servo process; the link may come up later, see ~/hold_reason."""
         assert self.config is not None
         supervisor = Supervisor(self.config)
-        supervisor.start(self._start_program)  # when this fails, the node is not active and nothing starts later
+        try:
+            supervisor.start(self._start_program)  # when this fails, the node is not active and nothing starts later
+        except OSError as error:
+            self.get_logger().error(f"the servo process cannot be started: {error}; mend that, configure and activate")
+            raise
         self.supervisor, self._start_program = supervisor, False
         self.requests.begin(supervisor, self.config.robot_ip)
         return super().on_activate(state)
