@@ -209,7 +209,7 @@ def test_poses_of_the_estimator_need_one(tmp_path: Path) -> None:
         (["--scenario", "nowhere.yaml"], "cannot be read"),
         (["--from", "nowhere.jsonl"], "cannot be read"),
         (["--live", "--from", "x.jsonl"], "--live and --from exclude each other"),
-        (["--from", "x.jsonl", "--procedure", "weight"], "--from and --procedure weight exclude each other"),
+        (["--from", "x.jsonl", "--procedure", "weight"], "--procedure weight --from wants --hand"),
         (["--live", "--world", "hidden"], "--live and --world hidden exclude each other"),
     ],
 )
