@@ -112,7 +112,8 @@ def test_an_estimator_in_the_loop_tells_the_wrench_by_what_it_has_identified_its
 def test_kept_scores_are_not_made_again(tmp_path: Path) -> None:
     def one(share: float) -> list[dict[str, object]]:
         shares = {m: [share] * 6 for m in (OF_POSE, *MODELS)}
-        return [{"asked": s, "size": 1.0, "sliding": s, "rms": [1.0] * 6, "shares": shares, "nees": 5.0, "doubted": 0.0}
+        told = {"nees": 5.0, "nees_in_C": 5.0, "doubted": 0.0}
+        return [{"asked": s, "size": 1.0, "sliding": s, "rms": [1.0] * 6, "shares": shares, **told}
                 for s in (0.4, 0.65)]  # fmt: skip
 
     for seed, share in ((5, 0.01), (6, 0.02), (7, 0.06)):

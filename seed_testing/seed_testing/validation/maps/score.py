@@ -61,7 +61,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
     for asked, truth in run.motions.items():
         bushing = Bushing(Stiffness.from_vector(analysis.solution.value.stiffness[analysis.nominal]))
         of_pose = np.array([_by_pose(bushing, e) for e in truth.estimates])
-        shares, nees, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0
+        shares, nees, nees_in_C, doubted = {OF_POSE: _share(of_pose, truth.wrench)}, 0.0, 0.0, 0.0
         if elements is not None and truth.elements is not None:
             for name, told in elements.told(truth.estimates, truth.elements).items():
                 shares[name] = _share(told, truth.wrench)
@@ -73,11 +73,14 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
             wrench = np.array([t.wrench.vector() for t in springs])
             shares[name] = _share(wrench, truth.wrench)
             if name == DEFAULT_MODEL:
-                e = wrench - truth.wrench
-                nees = float(np.mean([v @ np.linalg.solve(t.covariance, v) for v, t in zip(e, springs, strict=True)]))
+                covariance = np.array([t.covariance for t in springs])
+                nees = _nees(wrench - truth.wrench, covariance)
                 doubted = float(np.mean([bool(t.reason) for t in springs]))
-                at = np.array([observed_part(e) for e in truth.estimates])
-                shares[IN_C] = _share(_in_C(at, wrench), _in_C(truth.X_CT, truth.wrench))
+                to_C = np.array([wrench_adjoint(observed_part(e)) for e in truth.estimates])
+                told = np.einsum("nij,nj->ni", to_C, wrench)
+                true = np.einsum("nij,nj->ni", [wrench_adjoint(X) for X in truth.X_CT], truth.wrench)
+                shares[IN_C] = _share(told, true)
+                nees_in_C = _nees(told - true, to_C @ covariance @ np.swapaxes(to_C, 1, 2))
         out["motions"].append(
             {
                 "asked": asked,
@@ -87,6 +90,7 @@ def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
                 "rms": rms(truth.wrench).tolist(),
                 "shares": shares,
                 "nees": nees,
+                "nees_in_C": nees_in_C,
                 "doubted": doubted,
             }
         )
@@ -125,9 +129,9 @@ def _fitted(fit: MembraneFit, model: str) -> MembraneFit:
     return fit if model == fit.model else fit_membrane(fit.data, model, fit.nuisance)
 
 
-def _in_C(X_CT: Array, wrench: Array) -> Array:
-    """(n, 6) wrenches about T, in T, as wrenches about C, in C."""
-    return np.array([wrench_adjoint(X) @ w for X, w in zip(X_CT, wrench, strict=True)])
+def _nees(error: Array, covariance: Array) -> float:
+    """Mean normalised square of errors (n, 6) by their covariances (n, 6, 6)."""
+    return float(np.mean(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0])))
 
 
 def _share(wrench: Array, true: Array) -> list[float]:
@@ -159,6 +163,7 @@ def score_membranes(
                 "told": float(np.mean([r.get("told", 1.0) for r in mine])),
                 "shares": models,
                 "nees": _spread(nees[:, None]),
+                "nees_in_C": _spread(np.array([[r.get("nees_in_C", np.nan)] for r in mine])),
             }
         )
     return {"membranes": len(runs), "scored": len(good), "noise": noise, "summary": summary, "runs": runs}
@@ -185,6 +190,10 @@ def _spread(values: Array) -> dict[str, list[float]]:
     }
 
 
+def _three(spread: dict[str, list[float]]) -> str:
+    return f"{spread['median'][0]:.1f} (90 % {spread['90 %'][0]:.1f}, worst {spread['worst'][0]:.1f})"
+
+
 def table(result: dict[str, Any]) -> str:
     """The comparison, in words."""
     noise = result["noise"]
@@ -195,10 +204,7 @@ def table(result: dict[str, Any]) -> str:
         lines.append(f"gripped harder, since the first grip could not be identified: {how}")
     for part in result["summary"]:
         sliding, nees = part["sliding"], part["nees"]
-        size, told = (
-            part["size"]["median"][0],
-            f"{nees['median'][0]:.1f} (90 % {nees['90 %'][0]:.1f}, worst {nees['worst'][0]:.1f})",
-        )
+        size, told = part["size"]["median"][0], f"{_three(nees)}, told about C {_three(part['nees_in_C'])}"
         lines.append(
             f"{sliding['median'][0]:.0%} of the nodes slide ({part['asked']:.0%} asked; motions of {2 * size:.1f} mm "
             f"and {4 * size:.1f} deg rms); nees {told}; beyond what was identified: {part['doubted']:.0%} of the frames"
