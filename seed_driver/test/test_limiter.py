@@ -81,6 +81,22 @@ def test_bounds_hold_for_any_targets_at_any_rate(targets) -> None:
     run.check()
 
 
+@pytest.mark.parametrize("before", [0, 60])
+@pytest.mark.parametrize("every", [1, 4, 8, 12, 20])
+@pytest.mark.parametrize("way", [0.002, 0.01, 0.02, 0.04])
+def test_a_target_that_stands_is_never_passed(way: float, every: int, before: int) -> None:
+    """From the first one on, and where targets have stood elsewhere before; 500 to 25 Hz."""
+    run = Run()
+    for i in range(before + 700 // every):
+        share = 1.0 if i >= before else 0.0
+        run.target((HERE[0] + share * way, *HERE[1:]), from_rotation_vector((0.0, 0.0, 4.0 * share * way)))
+        run.steps(every)
+    run.check()
+    turned = max(turn_between(q, UPRIGHT)[2] for q in run.q)
+    assert max(p[0] for p in run.p) == pytest.approx(HERE[0] + way, abs=1e-6)
+    assert turned == pytest.approx(4.0 * way, abs=1e-6)
+
+
 @pytest.mark.parametrize("every", [1, 2, 5, 25])
 def test_a_stream_at_constant_speed_is_followed_closely_at_any_rate(every: int) -> None:
     """20, 100, 250 and 500 Hz; the lag is about one interval and the smoothing, not the braking distance."""

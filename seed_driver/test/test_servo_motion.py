@@ -73,6 +73,17 @@ def test_nothing_is_followed_before_targets_are_accepted(memory) -> None:
     assert run.motion.latch.reason == "starting"
 
 
+@pytest.mark.parametrize("way", [0.002, 0.01, 0.02, 0.04])
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_constant_target_is_never_passed(memory, way: float, every: int) -> None:
+    run = Run(memory)
+    run.motion.accept_targets()
+    for _ in range(600 // every):
+        run.target(run.along_y(way))
+        run.steps(every)
+    assert max(p[1] for p, _ in run.commands) == pytest.approx(run.p[1] + way, abs=1e-6)
+
+
 def test_silence_is_a_latched_hold(memory) -> None:
     run = Run(memory)
     run.motion.accept_targets()

@@ -53,6 +53,13 @@ def test_targets_are_followed_within_the_limits() -> None:
     assert np.linalg.norm(np.diff(v, axis=0) / DT, axis=1).max() <= 1.0 * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("way", [0.002, 0.01, 0.02, 0.04])
+def test_a_constant_target_is_never_passed(way: float) -> None:
+    run = Run()
+    run.steps(250, HERE[1] + way)
+    assert max(p[1] for p in run.sent) == pytest.approx(HERE[1] + way, abs=1e-6)
+
+
 @pytest.mark.parametrize("end", ["silence", "a jump", "a stop"])
 def test_whatever_ends_the_motion_holds_until_it_is_resumed(end: str) -> None:
     run = Run()
