@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from seed_sim.closed_loop.evaluate import Evaluation, evaluate
+    from seed_sim.closed_loop.relative_poses import Poses, PoseSource
     from seed_sim.plant.plant import Plant
     from seed_sim.scenario import Scenario, load_scenario
     from seed_sim.tactile import TactileParameters, TactileRenderer, ToolShape
@@ -21,6 +22,8 @@ else:
     _HOMES = {
         "Evaluation": "closed_loop.evaluate",
         "Plant": "plant.plant",
+        "PoseSource": "closed_loop.relative_poses",
+        "Poses": "closed_loop.relative_poses",
         "Scenario": "scenario",
         "TactileParameters": "tactile",
         "TactileRenderer": "tactile",
@@ -38,6 +41,8 @@ else:
 __all__ = [
     "Evaluation",
     "Plant",
+    "PoseSource",
+    "Poses",
     "Scenario",
     "TactileParameters",
     "TactileRenderer",

@@ -13,9 +13,12 @@ from numpy.testing import assert_allclose
 
 from seed_control.state import ControllerState
 from seed_control.tasks import load_task
-from seed_core.bushing import Stiffness
+from seed_core.bushing import Bushing, Stiffness
+from seed_core.errors import SeedError
+from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Frame
-from seed_sim import evaluate
+from seed_core.wrench_model import BushingModel, SpringWrench
+from seed_sim import PoseSource, evaluate
 from seed_sim.closed_loop.command import _table, _text, main
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.relative_poses import pose_source
@@ -387,6 +390,48 @@ def test_the_error_of_a_wrench_is_the_one_at_its_stamp(short: str) -> None:
     recording = play(task, plant, _Late(plant, scenario, "seed", "truth", 3))
     assert np.abs(recording["believed_force"][:, 2] - recording["force"][:, 2]).max() > 1.0  # [N]; it is late
     assert_allclose(recording["wrench_error"], 0.0, atol=1e-9)
+
+
+class Mine(PoseSource):
+    """An estimator of one's own: it takes a fifth of the tool's motion for none."""
+
+    def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
+        X_CT = plant.X_CT.copy()
+        X_CT[:3, 3] *= 0.8
+        return RelativePoseEstimate(stamp, X_CT, 1e-8 * np.eye(6))
+
+
+class Harder:
+    """A wrench model of one's own: a spring harder by a quarter than it is."""
+
+    name = "harder"
+
+    def __init__(self, stiffness: Stiffness) -> None:
+        self.stiffness = stiffness.scaled(1.25)
+        self._map = BushingModel(Bushing(self.stiffness))
+
+    def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
+        return self._map.spring(estimate)
+
+
+def test_an_estimator_and_a_wrench_model_of_ones_own_are_scored(short: str) -> None:
+    """What either gets wrong shows in the force: a spring that is believed to be too soft or too hard by a fifth."""
+    scenario = load_scenario("nominal")
+    how = {"force": 8.0, "seed": 1003, "scenario": scenario}
+    run = evaluate(short, poses=Mine(scenario, 250.0, 0.0, np.eye(4)), **how)
+    assert run.result["finished"]
+    assert run.result["estimator"] == "Mine"
+    weight = 9.81 * scenario.tool_mass
+    assert run.result["force_z"]["mean"] == pytest.approx(-8.0 - (8.0 - weight) * 0.25, abs=0.15)
+    run = evaluate(short, wrench_model=Harder(scenario.grasp.stiffness), **how)
+    assert run.result["finished"]
+    assert run.result["force_z"]["mean"] == pytest.approx(-8.0 + (8.0 - weight) * 0.2, abs=0.15)
+
+
+def test_a_baseline_takes_neither(short: str) -> None:
+    poses = Mine(load_scenario("nominal"), 250.0, 0.0, np.eye(4))
+    with pytest.raises(SeedError, match="goes by neither poses nor a wrench_model"):
+        evaluate(short, law="welded", poses=poses)
 
 
 def test_a_known_world_has_the_estimator_of_its_scenario() -> None:

@@ -9,9 +9,11 @@ from typing import Any
 from seed_control.parameters import LAWS as CONTROL_LAWS
 from seed_control.tasks import Task, check_fits, check_tool, load_task
 from seed_core.errors import SeedError
+from seed_core.wrench_model import WrenchModel
 from seed_sim.closed_loop.baselines import BASELINES, WELDED, BaselineSteering
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, score, scored_phase
+from seed_sim.closed_loop.relative_poses import Poses
 from seed_sim.closed_loop.run import SeedSteering, Steering, parameters_of, play, start_pose
 from seed_sim.closed_loop.surface_score import surface_score
 from seed_sim.plant.holes.score import insertion_of
@@ -66,6 +68,8 @@ def evaluate(
     seed: int = 0,
     scenario: str | Path | Scenario | None = None,
     membrane: int | None = None,
+    poses: Poses | None = None,
+    wrench_model: WrenchModel | None = None,
     film: Film | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
@@ -79,6 +83,9 @@ def evaluate(
         seed: draws the table, the arm's errors and all noise.
         scenario: name, file or scenario; default: the task's own.
         membrane: draws two membranes with mechanics in place of the scenario's grasp, see `scenario.on_membrane`.
+        poses: an estimator of your own in place of the one that `estimator` names; has `next_image`, `take_image` and
+            `arrived`, as `Poses` of `closed_loop/relative_poses.py` says: a `PoseSource` lacks `measure` alone.
+        wrench_model: one of your own in place of the one that the scenario names; not for baselines, nor are poses.
         film: keeps moments of the run to look at, or None.
         progress: is told the share of the task, the name of its phase and the simulated time.
 
@@ -93,6 +100,8 @@ def evaluate(
         scenario = on_membrane(scenario, membrane, firm=True)
     if law not in LAWS:
         raise SeedError(f"law '{law}' is unknown; known: {', '.join(LAWS)}")
+    if law in BASELINES and (poses is not None or wrench_model is not None):
+        raise SeedError(f"law '{law}' is a baseline, which goes by neither poses nor a wrench_model")
     check_task(task, scenario, law)
     began = time.perf_counter()
     X_WE = start_pose(scenario, task)
@@ -101,7 +110,8 @@ def evaluate(
     if law in BASELINES:
         steering, estimator = BaselineSteering(plant, task, law), "none"
     else:
-        steering = SeedSteering(plant, scenario, law, estimator, seed)
+        steering = SeedSteering(plant, scenario, law, estimator, seed, poses, wrench_model)
+        estimator = estimator if poses is None else type(poses).__name__
     recording = play(task, plant, steering, progress)
     wall_time = time.perf_counter() - began
     result = {

@@ -3,6 +3,7 @@
 
 from collections import deque
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -54,8 +55,24 @@ def refuse_calibrate(scenario: Scenario, where: str) -> None:
         )
 
 
+class Poses(Protocol):
+    """Where the relative poses of a run come from. `PoseSource` is one that lacks `measure` alone."""
+
+    def next_image(self) -> float:
+        """When the next measurement is due [s]; the plant is brought there first."""
+
+    def take_image(self, plant: Plant) -> None:
+        """Measure now, at `plant.time` [s]; `plant.X_CT` (4, 4) is the truth."""
+
+    def arrived(self, t: float) -> list[RelativePoseEstimate]:
+        """Estimates that have arrived by time t [s] and were not told before."""
+
+
 class PoseSource:
-    """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay."""
+    """Measures X_CT of the plant at a rate of its own; each estimate arrives after the delay.
+
+    For an estimator of your own derive from it and write `measure`.
+    """
 
     def __init__(self, scenario: Scenario, rate: float, delay: float, X_taken: Array) -> None:
         """rate [Hz], delay [s] unless the scenario says otherwise; X_taken (4, 4): X_CT where the grasp is taken."""

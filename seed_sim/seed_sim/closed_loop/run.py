@@ -20,7 +20,7 @@ from seed_core.wrench_model import WrenchModel
 from seed_sim.closed_loop.arm_sensor import ArmSensor, stated
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, lean_of, torque_axes_of
-from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
+from seed_sim.closed_loop.relative_poses import Poses, pose_source
 from seed_sim.membrane import MembraneError
 from seed_sim.plant.plant import Plant
 from seed_sim.plant.tool_holder import LETTING_DOWN
@@ -83,7 +83,7 @@ class SeedSteering:
         law: str,
         estimator: str,
         seed: int,
-        poses: PoseSource | None = None,
+        poses: Poses | None = None,
         wrench_model: WrenchModel | None = None,
     ) -> None:
         """The controller in front of a plant.
