@@ -66,6 +66,11 @@ def test_a_missing_file_is_refused(settings: WrenchSettings, words: str) -> None
         choose_model(settings, DEFAULT_STIFFNESS, Hand(), LATER)
 
 
+def test_a_model_that_cannot_be_made_is_refused_not_replaced() -> None:
+    with pytest.raises(ConfigError, match=r"wrench.model = 'mine': .*choose_model cannot make it"):
+        choose_model(WrenchSettings(model="mine"), DEFAULT_STIFFNESS, Hand(), LATER)
+
+
 def test_an_identification_of_another_hand_or_without_date_is_refused(tmp_path: Path) -> None:
     other = written(tmp_path, replace(FILE, hand="other_hand"))
     with pytest.raises(ConfigError, match=r"identified with the hand 'other_hand'; hand.name is 'soft_bubble'"):

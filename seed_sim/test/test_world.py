@@ -13,6 +13,7 @@ from seed_control.tasks.task import Task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import to_json
 from seed_core.spatial import make_pose, so3_log
+from seed_core.wrench_settings import WRENCH_MODELS
 from seed_sim.campaigns import spread
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
@@ -371,6 +372,20 @@ def test_a_spring_is_not_identified_where_membranes_hold_the_tool(where, capsys)
 def test_a_map_of_membranes_is_not_asked_of_a_spring(capsys):
     assert command.main(["squeegee", "--draws", "1", "--model", "membrane"]) == 2
     assert "model = membrane: the grasp of this world is a spring; give --membranes" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["spring", "membrane"])
+def test_a_model_that_no_identification_is_made_into_is_refused_not_replaced(kind):
+    """Once it is among the names that `wrench.model` may have, the command takes it, too."""
+    words = "model = mine: no identification of a hidden world is made into it; those that are: bushing, hysteretic"
+    with pytest.raises(SeedError, match=words):
+        run_trial("squeegee", draw.draw_world(1, kind), 1, model="mine")
+    with pytest.raises(SeedError, match=words):
+        find_out.find_out(NOMINAL, draw.draw_world(1, kind), 1, model="mine")
+
+
+def test_every_model_that_may_be_asked_for_is_made_of_membranes():
+    assert find_out.MODELS["membrane"] == WRENCH_MODELS
 
 
 @pytest.mark.parametrize("name", ["mounts", "hanging", "late_60", "all"])

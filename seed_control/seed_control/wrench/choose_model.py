@@ -35,7 +35,7 @@ def choose_model(
         today: with its time zone, for the age of an identification; None: it is new.
 
     Raises:
-        ConfigError: no file where one is needed, one that cannot be read, or of another hand.
+        ConfigError: no file where one is needed, one that cannot be read, or of another hand; or no such model.
     """
     if settings.model == "membrane":
         if not settings.file:
@@ -50,6 +50,8 @@ def choose_model(
         spring = load_hysteretic(settings.file)
         same_hand(settings.file, spring.hand, hand)
         return ChosenModel(HystereticSpring(spring.identified), PressureCheck([spring.pressure_hpa]))
+    if settings.model != "bushing":
+        raise ConfigError(f"wrench.model = '{settings.model}': seed_control.wrench.choose_model cannot make it")
     bushing = BushingModel(Bushing(stiffness), settings)
     if not settings.file:
         return ChosenModel(bushing, PressureCheck())

@@ -23,7 +23,7 @@ from seed_sim.scenario import Scenario, on_membrane
 from seed_sim.world.belief import Belief
 from seed_sim.world.cell import make_plant, make_steering
 from seed_sim.world.parameters import Kind, World
-from seed_sim.world.procedures.find_out import STEPS, find_out
+from seed_sim.world.procedures.find_out import STEPS, check_model, find_out
 
 SWING = 0.5  # [N] rms of force faster than a second that counts as a limit cycle
 _SMOOTH = 1.0  # [s] over which slower force is averaged
@@ -120,15 +120,13 @@ def _in_world(scenario: Scenario, world: World, estimator: str, arm_sensor: bool
 
 def check_kind(kind: Kind, scenario: Scenario, model: WrenchModelName | None) -> None:
     """Raises SeedError: the scenario's grasp, or the model of the wrench, is none of a world of this kind."""
-    if kind == "membrane":
-        return
-    if scenario.grasp.kind == "membrane":
+    if kind != "membrane" and scenario.grasp.kind == "membrane":
         raise SeedError(
             f"scenario '{scenario.name}': grasp.kind = membrane: the grasp of this world is a spring; give --membranes "
             "for hidden worlds with membranes, or --world known for these"
         )
-    if model == "membrane":
-        raise SeedError("model = membrane: the grasp of this world is a spring; give --membranes, or another model")
+    if model is not None:
+        check_model(kind, model)
 
 
 def with_look(task: Task) -> Task:

@@ -36,6 +36,10 @@ STEPS: dict[Kind, tuple[str, ...]] = {
     "spring": ("calibrate", "identify", "clocks", "weigh"),
     "membrane": ("identify_membranes", "clocks"),
 }
+MODELS: dict[Kind, tuple[str, ...]] = {  # of the wrench that the identification of a world is made into
+    "spring": ("bushing", "hysteretic"),
+    "membrane": ("bushing", "hysteretic", "membrane"),
+}
 _NEEDED = ("identify", "identify_membranes")  # without what it finds no force is controlled
 _DISAGREE = 3.0  # [standard deviations] from which the stated mass is not believed
 _FRAMES, _PER_POSE = 60, 10  # images of the empty bubbles, and of each pose of the cylinder
@@ -54,8 +58,9 @@ def find_out(
     `progress` is told which of them runs, and how far an identification is.
 
     Raises:
-        SeedError: the identification does not come to its end.
+        SeedError: the identification does not come to its end, or is not made into this model.
     """
+    check_model(world.kind, model)
     if not world.procedures.run:
         return Belief(told(scenario, world))
     work = _Work(scenario, world, seed, method, model, progress)
@@ -70,6 +75,18 @@ def find_out(
             work.believe(problems=(*work.belief.problems, f"{name}: {error}"))
         work.belief.seconds[name] = perf_counter() - began
     return work.belief
+
+
+def check_model(kind: Kind, model: str) -> None:
+    """Raises SeedError: in a world of this kind no identification is made into this model of the wrench."""
+    if model in MODELS[kind]:
+        return
+    if model in MODELS["membrane"]:
+        raise SeedError(f"model = {model}: the grasp of this world is a spring; give --membranes, or another model")
+    raise SeedError(
+        f"model = {model}: no identification of a hidden world is made into it; those that are: "
+        f"{', '.join(MODELS[kind])}. To add one: docs/architecture.md, Add a part of your own"
+    )
 
 
 def calibrate_cameras(scenario: Scenario, world: World, seed: int) -> Calibration:
