@@ -14,6 +14,7 @@ pytestmark = pytest.mark.skipif(not EXAMPLES.is_dir(), reason="this is an instal
 PRINTS = {
     "stiffness_map": "10 N along z need the gripper 12.5 mm further along z",
     "estimate_pose": "pose of the tool in the gripper, from images of (171, 224) pixels",
+    "controller": "contact: 10.0 N on the table, 10.0 N by the estimate",
     "closed_loop": "squeegee: finished",
     "new_task": "polish: finished; force -",
     "learning": "seed 2: wiped after",
