@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered gels: their mechanics and light, and the tool's pose from their images."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from seed_core.spatial import Array, pose_from_rpy, so3_log
 from seed_estimation import EstimatorError
 from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.gel import GelParameters, GelRenderer, gel_hand
-from seed_sim.gel.estimator import calibrate_gels, gel_estimator
+from seed_sim.gel.estimator import BALL, calibrate_gels, gel_estimator
 from seed_sim.gel.shapes import ball_surface, tool_surface
 from seed_sim.gel.stiffness import gel_stiffness
 from seed_sim.gel.surface import CELL, GelSurface
@@ -105,6 +107,30 @@ def test_two_gels_tell_the_pose(gels: GelRenderer) -> None:
     assert estimator.debug_image().shape == (240, 640, 3)
     black = {f: replace(i, rgb=0 * i.rgb, stamp=0.5) for f, i in gels.no_contact(0.5).items()}
     assert "lamps" in estimator.update(black, 0.5).reason
+
+
+PAGE = Path(__file__).resolve().parents[2] / "docs/other_sensors.md"
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason="this is an installed copy")
+def test_the_gel_of_the_page_is_calibrated_saved_and_takes_images(
+    gels: GelRenderer, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"^```py\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    finger = gels.fingers["left"]
+    places = [(x, y) for x in np.linspace(-0.008, 0.008, 6) for y in np.linspace(-0.005, 0.005, 5)]
+    made = {
+        "empty": [finger.image(finger.surface.free, 0.0).rgb] * 2,
+        "pressed": [finger.image(finger.ball(BALL, u, v, 9e-4), 0.0).rgb for u, v in places],
+        "camera": finger.camera,
+        "hand": gels.hand,
+    }
+    exec(compile(code, str(PAGE), "exec"), made)
+    estimator = made["estimator"]
+    estimator.capture_reference([{"left": gels.no_contact(0.0)["left"]}])
+    estimator.initialize_grasp([{"left": gels.render(np.eye(4), 0.1)["left"]}])
+    assert estimator.update({"left": gels.render(np.eye(4), 0.2)["left"]}, 0.2).valid
 
 
 def test_the_shipped_scenario_is_what_its_gels_make_it() -> None:
