@@ -322,9 +322,13 @@ def _convert_sequence(node: _Node, origin: Any, args: Any, name: str, source: st
     kinds = [args[0]] * len(node.value) if origin is list or args[-1] is Ellipsis else list(args)
     if len(kinds) != len(node.value):
         _fail(node, source, f"{name} has {len(node.value)} values; it needs {len(kinds)}{_describe(meta)}")
-    return origin(
+    values = origin(
         _convert(v, k, f"{name}[{i}]", source, meta) for i, (v, k) in enumerate(zip(node.value, kinds, strict=True))
     )
+    if meta.get("span") and values[0] > values[1]:
+        low, high = f"{values[1]:g}", f"{values[0]:g}"
+        _fail(node, source, f"{name} = [{high}, {low}] must run from low to high: [{low}, {high}]{_describe(meta)}")
+    return values
 
 
 def _convert_scalar(node: _Node, kind: Any, name: str, source: str, meta: Mapping[str, Any]) -> Any:

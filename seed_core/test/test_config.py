@@ -25,6 +25,7 @@ class Outer:
     width: int = field(7, unit="px", low=0, high=50)
     way: tuple[float, float] = field((0.0, 0.0), unit="m", quantity=True, low=-1, high=1)
     inner: Inner = field(Inner())
+    tilt: tuple[float, float] = field((0.0, 1.0), unit="deg", low=-9, high=9, span=True, doc="drawn")
     maybe: float | None = field(None, unit="s", low=0.0)
 
 
@@ -68,6 +69,10 @@ BOMB = "\n".join(f"{b}: &{b} [{', '.join(['*' + a] * 10)}]" for a, b in pairwise
         ("speed: 0.1 0.2 m/s", "f.yaml:1: speed = .0.1, 0.2. must be a number"),
         ("speed: 0.5\nwidth: 7.5 px", "f.yaml:2: width = 7.5 must be a whole number"),
         ("speed: 0.5\nwidth: 51 px", "f.yaml:2: width = 51 px must be within 0 and 50 px"),
+        (
+            "speed: 0.5\ntilt: [3.0, -3]",
+            r"f.yaml:2: tilt = \[3, -3\] must run from low to high: \[-3, 3\] .deg; drawn.$",
+        ),
         ("speed: [1", "f.yaml: not readable as YAML"),
         (BOMB, "f.yaml:.: aliases .*name. make more than 100[0-9]+ values of this text"),
         (

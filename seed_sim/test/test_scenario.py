@@ -77,6 +77,11 @@ def test_unknown_name_lists_what_there_is():
             "grasp: {stiffness: {rotation: [4, 3, 0], translation: [1, 1, 1]}}",
             r"rotation\[2\] = 0 N m/rad must be within",
         ),
+        (
+            "table:\n  tilt_x: [3.0, -3.0]",
+            r"mine\.yaml:2: table\.tilt_x = \[3, -3\] must run from low to high: \[-3, 3\]",
+        ),
+        ("gel: {gamma: [2.4, 1.8]}", r"gel\.gamma = \[2\.4, 1\.8\] must run from low to high: \[1\.8, 2\.4\]"),
         ("servo: {arm: panda}", r"servo\.arm = 'panda' must be one of: cartesian, ur5e, ur10e"),
     ],
 )

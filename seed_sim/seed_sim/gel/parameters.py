@@ -44,7 +44,9 @@ class GelParameters:
     lamp_spread: float = field(0.2, low=0.0, high=0.8, doc="deviation of the lamps' brightness from each other")
     crosstalk: float = field(0.12, low=0.0, high=0.5, doc="share of a lamp that the other colours' pixels see")
     gloss: float = field(0.25, low=0.0, high=2.0, doc="of the coat, against its diffuse part")
-    gamma: tuple[float, float] = field((1.8, 2.4), low=1.0, high=3.0, doc="least and largest exponent of the camera")
+    gamma: tuple[float, float] = field(
+        (1.8, 2.4), low=1.0, high=3.0, span=True, doc="least and largest exponent of the camera"
+    )
     blur: float = field(0.9, unit="px", low=0.0, high=5.0, doc="deviation of the lens' blur")
     noise: float = field(1.0, low=0.0, high=20.0, doc="scale of the image noise: 1 is 1.2 counts at mid grey")
 
