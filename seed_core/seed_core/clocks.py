@@ -63,7 +63,7 @@ def read_clocks(given: str) -> Clocks:
         return Clocks(problem=UNKNOWN, remark="never compared")
     if not given.endswith((".yaml", ".yml")):
         raise ConfigError(f"clocks = '{given}' must be empty, '{ONE}', '{SIMULATED}' or name a .yaml file")
-    known = load_saved(given, ClockComparison)
+    known = load_saved(given, ClockComparison, "file of clocks")
     remark = f"offset {1e3 * known.offset:+.1f} +- {1e3 * known.deviation:.1f} ms of {known.date}"
     problem = ""
     if known.host != socket.gethostname():

@@ -170,14 +170,17 @@ def load_file(path: str | Path, cls: type[T]) -> T:
     return load_text(read_text(path), cls, str(path))
 
 
-def load_saved(path: str | Path, cls: type[T]) -> T:
-    """The same of a file that `save_file` has written, which ends with `version`.
+def load_saved(path: str | Path, cls: type[T], kind: str) -> T:
+    """The same of a file that `save_file` has written, which ends with `version`; kind: what it is called in errors.
 
     Raises:
-        ConfigError: as `load_file`; or the file ends before, and would be read as another one.
+        ConfigError: as `load_file`; or it is another kind of file, or ends before, and would be read as another one.
     """
     node = parse_yaml(read_text(path), str(path))
     if isinstance(node.value, dict) and "version" not in node.value:
+        known = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
+        if other := next((key for key in node.value if key not in known), ""):
+            raise ConfigError(f"{path} is no {kind}: unknown key '{other}'; a {kind} has {', '.join(known)}")
         raise ConfigError(f"{path}: its last key, version, is missing: the file was cut short; make it anew")
     return _build(node, cls, "", str(path))
 

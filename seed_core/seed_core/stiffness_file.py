@@ -99,7 +99,7 @@ class GripStiffness:
 
 def load_stiffness(path: str | Path) -> StiffnessFile:
     """A stiffness.yaml. Raises ConfigError with file and line."""
-    return load_saved(path, StiffnessFile)
+    return load_saved(path, StiffnessFile, "stiffness file")
 
 
 def save_stiffness(path: str | Path, file: StiffnessFile) -> None:

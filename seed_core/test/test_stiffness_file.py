@@ -93,3 +93,10 @@ def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path: Path) -
         path.write_text(text[:end])
         with pytest.raises(ConfigError):
             load_stiffness(path)
+
+
+def test_a_file_of_another_kind_is_told_from_one_that_was_cut_short(tmp_path: Path) -> None:
+    path = tmp_path / "wipe.yaml"
+    path.write_text("name: wipe\ntool: squeegee\nphases: []\n")
+    with pytest.raises(ConfigError, match=r"yaml is no stiffness file: unknown key 'name'; a stiffness file has hand,"):
+        load_stiffness(path)

@@ -98,7 +98,7 @@ def hysteretic_file(
 
 def load_hysteretic(path: str | Path) -> HystereticFile:
     """A hysteretic_spring.yaml. Raises ConfigError with file and line."""
-    return load_saved(path, HystereticFile)
+    return load_saved(path, HystereticFile, "file of a hysteretic spring")
 
 
 def save_hysteretic(path: str | Path, file: HystereticFile) -> None:

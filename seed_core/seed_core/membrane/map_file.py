@@ -178,7 +178,7 @@ def term_names(products: np.ndarray) -> tuple[str, ...]:
 
 def load_membrane_map(path: str | Path) -> MembraneMapFile:
     """A membrane_map.yaml. Raises ConfigError with file and line."""
-    return load_saved(path, MembraneMapFile)
+    return load_saved(path, MembraneMapFile, "membrane map")
 
 
 def save_membrane_map(path: str | Path, file: MembraneMapFile) -> None:
