@@ -321,7 +321,10 @@ def _convert_sequence(node: _Node, origin: Any, args: Any, name: str, source: st
     if meta.get("span") and isinstance(node.value, float | int) and not isinstance(node.value, bool):
         node = _Node([_Node(node.value, node.line)] * 2, node.line)
     if not isinstance(node.value, list):
-        _fail(node, source, f"{name} must be a list{_describe(meta)}, not {node.value!r}")
+        what, unit = "a number or a list of two" if meta.get("span") else "a list", meta.get("unit")
+        if unit and isinstance(node.value, str) and node.value.lstrip("+-.")[:1].isdigit():
+            _fail(node, source, f"{name} = {node.value!r} must be in {unit}: {what}, with or without that very unit")
+        _fail(node, source, f"{name} must be {what}{_describe(meta)}, not {node.value!r}")
     kinds = [args[0]] * len(node.value) if origin is list or args[-1] is Ellipsis else list(args)
     if len(kinds) != len(node.value):
         _fail(node, source, f"{name} has {len(node.value)} values; it needs {len(kinds)}{_describe(meta)}")

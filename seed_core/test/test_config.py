@@ -73,6 +73,11 @@ BOMB = "\n".join(f"{b}: &{b} [{', '.join(['*' + a] * 10)}]" for a, b in pairwise
             "speed: 0.5\ntilt: [3.0, -3]",
             r"f.yaml:2: tilt = \[3, -3\] must run from low to high: \[-3, 3\] .deg; drawn.$",
         ),
+        (
+            "speed: 0.5\ntilt: 0.1 rad",
+            "f.yaml:2: tilt = '0.1 rad' must be in deg: a number or a list of two, with or without",
+        ),
+        ("speed: 0.5\ntilt: low", r"f.yaml:2: tilt must be a number or a list of two \(deg; drawn\), not 'low'"),
         ("speed: [1", "f.yaml: not readable as YAML"),
         (BOMB, "f.yaml:.: aliases .*name. make more than 100[0-9]+ values of this text"),
         (
