@@ -64,6 +64,27 @@ class Wrench(NamedTuple):
         """Difference of two wrenches about one point in one frame."""
         return Wrench(self.torque - other.torque, self.force - other.force)
 
+    def __add__(self, other: Wrench) -> Wrench:  # type: ignore[override]
+        return self.plus(other)
+
+    def __sub__(self, other: Wrench) -> Wrench:
+        return self.minus(other)
+
+    def __neg__(self) -> Wrench:
+        return Wrench(-self.torque, -self.force)
+
+    def __mul__(self, factor: float) -> Wrench:  # type: ignore[override]
+        k = float(factor)
+        return Wrench(k * self.torque, k * self.force)
+
+    def __rmul__(self, factor: float) -> Wrench:  # type: ignore[override]
+        return self * factor
+
+    @property
+    def __array_priority__(self) -> float:
+        """Above that of numpy's numbers, which then leave a product to the wrench."""
+        return 1.0
+
 
 def length(v: Array) -> float:
     """Euclidean norm of a vector (n,); faster than numpy.linalg.norm."""

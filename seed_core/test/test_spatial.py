@@ -153,3 +153,23 @@ def test_a_wrench_does_the_same_work_in_either_frame() -> None:
         wrench = Wrench.from_vector(load)
         assert_allclose(about, wrench.rotated(X[:3, :3]).about(-X[:3, 3]).vector(), atol=1e-12)
         assert_allclose(both(X[:3, :3]) @ load, wrench.rotated(X[:3, :3]).vector(), atol=1e-12)
+
+
+def test_a_wrench_is_added_and_scaled_as_a_vector_and_not_as_a_tuple() -> None:
+    a, b = Wrench.from_vector(RNG.normal(size=6)), Wrench.from_vector(RNG.normal(size=6))
+    for found, expected in (
+        (a + b, a.vector() + b.vector()),
+        (a - b, a.vector() - b.vector()),
+        (-a, -a.vector()),
+        (2 * a, 2.0 * a.vector()),
+        (a * 0.5, 0.5 * a.vector()),
+        (np.float64(0.5) * a, 0.5 * a.vector()),
+    ):
+        assert isinstance(found, Wrench)
+        assert_allclose(found.vector(), expected, rtol=1e-15)
+    with pytest.raises(TypeError):
+        a * b
+    with pytest.raises(TypeError):
+        a.vector() + a
+    with pytest.raises(AttributeError):
+        a + tuple(a)
