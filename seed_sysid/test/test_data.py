@@ -15,6 +15,7 @@ from seed_core.spatial import inverse_pose
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.tactile_poses import TactilePoses
+from seed_sim.identification.truth import draw_truth
 from seed_sim.scenario import load_scenario, tactile_of
 from seed_sysid.data.bag import TOPIC, TYPE
 from seed_sysid.data.dataset import Dataset, DatasetError, Sample, flat_pose
@@ -46,6 +47,14 @@ def test_the_estimator_looks_at_the_bubbles_of_the_simulated_scenario(tmp_path: 
     seen = TactilePoses(load(str(file)), 3)._renderer.parameters
     assert seen == tactile_of(load_scenario(file))
     assert (seen.slip, seen.squeeze) == (0.2, 0.006)
+
+
+def test_the_grasp_of_a_cell_scenario_has_the_stiffness_of_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "my_bench.yaml"
+    file.write_text("{grasp: {stiffness: {rotation: [3, 2, 3], translation: [640, 960, 640]}}, table: {friction: 0.6}}")
+    for seed in (0, 7):
+        truth = draw_truth(load(str(file)), np.random.default_rng(seed))
+        np.testing.assert_allclose(truth.stiffness[1], (3, 2, 3, 640, 960, 640))  # at the middle width
 
 
 def test_a_file_reads_back_as_written(data: Dataset) -> None:

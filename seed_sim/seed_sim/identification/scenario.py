@@ -125,6 +125,8 @@ def load(name: str) -> IdentificationScenario:
 def from_simulation(file: Path) -> IdentificationScenario:
     """The identification of the hand, grasp and bubbles in a scenario of seed_sim, other things at their defaults.
 
+    The stiffness at the middle width is the scenario's very own; none is drawn.
+
     Raises:
         ConfigError: it is no such scenario.
     """
@@ -135,6 +137,8 @@ def from_simulation(file: Path) -> IdentificationScenario:
         name=sim.name,
         grasp=HiddenGrasp(
             stiffness=sim.grasp.stiffness,
+            spread=0.0,
+            scatter=(0.0,) * 6,
             pressure=sim.grasp.nominal_pressure,
             pressure_per_width=-sim.grasp.pressure_slope,
             kind=sim.grasp.kind,
