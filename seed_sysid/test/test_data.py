@@ -11,6 +11,7 @@ import pytest
 from simulated_data import at_rest
 
 from seed_bringup import identify
+from seed_core.config import ConfigError
 from seed_core.spatial import inverse_pose
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
@@ -55,6 +56,23 @@ def test_the_grasp_of_a_cell_scenario_has_the_stiffness_of_its_file(tmp_path: Pa
     for seed in (0, 7):
         truth = draw_truth(load(str(file)), np.random.default_rng(seed))
         np.testing.assert_allclose(truth.stiffness[1], (3, 2, 3, 640, 960, 640))  # at the middle width
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{description: bench, table: {frction: 0.6}}", "yaml:1: unknown key 'table.frction'; known here: tilt_x"),
+        (
+            "{name: bench, servo: {lag: 0.1}, tabel: {friction: 0.6}}",
+            "yaml:1: unknown key 'tabel'; known here: .*table",
+        ),
+        ("{sensor: {force_nois: 0.1}}", "yaml:1: unknown key 'sensor.force_nois'; known here: force_noise"),
+    ],
+)
+def test_a_mistake_is_told_of_the_kind_of_scenario_that_a_file_is(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "typo.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        load(str(tmp_path / "typo.yaml"))
 
 
 def test_a_file_reads_back_as_written(data: Dataset) -> None:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios of a simulated identification: the grasp, the sensor and its faults, in one strict YAML file."""
 
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from seed_core.bushing import Stiffness
-from seed_core.config import ConfigError, field, load_file
+from seed_core.config import ConfigError, field, load_file, parse_yaml, read_text
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
 from seed_core.vector3 import Vector3
 from seed_sim.membrane.parameters import MembraneParameters
@@ -105,6 +106,8 @@ class IdentificationScenario:
 def load(name: str) -> IdentificationScenario:
     """A scenario of identification by its file or its name in config/identify; or the grasp of one of seed_sim.
 
+    Which of both a file is, the more of its keys tell.
+
     Raises:
         ConfigError: no such scenario, or a bad one.
     """
@@ -112,13 +115,17 @@ def load(name: str) -> IdentificationScenario:
     if file is None:
         known = ", ".join(shipped_scenarios(SHIPPED))
         raise ConfigError(f"scenario '{name}' is neither a YAML file nor one of: {known}")
+    sections = parse_yaml(read_text(file), str(file)).value
+    keys = set(sections) if isinstance(sections, dict) else set()
+    of_cell, of_identification = (len(keys & {f.name for f in fields(c)}) for c in (Scenario, IdentificationScenario))
+    if of_cell > of_identification:
+        return from_simulation(file)
     try:
         return load_file(file, IdentificationScenario)
     except ConfigError:
-        try:
-            return from_simulation(file)
-        except ConfigError:
-            pass  # neither: the first message is the one to show
+        if of_cell == of_identification:
+            with suppress(ConfigError):  # neither: the first message is the one to show
+                return from_simulation(file)
         raise
 
 
