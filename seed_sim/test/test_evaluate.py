@@ -20,6 +20,7 @@ from seed_core.hand import Frame
 from seed_core.wrench_model import BushingModel, SpringWrench
 from seed_sim import PoseSource, evaluate
 from seed_sim.closed_loop.command import _table, _text, main
+from seed_sim.closed_loop.evaluate import load_both
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.relative_poses import pose_source
 from seed_sim.closed_loop.run import SeedSteering, play, start_pose
@@ -111,6 +112,10 @@ def test_json_has_the_documented_keys(held):
     assert set(held["lean_deg"]) == {"rms", "max"}
     assert {"path_rmse_mm", "real_time_factor", "contact"} <= set(held)
     assert held["real_time_factor"] > 0.0
+
+
+def test_a_task_is_named_by_its_path_too(short):
+    assert load_both(Path(short), "nominal", 8.0) == load_both(short, "nominal", 8.0)
 
 
 def test_force_and_equal_pressure_are_held_with_exact_poses(held):

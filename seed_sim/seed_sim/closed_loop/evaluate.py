@@ -29,13 +29,15 @@ def scenario_of(task: Task) -> str:
     return task.tool if task.tool in shipped_scenarios() else "nominal"
 
 
-def load_both(task: str | Task, scenario: str | Path | Scenario | None, force: float | None) -> tuple[Task, Scenario]:
+def load_both(
+    task: str | Path | Task, scenario: str | Path | Scenario | None, force: float | None
+) -> tuple[Task, Scenario]:
     """A task with the size [N] of its forces, and its scenario; names and files are loaded, what is loaded is kept.
 
     Raises:
         SeedError: a name is unknown, or a file cannot be used.
     """
-    if isinstance(task, str):
+    if not isinstance(task, Task):
         task = load_task(task, force)
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario_of(task) if scenario is None else scenario)
@@ -60,7 +62,7 @@ class Evaluation:
 
 
 def evaluate(
-    task: str | Task = "squeegee",
+    task: str | Path | Task = "squeegee",
     *,
     law: str = "seed",
     estimator: str = "truth",

@@ -41,7 +41,7 @@ class Trial:
 
 
 def run_trial(
-    task: str | Task,
+    task: str | Path | Task,
     world: World,
     seed: int,
     *,
