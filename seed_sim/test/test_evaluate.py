@@ -477,6 +477,10 @@ def test_one_run_is_drawn_into_the_folder_that_is_named(short: str, tmp_path: Pa
     assert file.stat().st_size > 10_000
 
 
+def test_a_recording_is_shown_without_its_rows() -> None:
+    assert repr(Recording(["wipe"], rows={"t": [0.0] * 1000})) == repr(Recording(["wipe"]))
+
+
 def test_a_run_is_drawn_from_above_beside_its_force_over_time() -> None:
     t = np.linspace(0.0, 6.0, 61)
     pressing = np.where(t > 1.0, -8.0, 0.0)[:, None] * (0.0, 0.0, 1.0)

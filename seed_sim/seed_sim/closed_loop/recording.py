@@ -44,7 +44,7 @@ class Recording:
 
     phases: list[str]
     torque_axes: tuple[bool, bool, bool] = (True, False, False)
-    rows: dict[str, list[Any]] = field(default_factory=dict)
+    rows: dict[str, list[Any]] = field(default_factory=dict, repr=False)
     finished: bool = False
     found: tuple[FoundPlace, ...] = ()
     message: str = ""
