@@ -2,6 +2,7 @@
 """The closed loop without ROS: what it achieves, that it repeats, and what the command line says."""
 
 import contextlib
+import inspect
 import io
 import json
 from dataclasses import replace
@@ -19,7 +20,7 @@ from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Frame
 from seed_core.wrench_model import BushingModel, SpringWrench
 from seed_sim import PoseSource, evaluate
-from seed_sim.closed_loop.command import _table, _text, main
+from seed_sim.closed_loop.command import _parser, _table, _text, main
 from seed_sim.closed_loop.evaluate import load_both
 from seed_sim.closed_loop.recording import Recording, score, scored_phase, torque_axes_of
 from seed_sim.closed_loop.relative_poses import pose_source
@@ -112,6 +113,10 @@ def test_json_has_the_documented_keys(held):
     assert set(held["lean_deg"]) == {"rms", "max"}
     assert {"path_rmse_mm", "real_time_factor", "contact"} <= set(held)
     assert held["real_time_factor"] > 0.0
+
+
+def test_the_seed_is_the_command_lines_where_none_is_named():
+    assert inspect.signature(evaluate).parameters["seed"].default == _parser().get_default("seed") == 7
 
 
 def test_a_task_is_named_by_its_path_too(short):

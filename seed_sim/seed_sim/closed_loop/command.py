@@ -13,7 +13,7 @@ from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
 from seed_core.wrench_settings import WRENCH_MODELS
 from seed_estimation.parameters import METHOD_HELP
-from seed_sim.closed_loop.evaluate import LAWS, check_task, evaluate, scenario_of
+from seed_sim.closed_loop.evaluate import LAWS, SEED, check_task, evaluate, scenario_of
 from seed_sim.closed_loop.progress import progress_bar
 from seed_sim.closed_loop.recording import SETTLING, scored_phase
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, FROM_IMAGES
@@ -98,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--force", type=number(0.0, "N"), help="[N] size of every force in the task; its own if left out")
     p.add_argument(
-        "--seed", type=seed_number, default=7, help="draws table and errors; first seed of a sweep, first draw"
+        "--seed", type=seed_number, default=SEED, help="draws table and errors; first seed of a sweep, first draw"
     )
     p.add_argument("--scenario", help=f"one of {', '.join(shipped_scenarios())}, or a file; the task's own if left out")
     p.add_argument(
