@@ -34,6 +34,7 @@ WRONG = [
     "evaluate squeegee --scenario {junk}",
     "evaluate squeegee --draws 2 --plot plot.png",
     "evaluate squeegee --scenarios 1 --plot {junk}/plot.png",
+    "evaluate squeegee --plot {empty}/plot.txt",
     "validate estimator --scenario gone",
     "validate estimator --from gone",
     "validate estimator --from {junk}",

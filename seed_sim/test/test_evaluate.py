@@ -510,6 +510,15 @@ def test_a_run_is_drawn_from_above_beside_its_force_over_time() -> None:
     assert [text.get_text() for text in force.texts] == ["approach", "wipe"]
 
 
+@pytest.mark.parametrize("more", [[], ["--scenarios", "1"]])
+def test_a_plot_that_is_no_picture_is_refused_before_the_run(more, tmp_path: Path, capsys) -> None:
+    file = tmp_path / "new" / "plot.txt"
+    assert main(["squeegee", "--plot", str(file), *more]) == 2
+    words = f"seed evaluate: --plot {file}: name a folder, or a file that ends in one of: .png, .jpg, .svg, .pdf\n"
+    assert capsys.readouterr().err == words
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_plot_of_hidden_worlds_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["squeegee", "--draws", "2", "--plot", "x.png"])

@@ -25,6 +25,7 @@ from seed_sim.world.perturb import PERTURBATIONS
 from seed_sim.world.score import DRAWS, score_draws, table
 from seed_sim.world.trial import check_kind
 
+_PICTURES = (".png", ".jpg", ".svg", ".pdf")  # endings
 _OF_HIDDEN = ("draws", "membranes", "late_stamps", "model", "out")  # options
 
 
@@ -119,7 +120,8 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--plot",
         type=Path,
-        help="where to write a picture (PNG): of one run its path and force, of a sweep every run's error",
+        help=f"where to write a picture ({', '.join(_PICTURES)}): of one run its path and force, of a sweep every "
+        "run's error",
     )
     p.add_argument(
         "--world",
@@ -246,11 +248,13 @@ def _sweep(args: argparse.Namespace) -> int:
 def _plot_file(asked: Path | None, name: str, *, json: bool = False) -> Path | None:
     """Where a plot goes, its folder made before the minutes that a sweep takes: a folder takes it under its usual name.
 
-    Without --plot a sweep's goes to the results, and with --json alone nowhere.
+    Without --plot a sweep's goes to the results, and with --json alone nowhere. Raises SeedError: it is no picture.
     """
     if asked is None and json:
         return None
     path = results_folder() / name if asked is None else asked / name if asked.is_dir() else asked
+    if path.suffix.lower() not in _PICTURES:
+        raise SeedError(f"--plot {path}: name a folder, or a file that ends in one of: {', '.join(_PICTURES)}")
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 
