@@ -263,7 +263,7 @@ def test_force_can_be_given_and_keeps_its_direction() -> None:
     assert pen.draw is not None
     assert pen.draw.control.force == (0.0, 0.0, -1.5)
     assert pen.draw.forces == ()
-    with pytest.raises(TaskError, match=r"must be above 0"):
+    with pytest.raises(TaskError, match=r"force = -5 N must be from 0.1 to 200 N"):
         load_task("squeegee", force=-5.0)
 
 

@@ -216,13 +216,21 @@ def test_late_noisy_poses_on_an_arm_with_joints_still_hold_the_force(short, tmp_
     [
         (["squeegee", "--scenario", "calm"], "scenario 'calm' is unknown"),
         (["sqeegee"], "no task 'sqeegee'"),
-        (["squeegee", "--force", "0"], "force = 0.0 N must be above 0"),
         (["squeegee", "--scenario", "missing.yaml"], "cannot be read"),
     ],
 )
 def test_wrong_arguments_are_named(arguments, words, capsys):
     assert main(arguments) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("force", ["-5", "0", "201"])
+def test_a_force_that_no_task_can_have_is_refused_in_one_way(force, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["squeegee", "--force", force])
+    assert f"argument --force: {force} must be a number from 0.1 to 200 N;" in capsys.readouterr().err
+    with pytest.raises(SeedError, match=f"^force = {force} N must be from 0.1 to 200 N$"):
+        evaluate("squeegee", force=float(force))
 
 
 @pytest.mark.parametrize(

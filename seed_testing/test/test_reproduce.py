@@ -89,7 +89,7 @@ def test_pen_across_the_hand_presses_along_y_of_the_hand():
         ([], "figure"),
         (["fig5"], "fig4"),
         (["fig6", "--seed", "x"], "whole number"),
-        (["fig6", "--force", "-1"], "at least 0 N"),
+        (["fig6", "--force", "-1"], "-1 must be a number from 0.1 to 200 N"),
     ],
 )
 def test_wrong_arguments_are_named_in_one_line(arguments, words, capsys):
@@ -100,6 +100,8 @@ def test_wrong_arguments_are_named_in_one_line(arguments, words, capsys):
     assert told.endswith("seed reproduce --help tells more\n")
 
 
-def test_impossible_force_is_named(tmp_path, capsys):
-    assert main(["fig6", "--force", "0", "--out", str(tmp_path)]) == 2
-    assert "force = 0.0 N must be above 0" in capsys.readouterr().err
+@pytest.mark.parametrize("force", ["-5", "0", "0.05", "201", "nan"])
+def test_impossible_force_is_named(force, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["fig6", "--force", force, "--out", str(tmp_path)])
+    assert f"argument --force: {force} must be a number from 0.1 to 200 N;" in capsys.readouterr().err

@@ -28,6 +28,7 @@ from seed_bringup.demo.series import read_series
 from seed_bringup.demo.terminal import say
 from seed_bringup.launching.domains import OWN, claimed
 from seed_control.parameters import LAW_HELP, LAWS
+from seed_control.tasks import LEAST_FORCE, MOST_FORCE
 from seed_core.program.command_line import Parser, command, interrupts, number, seed_number
 from seed_estimation.parameters import METHOD_HELP, METHODS
 
@@ -39,7 +40,9 @@ def _parser() -> argparse.ArgumentParser:
     p = Parser(prog="seed demo", description=__doc__)
     p.add_argument("--task", default="squeegee", help="name of a shipped task, or a task file")
     p.add_argument(
-        "--force", type=number(0.0, "N"), help="[N] size of every force in the task; the task's own if left out"
+        "--force",
+        type=number(LEAST_FORCE, "N", MOST_FORCE),
+        help="[N] size of every force in the task; the task's own if left out",
     )
     p.add_argument("--seed", type=seed_number, default=7, help="draws the table, all noise and the hidden world")
     p.add_argument(

@@ -8,7 +8,7 @@ from typing import Any
 
 from seed_bringup.commands.cells import await_start, cell_arguments, join
 from seed_bringup.demo.terminal import Bar, done_in
-from seed_control.tasks import load_task, shipped_tasks
+from seed_control.tasks import LEAST_FORCE, MOST_FORCE, load_task, shipped_tasks
 from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
 
@@ -22,7 +22,11 @@ def main(argv: list[str]) -> int:
         "lifted, as it is when this program ends in another way. A second Ctrl-C does not wait for that.",
     )
     p.add_argument("task", help=f"a task file, or a shipped task: {', '.join(shipped_tasks())}")
-    p.add_argument("--force", type=number(0.0, "N"), help="[N] size of every force in the task; its own if left out")
+    p.add_argument(
+        "--force",
+        type=number(LEAST_FORCE, "N", MOST_FORCE),
+        help="[N] size of every force in the task; its own if left out",
+    )
     cell_arguments(p)
     options = p.parse_args(argv)
     load_task(options.task, options.force)  # says here and now what is wrong with it

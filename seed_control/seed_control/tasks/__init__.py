@@ -9,11 +9,13 @@ player.py   from step to step, which run each needs, cancel, and the lift that e
 """
 
 from seed_control.tasks.fit import check_fits, check_tool
-from seed_control.tasks.load import load_task, read_task, shipped_tasks, task_to_send
+from seed_control.tasks.load import LEAST_FORCE, MOST_FORCE, load_task, read_task, shipped_tasks, task_to_send
 from seed_control.tasks.player import TaskPlayer, TaskStatus
 from seed_control.tasks.task import Task, TaskError
 
 __all__ = [
+    "LEAST_FORCE",
+    "MOST_FORCE",
     "Task",
     "TaskError",
     "TaskPlayer",

@@ -11,13 +11,14 @@ from seed_core.program.files import shared_path
 from seed_core.program.suggestions import did_you_mean, no_such_file
 
 MAX_TEXT = 1_000_000  # characters of a task sent as text
+LEAST_FORCE, MOST_FORCE = 0.1, 200.0  # [N] that every force of a task can be set to
 
 
 @dataclass(frozen=True)
 class Overrides:
     """What a client may change of a task."""
 
-    force: float | None = field(None, unit="N", low=0.1, high=200.0, doc="size of every force of the task")
+    force: float | None = field(None, unit="N", low=LEAST_FORCE, high=MOST_FORCE, doc="size of every force of the task")
     text: str | None = field(None, doc="text to write")
 
 
@@ -102,8 +103,8 @@ def read_task(source: str, overrides: str = "") -> Task:
 
 def _changed(task: Task, force: float | None, text: str | None) -> Task:
     if force is not None:
-        if not 0.0 < force <= 200.0:
-            raise TaskError(f"force = {force} N must be above 0 and at most 200 N")
+        if not LEAST_FORCE <= force <= MOST_FORCE:
+            raise TaskError(f"force = {force:g} N must be from {LEAST_FORCE:g} to {MOST_FORCE:g} N")
         phases = tuple(p.scaled_to(force) for p in task.phases)
         draw = replace(task.draw, control=task.draw.control.scaled_to(force), forces=()) if task.draw else None
         task = replace(task, phases=phases, draw=draw)

@@ -8,7 +8,7 @@ from typing import Any
 
 from seed_control.parameters import LAW_HELP
 from seed_control.parameters import LAWS as CONTROL_LAWS
-from seed_control.tasks import load_task, shipped_tasks
+from seed_control.tasks import LEAST_FORCE, MOST_FORCE, load_task, shipped_tasks
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json, whole
 from seed_core.wrench_settings import WRENCH_MODELS
@@ -97,7 +97,11 @@ def _parser() -> argparse.ArgumentParser:
         help="where relative poses come from: truth is exact, noisy is that with noise and delay, the others work on "
         f"rendered images: {METHOD_HELP}; default: truth, and rigid_fit in hidden worlds",
     )
-    p.add_argument("--force", type=number(0.0, "N"), help="[N] size of every force in the task; its own if left out")
+    p.add_argument(
+        "--force",
+        type=number(LEAST_FORCE, "N", MOST_FORCE),
+        help="[N] size of every force in the task; its own if left out",
+    )
     p.add_argument(
         "--seed", type=seed_number, default=SEED, help="draws table and errors; first seed of a sweep, first draw"
     )

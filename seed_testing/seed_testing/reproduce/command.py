@@ -4,6 +4,7 @@
 import argparse
 from pathlib import Path
 
+from seed_control.tasks import LEAST_FORCE, MOST_FORCE
 from seed_core.program.command_line import Parser, command, number, results_folder, seed_number
 from seed_testing.reproduce import fig4, fig6, fig7
 
@@ -33,7 +34,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("figure", choices=("fig4", "fig6", "fig7"), help="which of them")
     parser.add_argument("--seed", type=seed_number, default=1000, help="draws table, arm and noise")
-    parser.add_argument("--force", type=number(0.0, "N"), default=10.0, help="[N] of the squeegee (fig6)")
+    parser.add_argument(
+        "--force", type=number(LEAST_FORCE, "N", MOST_FORCE), default=10.0, help="[N] of the squeegee (fig6)"
+    )
     parser.add_argument("--text", default="SEED", help="what the pen writes (fig7)")
     parser.add_argument("--out", type=Path, help="folder; default: results/FIGURE")
     return parser
