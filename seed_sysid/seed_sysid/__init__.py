@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification of the stiffness of a compliant grasp (Sec. VI of the paper).
 
-from pathlib import Path
 from seed_sysid import analyse, read_dataset
 
-analysis = analyse(read_dataset(Path("samples.jsonl")), "kinematic")
+analysis = analyse(read_dataset("samples.jsonl"), "kinematic")
 print(analysis.solution.value.stiffness)  # (grips, 6) [N m/rad, N/m]
 print(analysis.solution.half_width)  # of their 95 % intervals
 """

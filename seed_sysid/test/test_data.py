@@ -251,6 +251,12 @@ def test_refused_data_overwrite_nothing(data: Dataset, tmp_path: Path, capsys: p
     assert (out / "stiffness.yaml").read_text() == "precious"
 
 
+def test_a_source_of_poses_that_there_is_not_is_named(data: Dataset) -> None:
+    for ask in (lambda: analyse(data, "foo"), lambda: data.poses("foo")):
+        with pytest.raises(DatasetError, match=r"^source = 'foo' must be one of: kinematic, estimator$"):
+            ask()
+
+
 FILES = {
     "": "empty",
     "nonsense\n": "no header",
@@ -289,6 +295,7 @@ def test_data_are_fitted_again_from_their_file(
 ) -> None:
     file, out = tmp_path / "samples.jsonl", tmp_path / "out"
     file.write_text("\n".join(_lines(data)) + "\n")
+    assert read(str(file)).samples == data.samples
     assert identify.main(["--from", str(file), "--json", "--out", str(out)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert set(printed["stiffness"]) == {"rotation", "translation"}

@@ -55,3 +55,9 @@ def test_a_light_weight_is_told_to_be_too_little_for_the_noise() -> None:
     assert "N only: too little for the noise of the poses" in fit.undetermined["y"]
     assert "puts no torque on it" in fit.undetermined["yaw"]
     assert np.isnan(fit.stiffness[[2, 4]]).all()
+
+
+def test_lists_of_poses_and_wrenches_are_taken_as_arrays() -> None:
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1))
+    fit = fit_weight(list(X_TC), wrench.tolist())
+    np.testing.assert_array_equal(fit.stiffness, fit_weight(X_TC, wrench).stiffness)

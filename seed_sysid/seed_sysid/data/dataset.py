@@ -16,6 +16,7 @@ from seed_sysid.data.membrane_sample import MembraneSample
 FORMAT, VERSION = "seed-stiffness-samples", 2
 READABLE = (1, 2)  # version 1 had no `membrane` in its samples
 UNITS = {"length": "m", "angle": "rad", "force": "N", "torque": "N m", "pressure": "hPa", "time": "s"}
+SOURCES = ("kinematic", "estimator")  # of poses
 Pose = tuple[float, ...]  # x, y, z [m], roll, pitch, yaw [rad]
 
 
@@ -112,8 +113,9 @@ class Dataset:
         """X_TC (n, 4, 4) from 'kinematic' or 'estimator'.
 
         Raises:
-            DatasetError: a sample lacks that pose.
+            DatasetError: a sample lacks that pose, or there is no such source.
         """
+        _check_source(source)
         values = [getattr(s, source) for s in self.samples]
         missing = [s.key for s, v in zip(self.samples, values, strict=True) if v is None]
         if missing:
@@ -124,8 +126,9 @@ class Dataset:
         """Only the samples that have a pose from source; the others stay as points that the arm came through.
 
         Raises:
-            DatasetError: no sample has one.
+            DatasetError: no sample has one, or there is no such source.
         """
+        _check_source(source)
         kept: list[Sample] = []
         missing: list[str] = []
         way: list[Pose] = []
@@ -146,6 +149,11 @@ class Dataset:
     def wrenches(self) -> Array:
         """(n, 6) about S, in S."""
         return np.array([s.wrench for s in self.samples]).reshape(-1, 6)
+
+
+def _check_source(source: str) -> None:
+    if source not in SOURCES:
+        raise DatasetError(f"source = '{source}' must be one of: {', '.join(SOURCES)}")
 
 
 def flat_pose(X: Array) -> Pose:

@@ -115,13 +115,14 @@ def sample_line(sample: Sample) -> str:
         raise DatasetError(f"{sample.key} has a value that is not finite: {sample}") from error
 
 
-def read(path: Path) -> Dataset:
+def read(file: str | Path) -> Dataset:
     """Header and samples from a file, or from a bag (folder, .mcap or .db3) that recorded the node's topic.
 
     Raises:
         DatasetError: not readable, another format or version, or a broken line other than the last; of a bag: without
             that topic, or with several identifications.
     """
+    path = Path(file)
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
         return parse(bag_lines(path), str(path))
     try:

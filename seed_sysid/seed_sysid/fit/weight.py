@@ -9,6 +9,7 @@ stiffness only where the weight loads it: a weight whose centre of mass lies at 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seed_core.bushing import Model
 from seed_core.errors import SeedError
@@ -47,7 +48,7 @@ class WeightFit:
     left_out: tuple[int, ...] = ()
 
 
-def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightFit:
+def fit_weight(X_TC: ArrayLike, wrench: ArrayLike, model: Model = "midpoint") -> WeightFit:
     """The stiffness of a grasp that holds a known weight.
 
     Args:
@@ -61,9 +62,10 @@ def fit_weight(X_TC: Array, wrench: Array, model: Model = "midpoint") -> WeightF
     Raises:
         WeightError: too few orientations, or no axis is loaded.
     """
-    if len(X_TC) < MINIMUM:
-        raise WeightError(f"{len(X_TC)} orientations are too few: hold the weight in at least {MINIMUM}")
-    load, xi = loads_and_deflections(X_TC, wrench, model)
+    poses = np.asarray(X_TC, dtype=float)
+    if len(poses) < MINIMUM:
+        raise WeightError(f"{len(poses)} orientations are too few: hold the weight in at least {MINIMUM}")
+    load, xi = loads_and_deflections(poses, np.asarray(wrench, dtype=float), model)
     left_out = _strays(load, xi)
     kept = np.setdiff1d(np.arange(len(load)), left_out)
     load, xi = load[kept], xi[kept]
