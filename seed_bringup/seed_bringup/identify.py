@@ -66,8 +66,8 @@ def parser() -> argparse.ArgumentParser:
         "--from",
         dest="source",
         type=Path,
-        metavar="FILE",
-        help="fit recorded samples (file or bag) again; "
+        metavar="PATH",
+        help="fit recorded samples (a run's folder, its file or a bag) again; "
         "with --procedure weight: a bag of current_pose and relative_pose",
     )
     out.add_argument("--hand", metavar="FILE", help="with --procedure weight --from: hand_file, with the tool's mass")

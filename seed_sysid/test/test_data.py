@@ -257,6 +257,13 @@ def test_a_source_of_poses_that_there_is_not_is_named(data: Dataset) -> None:
             ask()
 
 
+def test_a_folder_without_samples_is_told_what_was_looked_for(tmp_path: Path) -> None:
+    with pytest.raises(
+        DatasetError, match=r"has neither samples\.jsonl, as a run leaves it, nor metadata\.yaml, as a bag"
+    ):
+        read(tmp_path)
+
+
 FILES = {
     "": "empty",
     "nonsense\n": "no header",
@@ -295,7 +302,7 @@ def test_data_are_fitted_again_from_their_file(
 ) -> None:
     file, out = tmp_path / "samples.jsonl", tmp_path / "out"
     file.write_text("\n".join(_lines(data)) + "\n")
-    assert read(str(file)).samples == data.samples
+    assert read(str(file)).samples == read(tmp_path).samples == data.samples
     assert identify.main(["--from", str(file), "--json", "--out", str(out)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert set(printed["stiffness"]) == {"rotation", "translation"}

@@ -116,13 +116,17 @@ def sample_line(sample: Sample) -> str:
 
 
 def read(file: str | Path) -> Dataset:
-    """Header and samples from a file, or from a bag (folder, .mcap or .db3) that recorded the node's topic.
+    """Header and samples from a file, a run's folder, or a bag (folder, .mcap or .db3) of the node's topic.
 
     Raises:
         DatasetError: not readable, another format or version, or a broken line other than the last; of a bag: without
             that topic, or with several identifications.
     """
     path = Path(file)
+    if path.is_dir() and (path / "samples.jsonl").is_file():
+        path /= "samples.jsonl"
+    elif path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise DatasetError(f"{path} has neither samples.jsonl, as a run leaves it, nor metadata.yaml, as a bag has it")
     if path.is_dir() or path.suffix in (".mcap", ".db3"):
         return parse(bag_lines(path), str(path))
     try:
