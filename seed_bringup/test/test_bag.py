@@ -29,7 +29,7 @@ from std_msgs.msg import Float32, String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from seed_bringup.bags import BagError  # noqa: E402
-from seed_bringup.bags.files import BagWriter, describe_bag, messages_of, open_bag  # noqa: E402
+from seed_bringup.bags.files import BagWriter, describe_bag, messages_of, open_bag, read_messages  # noqa: E402
 from seed_bringup.bags.play import Player  # noqa: E402
 from seed_bringup.bags.record import record  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
@@ -303,6 +303,14 @@ def test_a_bag_that_was_cut_short_is_told_with_what_gets_it_back(tmp_path: Path)
     with pytest.raises(BagError, match=r"text\.mcap: not a readable bag"):
         describe_bag(tmp_path / "text.mcap")
     assert "messages   1" in describe_bag(whole)
+
+
+def test_a_folder_that_is_no_bag_is_told_what_it_lacks(tmp_path: Path) -> None:
+    for read in (describe_bag, lambda path: list(read_messages(path, bool))):
+        with pytest.raises(
+            BagError, match=f"^{re.escape(str(tmp_path))}: not a readable bag: this folder has no metadata"
+        ):
+            read(tmp_path)
 
 
 def test_a_recording_of_which_nothing_came_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

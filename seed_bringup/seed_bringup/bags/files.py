@@ -29,11 +29,17 @@ def open_bag(path: Path) -> Iterator[Reader]:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # rosbags raises whatever its decoders trip over in a damaged file
-        raise BagError(_cut_short(path) or f"{path}: not a readable bag: {error}") from error
+        raise BagError(_cut_short(path) or _unreadable(path, error)) from error
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _unreadable(path: Path, error: Exception) -> str:
+    """What rosbags found wrong with a bag, in words."""
+    none = path.is_dir() and not (path / "metadata.yaml").exists()
+    return f"{path}: not a readable bag: {'this folder has no metadata.yaml' if none else error}"
 
 
 def _cut_short(path: Path) -> str:
@@ -77,7 +83,7 @@ def read_messages(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[s
         try:
             found = next(stream, None)
         except Exception as error:  # as in open_bag
-            raise BagError(f"{path}: not a readable bag: {error}") from error
+            raise BagError(_unreadable(path, error)) from error
         if found is None:
             return
         yield found
