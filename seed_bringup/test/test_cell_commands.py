@@ -67,13 +67,13 @@ def playing(*words: str) -> subprocess.Popen[str]:
 
 
 def test_without_a_cell_a_task_is_told_what_starts_one_and_a_service_is_told_apart_from_a_refusal() -> None:
-    asked = ("play squeegee", "cancel", "call", "call controller/enable on")
-    lines = (f"{line} --domain {domain}" for domain, line in enumerate(asked, 226))  # nobody's, and each its own
-    play, cancel, *calls = together(*lines)
-    for done, name, domain in ((play, "play", 226), (cancel, "cancel", 227)):
-        assert done.returncode == 1
+    asked = ("play squeegee", "cancel", "call", "call controller/enable on", "watch", "watch controller/state")
+    lines = (f"{line} --domain {domain}" for domain, line in enumerate(asked, 224))  # nobody's, and each its own
+    play, cancel, *others = together(*lines)
+    for done, name, domain in ((play, "play", 224), (cancel, "cancel", 225)):
+        assert done.returncode == 2
         assert done.stderr == f"seed {name}: no cell is running in ROS domain {domain}: ./seed launch cell starts one\n"
-    for done in calls:
+    for done in others:
         assert done.returncode == 2
         assert "no cell is running" in done.stderr
 
@@ -210,5 +210,5 @@ def test_a_topic_is_watched_without_a_ros_installation() -> None:
     assert once.stdout.count("/current_pose: message 1") == 1
     assert "frame_id: base" in once.stdout
     assert "orientation: roll pitch yaw " in once.stdout
-    assert missing.returncode == 1
+    assert missing.returncode == 2
     assert "nobody publishes /nobody" in missing.stderr

@@ -4,7 +4,7 @@
 from contextlib import closing
 
 from seed_bringup.commands.cells import cell_arguments, in_root, join, missing
-from seed_core.errors import FailedError
+from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, number
 
 DISCOVERY = 5.0  # [s] until every topic of a running graph is known, as a rule
@@ -35,14 +35,14 @@ def main(argv: list[str]) -> int:
             session.spin(DISCOVERY)
             found = published(session.node)
             if not found:
-                raise FailedError("there are no topics: no cell is running here, or it runs in another ROS_DOMAIN_ID")
+                raise SeedError("there are no topics: no cell is running here, or it runs in another ROS_DOMAIN_ID")
             print("\n".join(f"{name}  ({kind})" for name, kind in found.items()))
             return 0
         absolute = options.topic.startswith("/") or not options.namespace
         name = "/" + options.topic.lstrip("/") if absolute else f"{in_root(options.namespace)}/{options.topic}"
         session.find(lambda: name in published(session.node), min(PATIENCE, options.patience or PATIENCE))
         if name not in (found := published(session.node)):
-            raise FailedError(missing(f"nobody publishes {name}", name, found, "./seed watch"))
+            raise SeedError(missing(f"nobody publishes {name}", name, found, "./seed watch"))
         watch = Watch(session.node, name, published(session.node)[name], options.rate, options.once)
         session.until(lambda: watch.over, options.patience or 1e9, "")
         if not watch.count:

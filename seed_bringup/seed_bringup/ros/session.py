@@ -28,7 +28,7 @@ from unique_identifier_msgs.msg import UUID
 
 from seed_bringup.ros.played_goal import PlayedGoal
 from seed_control.tasks import task_to_send
-from seed_core.errors import FailedError
+from seed_core.errors import FailedError, SeedError
 from seed_ros.conversions import seconds
 from seed_ros.loop import realtime
 from seed_ros.node import client_node, no_security
@@ -260,7 +260,7 @@ class Session:
             thread.join()
 
     def arm(self, patience: float = 20.0) -> str:
-        """Which arm moves here, in words. Raises SessionError: no controller is here."""
+        """Which arm moves here, in words. Raises SeedError: no controller is here."""
         action = self.node.create_client(CancelGoal, "controller/follow_setpoints/_action/cancel_goal")
         self._find_controller(action, patience)
         self.node.destroy_client(action)
@@ -277,14 +277,14 @@ class Session:
         return "a simulated arm" if "sim" in self.node.get_node_names() else "an arm of another maker's driver"
 
     def _find_controller(self, client: Any, patience: float) -> None:
-        """Wait for the service of the controller's action. Raises SessionError: there is none, and why."""
+        """Wait for the service of the controller's action. Raises SeedError: there is none, and why."""
         self.find(client.service_is_ready, patience)
         if client.service_is_ready():
             return
         if self.node.get_node_names() == [self.node.get_name()]:
             domain = os.environ.get("ROS_DOMAIN_ID", 0)
-            raise SessionError(f"no cell is running in ROS domain {domain}: ./seed launch cell starts one")
-        raise SessionError(
+            raise SeedError(f"no cell is running in ROS domain {domain}: ./seed launch cell starts one")
+        raise SeedError(
             f"no action controller/follow_setpoints within {patience:g} s, though other nodes are here: does the "
             "cell's controller run? If the cell has a namespace, say --namespace"
         )
