@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import ConfigError, checked
-from seed_core.estimate import NO_GRASP, RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, NO_TOUCH, RelativePoseEstimate
 from seed_core.hand import FINGERS, Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
@@ -37,6 +37,12 @@ from seed_estimation.tracker import Tracker
 
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
+
+LET_GO = 1.0  # [s] without touch, after which the gripper has been empty
+RELEASED = (
+    f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"  # T is another for what is held since
+)
+REFUSED = "no grasp: the last one was refused; initialize the grasp again"
 
 
 class Estimator:
@@ -90,6 +96,8 @@ class Estimator:
         self.zero = NO_LOAD
         self._images: dict[str, TactileImages] = {}  # the last, at the working resolution
         self._stamp = -np.inf  # [s] of the last images since the grasp: of the older finger's
+        self._touched = -np.inf  # [s] of the last images in which a finger touched the tool
+        self._no_grasp = NO_GRASP  # why there is none
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
         self._mutual = calibration.mutual_deviation
         self._covariance = self._new_covariance()
@@ -113,7 +121,7 @@ class Estimator:
         if self._patch_method is not None:
             self._patch_method.parameters = parameters
         if before.decimate != parameters.decimate or before.method != parameters.method:
-            self._forget_grasp()
+            self._forget_grasp(NO_GRASP)
         if before.decimate != parameters.decimate:
             self._reference = None
 
@@ -134,7 +142,7 @@ class Estimator:
         self._reference = Reference.taken(series, cameras, self._X_CX, offset, p)
         for f, picture in self._reference.picture.items():
             self.patterns[f] = identity.pattern(picture)
-        self._forget_grasp()
+        self._forget_grasp(NO_GRASP)
 
     def initialize_grasp(self, frames: Sequence[Frame]) -> None:
         """The tool is grasped: T := C from these images on; two frames or more, with nothing moving, are averaged.
@@ -149,9 +157,9 @@ class Estimator:
         p, reference = self.parameters, self._reference
         if reference is None:
             raise EstimatorError("no reference: capture one with the bubbles touching nothing before a grasp")
+        self._forget_grasp(REFUSED)  # also where the new one is refused: it was asked for since the old one is none
         series = self._usable(frames, reference.correction, "grasp")
         self._refuse_another(series)
-        self._forget_grasp()
         grasp = Grasp.taken(series, reference, p)
         self.masks, self.patches, self.zero = grasp.masks, grasp.patches, grasp.zero
         if p.method in PATCH_METHODS:
@@ -163,7 +171,7 @@ class Estimator:
             models = [finger_model(s, grasp.depth[f], grasp.ir[f], grasp.masks[f], p) for f, s in finders]
             timing = Timing(p.finger_skew_std, p.depth_lag_std)
             self._tracker = Tracker(models, {f: series[f][-1] for f in self.fingers}, p.max_slip, timing)
-        self._stamp = min(i[-1].stamp for i in series.values())
+        self._stamp = self._touched = min(i[-1].stamp for i in series.values())
 
     def _usable(
         self, frames: Sequence[Frame], correction: Mapping[str, Image], purpose: str
@@ -182,9 +190,14 @@ class Estimator:
             if mistake:
                 raise EstimatorError(mistake)
 
-    def _forget_grasp(self) -> None:
+    def _forget_grasp(self, why: str) -> None:
+        self._no_grasp = why
         self._tracker, self._patch_method, self._covariance = None, None, self._new_covariance()
         self._stamp, self.zero = -np.inf, NO_LOAD
+
+    @property
+    def _holds(self) -> bool:
+        return self._tracker is not None or self._patch_method is not None
 
     def _new_covariance(self) -> Covariance:
         return Covariance(self._systematic())
@@ -228,6 +241,11 @@ class Estimator:
         for f, finder in (reference.quick if self._patch_method is None else reference.finders).items():
             self.masks[f], self.patches[f] = finder.find(self._images[f].depth, p)
         touching = [f for f in self.fingers if self.patches[f].in_contact]
+        if touching or stamp < self._touched:
+            self._touched = stamp
+        elif self._holds and stamp - self._touched > LET_GO:  # what is held next is held otherwise
+            self._forget_grasp(RELEASED)
+            self._stamp = stamp
 
         # The paper's method, Sec. VII-B and C: published.py
         method = self._patch_method
@@ -240,7 +258,7 @@ class Estimator:
         # Fit of one rigid motion to all images, micro-slip and gross slip: tracker.py
         tracker = self._tracker
         if tracker is None:
-            return self._invalid(stamp, NO_GRASP)
+            return self._invalid(stamp, self._no_grasp)
         if gap > p.max_gap:
             tracker.lose()
         fit = None if tracker.gross_slip else tracker.follow(self._images, stamp, touching, p)

@@ -225,6 +225,8 @@ class Tracker:
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
         if followed:
             self.timing.learn(found, self.X_CT, dt, self._course)
+        else:
+            self.timing.resume(found, self.X_CT, dt)
         self.X_CT, self.closing, self._stamp, self.lost = found.X_CT, found.closing, stamp, False
         self._learn_usual(found)
         if p.learn_slip and followed:

@@ -10,7 +10,7 @@ from rendered import PERIOD, held
 from seed_core.config import ConfigError
 from seed_core.hand import Hand
 from seed_core.spatial import make_pose, rotation_error, so3_exp
-from seed_estimation import Estimator, EstimatorParameters, TactileImages
+from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -105,3 +105,36 @@ def test_slip_of_a_fifth_is_learnt() -> None:
     assert estimate.slip == pytest.approx(0.2, abs=0.06)
     estimator.reconfigure(replace(estimator.parameters, max_slip=0.1))
     assert estimator.update(bubbles.render(X, t + PERIOD), t + PERIOD).slip <= 0.1
+
+
+@pytest.mark.parametrize("method", ["rigid_fit", "published"])
+def test_what_is_held_after_the_gripper_was_empty_has_no_pose_of_the_grasp_before(method: str) -> None:
+    """A round handle that is gripped anew further along shows the very same images."""
+    estimator, bubbles = held(TactileParameters(), 14, method)
+    assert estimator.update(bubbles.render(np.eye(4), 0.1), 0.1).valid
+    for t in np.arange(0.2, 1.4, 0.1).tolist():
+        estimate = estimator.update(bubbles.no_contact(t), t)
+        assert not estimate.valid
+        assert "touches no" in estimate.reason
+    estimate = estimator.update(bubbles.render(np.eye(4), 1.5), 1.5)
+    assert not estimate.valid
+    assert "initialize the grasp again" in estimate.reason
+    estimator.initialize_grasp([bubbles.render(np.eye(4), 2.0 + i * PERIOD) for i in range(4)])
+    assert estimator.update(bubbles.render(np.eye(4), 2.5), 2.5).valid
+
+
+def test_a_touch_that_is_missed_for_a_moment_ends_no_grasp() -> None:
+    estimator, bubbles = held(TactileParameters(), 14)
+    for t in (0.1, 0.2, 0.3, 0.4):
+        estimator.update(bubbles.no_contact(t), t)
+    estimates = [estimator.update(bubbles.render(np.eye(4), t), t) for t in (0.5, 0.52, 0.54, 0.56, 0.58, 0.6)]
+    assert estimates[-1].valid, estimates[-1].reason
+
+
+def test_a_grasp_that_is_refused_leaves_none() -> None:
+    estimator, bubbles = held(TactileParameters(), 14)
+    with pytest.raises(EstimatorError):
+        estimator.initialize_grasp([bubbles.no_contact(0.1 + i * PERIOD) for i in range(4)])
+    estimate = estimator.update(bubbles.render(np.eye(4), 0.5), 0.5)
+    assert not estimate.valid
+    assert "the last one was refused" in estimate.reason

@@ -75,3 +75,14 @@ def test_a_grasp_of_fingers_that_were_swapped_after_the_reference_is_refused() -
     with pytest.raises(EstimatorError, match="swapped"):
         estimator.initialize_grasp([{f: i[other] for f, other in swapped.items()} for i in images])
     estimator.initialize_grasp(images)
+
+
+def test_bubbles_that_this_session_has_written_are_not_written_anew(tmp_path: Path) -> None:
+    file, rng = tmp_path / "bubbles.npz", np.random.default_rng(4)
+    dots = [identity.pattern((1000 + 500 * rng.random((171, 224))).astype(np.float32)) for _ in range(2)]
+    left, right = (identity.Known(pattern, "camera", np.eye(3)) for pattern in dots)
+    bubbles = identity.KnownBubbles(str(file), {"left": "camera", "right": "camera"})
+    bubbles.judge({"left": left, "right": right})
+    bubbles.judge({"left": right, "right": left})
+    assert bubbles.status == "unverified"
+    np.testing.assert_array_equal(identity.load(file)["left"].pattern, left.pattern)

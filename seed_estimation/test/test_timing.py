@@ -3,15 +3,16 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from rendered import PERIOD
 
 from seed_core.hand import Hand
-from seed_core.spatial import Array, pose_from_rpy
+from seed_core.spatial import Array, make_pose, pose_from_rpy
 from seed_estimation import Estimator, EstimatorParameters
-from seed_estimation.rigid_fit.timing import Delay, Late, late
+from seed_estimation.rigid_fit.timing import Delay, Late, Timing, late
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -85,3 +86,27 @@ def test_a_delay_is_believed_no_further_than_it_is_known() -> None:
         assert abs(delay.value - true) < 3.0 * delay.deviation
         assert all(b < a + 2e-3 for a, b in pairwise(doubt))
     assert Delay(0.0).deviation == 0.0
+
+
+def test_the_lag_of_the_motion_before_is_no_more_where_the_tool_is_found_again_at_rest() -> None:
+    """As far as depth lags, a pose is put on by the speed; after a pause the speed is another."""
+    timing = Timing(0.01, 0.05)
+    timing.lag.estimate, timing.lag.variance = 0.04, 1e-8
+
+    class Seen(NamedTuple):
+        X_CT: Array
+        H = np.diag((1e4,) * 3 + (1e8,) * 3)
+        H_depth = 0.5 * H
+        g = g_depth = np.zeros(6)
+        fingers: tuple[()] = ()
+
+    def at(x: float) -> Seen:
+        return Seen(make_pose(None, (x, 0.0, 0.0)))
+
+    timing.learn(at(0.001), np.eye(4), 0.02, None)  # type: ignore[arg-type]  # 50 mm/s
+    assert timing.corrected(np.eye(4))[0, 3] > 5e-4
+    timing.resume(at(0.001), make_pose(None, (0.001, 0.0, 0.0)), 0.4)  # type: ignore[arg-type]
+    np.testing.assert_allclose(timing.corrected(np.eye(4)), np.eye(4), atol=1e-9)
+    timing.resume(at(0.002), at(0.001).X_CT, 0.02)  # type: ignore[arg-type]
+    assert timing.corrected(np.eye(4))[0, 3] > 5e-4
+    assert timing.covariance[3, 3] > 0.0

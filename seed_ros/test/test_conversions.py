@@ -129,3 +129,8 @@ def test_images_that_cannot_be_depth_are_refused_with_the_remedy() -> None:
     short.height = 0
     with pytest.raises(SeedError, match="0 pixels"):
         depth_from_message(short, "bubble_left/depth")
+
+
+def test_brightness_without_a_number_is_black() -> None:
+    pixels = np.array([[1.0, np.nan, 3.0], [np.inf, -np.inf, 6.0]], np.float32)
+    assert_allclose(gray_from_message(image_message(pixels, "32FC1", 0.0, "camera")), [[1, 0, 3], [0, 0, 6]])

@@ -123,7 +123,7 @@ class KnownBubbles:
     """Tells the bubbles apart, from one session to the next.
 
     Attributes:
-        known: what an earlier session has written, by finger.
+        known: what was written, by an earlier session or the first reference of this one, by finger.
         names: frame_id that each finger's images should have.
         status: how the bubbles of the present reference were told apart, in words.
     """
@@ -154,4 +154,5 @@ class KnownBubbles:
         found_again = all(alike for f, alike in zip(seen, same, strict=True) if f in known)
         others = [correlation(b.pattern, k.pattern) for b in new.values() for k in known.values()]
         if self._path and new and found_again and max(others, default=-1.0) < SAME + MARGIN:
-            save(self._path, {**known, **new})
+            self.known = {**known, **new}
+            save(self._path, self.known)

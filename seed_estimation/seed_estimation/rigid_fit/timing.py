@@ -154,6 +154,19 @@ class Timing:
             for finger in fit.fingers:
                 behind = course.behind.get(finger.model.finger, 0.0)
                 effects.append(behind * late(fit.H, fit.g, finger.image.H + finger.depth.H, fit.g, change).effect)
+        self._apply(effects, depth)
+
+    def resume(self, fit: Fit, X_before: Array, dt: float) -> None:
+        """From a fit after a pause, or of a track that is found again, dt [s] after X_before (4, 4): nothing is learnt.
+
+        What lag and skew do goes by the mean speed since then.
+        """
+        speed = motion_vector(inverse_pose(X_before) @ fit.X_CT) / dt if dt > 0.0 else np.zeros(6)
+        depth = late(fit.H, fit.g, fit.H_depth, fit.g_depth, speed)
+        self._apply([self.lag.deviation * depth.effect], depth)
+
+    def _apply(self, effects: list[Array], depth: Late) -> None:
+        """To the pose of this frame: effects of what is not known, and the lag's."""
         self._step = -self.lag.value * depth.effect
         S = np.stack(effects, axis=1)
         self.covariance = S @ S.T

@@ -65,12 +65,17 @@ def depth_from_message(message: AnyImage, name: str = "depth") -> NDArray[np.flo
 
 
 def gray_from_message(message: AnyImage, name: str = "ir") -> NDArray[np.float32]:
-    """Brightness (H, W) [counts] from mono16, mono8 or a colour image (its luma, whatever its alpha).
+    """Brightness (H, W) [counts] from mono16, mono8, 32FC1 or a colour image (its luma, whatever its alpha).
+
+    Pixels without a number are black.
 
     Raises:
         MessageError: another encoding, or sizes that contradict each other.
     """
-    raw = _array(message, GRAY_ENCODINGS, name).astype(np.float32)
+    pixels = _array(message, GRAY_ENCODINGS, name)
+    raw = pixels.astype(np.float32)
+    if pixels.dtype.kind == "f":
+        np.nan_to_num(raw, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     if raw.ndim == 3:
         raw = raw[..., :3] @ (_LUMA_RGB if message.encoding.startswith("rgb") else _LUMA_RGB[::-1])
     return raw
