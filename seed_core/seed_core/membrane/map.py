@@ -41,7 +41,7 @@ from seed_core.wrench_model import SpringWrench, observed_part
 BEYOND = 1.5  # times what was identified, in any rigid feature, is outside; of the leverage its square
 LEAST_STIFFNESS = 0.2  # share of the stiffness at rest; below it the law would command without bound
 # By which a new grasp is off, since its band is found a pixel or two elsewhere: share of each load, and lever [m]
-GRASPED, LEVER = 0.01, 0.0004
+GRASPED, LEVER = 0.01, 0.0012
 # Share of the motions' variance that counts: what mounts, lens and range err by, the identification has learned
 UNLEARNED = 0.25
 STILL = 0.1  # share of the residual's variance that small motions have
