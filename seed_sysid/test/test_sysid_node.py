@@ -19,7 +19,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 IdentifyStiffness = pytest.importorskip("seed_msgs.action", reason="needs the built messages").IdentifyStiffness
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
 from seed_core.clocks import read_clocks, save_clocks  # noqa: E402
 from seed_core.errors import SeedError  # noqa: E402
@@ -33,6 +35,7 @@ from seed_sim.ros.identification_cell import CellNode  # noqa: E402
 from seed_sysid.data.sample_file import Recorder, read  # noqa: E402
 from seed_sysid.fit.analysis import analyse  # noqa: E402
 from seed_sysid.ros import goal as goal_module  # noqa: E402
+from seed_sysid.ros import node as node_module  # noqa: E402
 from seed_sysid.ros.node import LINES, SysidNode  # noqa: E402
 from seed_sysid.run.excitation import design  # noqa: E402
 from seed_sysid.run.procedure import Command, average  # noqa: E402
@@ -227,6 +230,42 @@ def test_an_arm_that_holds_ends_the_goal_and_is_not_measured(bench: Bench, tmp_p
     assert "the arm holds: protective stop; 0 of " in result.message
     again = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
     assert again.message == "cannot start: the arm holds: protective stop"
+
+
+def test_a_goal_that_is_refused_does_not_zero_the_sensor(bench: Bench, tmp_path: Path) -> None:
+    cell, node = _nodes(bench)
+    told = bench.client.create_publisher(String, "arm_hold_reason", LATCHED)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), zero_sensor=True)
+    first = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until((tmp_path / "samples.jsonl").exists)
+    zero = cell._zero
+    second = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert second.message == "an identification is running: cancel it first"
+    told.publish(String(data="protective stop"))
+    assert "the arm holds" in bench.result(first).result.message
+    third = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert third.message == "cannot start: the arm holds: protective stop"
+    assert cell._zero is zero
+
+
+def test_a_sensor_that_does_not_answer_ends_the_goal(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(node_module, "ZERO_PATIENCE", 0.5)
+    node = bench.add(SysidNode, **SENSOR, **QUICK)
+    sensor = Node("sensor", context=bench.context)  # that nobody spins
+    sensor.create_service(Trigger, "ft_sensor/zero", lambda _, response: response)
+    assert bench.until(node._zero.service_is_ready)
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), zero_sensor=True)
+    first = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until(lambda: node._starting)
+    second = bench.result(bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)).result
+    assert second.message == "an identification is running: cancel it first"
+    message = bench.result(first).result.message
+    assert message == "ft_sensor/zero has not answered for 0.5 s: is the sensor's driver running?"
+    assert not node._starting
+    sensor.destroy_node()
 
 
 @pytest.mark.parametrize(("given", "frame"), [("", "ft_sensor"), ("wrist", "wrist")])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.action.server import ServerGoalHandle
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from seed_msgs.action import IdentifyStiffness
 from seed_msgs.msg import RelativePose
@@ -42,6 +43,7 @@ from seed_sysid.run.procedure import Command
 LINES = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FEEDBACK = 0.5  # [s]
 REACH = 10.0  # [m] no arm reaches so far
+ZERO_PATIENCE = 5.0  # [s] for ft_sensor/zero to answer
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class SysidNode(SeedNode):
         self.streams = Streams()
         self._sensor_frame = self.settings.sensor_frame
         self._active: ActiveGoal | None = None
+        self._starting = False  # a goal waits for ft_sensor/zero
         self._clocks = ClocksBefore(
             read_clocks(self.settings.clocks).offset, self.settings.robot, self.settings.cameras
         )
@@ -144,25 +147,43 @@ class SysidNode(SeedNode):
     # the action
     async def _execute(self, goal: ServerGoalHandle) -> IdentifyStiffness.Result:
         try:
-            if goal.request.zero_sensor:
-                await self._zero_sensor()
-            active = self._start(goal)
+            active = await self._begin(goal)
         except (SeedError, OSError) as error:
             self.get_logger().error(f"identify_stiffness refused: {error}")
             goal.abort()
             return IdentifyStiffness.Result(success=False, message=str(error))
         return await active.finished
 
+    async def _begin(self, goal: ServerGoalHandle) -> ActiveGoal:
+        """Zero the sensor if asked for, and start; no other goal starts meanwhile."""
+        if self._active is not None or self._starting:
+            raise LiveError("an identification is running: cancel it first")
+        if self.streams.held:
+            raise LiveError(f"cannot start: {self.streams.held}")
+        self._starting = True
+        try:
+            if goal.request.zero_sensor:
+                await self._zero_sensor()
+            return self._start(goal)
+        finally:
+            self._starting = False
+
     async def _zero_sensor(self) -> None:
         if not self._zero.service_is_ready():
             raise LiveError("the service ft_sensor/zero is not there: start the sensor, or leave zero_sensor false")
-        answer = await self._zero.call_async(Trigger.Request())
+        request = self._zero.call_async(Trigger.Request())
+        deadline = self.create_timer(ZERO_PATIENCE, request.cancel, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        try:
+            answer = await request
+        finally:
+            self.destroy_timer(deadline)
+        if request.cancelled():
+            self._zero.remove_pending_request(request)
+            raise LiveError(f"ft_sensor/zero has not answered for {ZERO_PATIENCE:g} s: is the sensor's driver running?")
         if not answer.success:
             raise LiveError(f"ft_sensor/zero refused: {answer.message}")
 
     def _start(self, goal: ServerGoalHandle) -> ActiveGoal:
-        if self._active is not None:
-            raise LiveError("an identification is running: cancel it first")
         source = goal.request.poses or "kinematic"
         if source not in ("kinematic", "estimator"):
             raise LiveError(f"poses = '{source}' must be kinematic or estimator")
