@@ -55,8 +55,8 @@ class GripperGoals:
     """Which goal to send, and what joint and server say of the fingers. Time is an argument.
 
     Attributes:
-        settled: [N] push of each finger by what the newest goal that has ended says; not a number for unknown, as from
-            a new goal until one ends.
+        settled: [N] push of each finger as the end of the newest goal tells it; not a number for unknown, as from a new
+            width until that goal ends. After a new force for the same width the former push is told until then.
     """
 
     def __init__(self, config: GripperActionConfig) -> None:
@@ -117,10 +117,10 @@ class GripperGoals:
             Whether the newest has failed: neither stalled nor arrived, though nothing of ours took its place. It is
             sent again after a pause.
         """
+        if goal is not self._sent:
+            return False
         if stalled or reached:
             self.settled = goal.force if stalled else 0.0
-            return False
-        if goal is not self._sent:
             return False
         self._sent, self._when, self._pause = None, t, AGAIN
         return True

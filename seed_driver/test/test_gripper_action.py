@@ -82,9 +82,12 @@ def test_only_fingers_that_stall_push() -> None:
     assert goal is not None
     goals.ended(goal, stalled=True, reached=False, t=0.1)
     assert goals.settled == 12.0
-    goals.ended(goal, stalled=False, reached=False, t=0.2)  # another goal took its place
+    goals.push(6.0)
+    newer = goals.due(1.0)
+    assert newer is not None
+    goals.ended(goal, stalled=False, reached=False, t=1.1)  # the newer goal took its place
     assert goals.settled == 12.0
-    goals.ended(goal, stalled=False, reached=True, t=0.3)  # closed on nothing
+    goals.ended(newer, stalled=False, reached=True, t=1.2)  # closed on nothing
     assert goals.settled == 0.0
     goals.forget()
     assert isnan(goals.settled)
@@ -107,6 +110,20 @@ def test_a_new_width_leaves_the_push_unknown_until_it_ends() -> None:
     assert goal is not None
     assert isnan(goals.settled)
     goals.ended(goal, stalled=False, reached=True, t=3.5)
+    assert goals.settled == 0.0
+
+
+def test_the_late_end_of_a_goal_that_was_replaced_tells_no_push() -> None:
+    goals = GripperGoals(ANGLE)
+    goals.push(10.0)
+    first = goals.due(0.0)
+    goals.width(0.08)
+    second = goals.due(1.0)
+    assert first is not None
+    assert second is not None
+    assert not goals.ended(first, stalled=True, reached=False, t=1.1)
+    assert isnan(goals.settled)  # the fingers open
+    goals.ended(second, stalled=False, reached=True, t=1.5)
     assert goals.settled == 0.0
 
 
