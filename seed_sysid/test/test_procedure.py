@@ -169,15 +169,35 @@ def test_an_input_that_came_in_this_run_and_is_silent_ends_it(tmp_path: Path, na
     streams = _streams(0.0)
     live = _live(streams, tmp_path)
     stale = 0.5 if "pressure" in name else 0.3  # [s]
-    for now in (0.0, 1.0, 2.0):  # it has not come yet, and nobody misses it
+    for now in np.arange(0.0, 2.01, 0.2):  # it has not come yet, and nobody misses it
         streams.pose_stamp = streams.wrench_stamp = now
         live.tick(now)
     TAKE[name](streams, 2.0)
     streams.pose_stamp = streams.wrench_stamp = 2.0 + stale
+    live.tick(2.2)
     live.tick(2.0 + stale - 0.01)
     with pytest.raises(LiveError, match=rf"{name} is {stale + 0.01:.2f} s old \(at most {stale} s\); 0 of"):
         live.tick(2.0 + stale + 0.01)
     live.recorder.close()
+
+
+@pytest.mark.parametrize("by", [3600.0, -3600.0])
+def test_a_clock_that_is_set_ends_the_run_and_moves_nothing(tmp_path: Path, by: float) -> None:
+    streams = _streams(0.0)
+    live = _live(streams, tmp_path)
+    now, at = 0.0, np.eye(4)
+    while np.allclose(at, np.eye(4)):  # until it is on the way to the first pose
+        now += 0.1
+        streams.pose_stamp = streams.wrench_stamp = now
+        at = live.tick(now)[1].X_TC
+    streams.pose_stamp = streams.wrench_stamp = now + by
+    with pytest.raises(LiveError, match=rf"{by:.2f} s between two steps .*: the clock was set, .*; 1 of "):
+        live.tick(now + by)
+    live.recorder.close()
+    after = live.run.step(Reading(now + by, np.eye(4), np.zeros(6), 0.0)).X_TC
+    motion = live.run.procedure.motion
+    assert np.linalg.norm(after[:3, 3] - at[:3, 3]) <= 0.5 * motion.speed + 1e-12
+    assert np.linalg.norm(so3_log(at[:3, :3].T @ after[:3, :3])) <= np.deg2rad(0.5 * motion.turn_rate_deg) + 1e-9
 
 
 @pytest.mark.parametrize("name", TAKE)

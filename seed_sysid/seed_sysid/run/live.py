@@ -22,7 +22,7 @@ from seed_sysid.data.sample_file import Recorder
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 
-STALE = 0.3  # [s] a stream older than this stops the run
+STALE = 0.3  # [s] a stream older than this stops the run, as does more time between two steps
 STALE_PRESSURE = 0.5  # [s] of a pressure, as long as the controller counts it
 ESTIMATE, WIDTH = "relative_pose", "gripper/width"
 PRESSURE = {finger: f"bubble_{finger}/pressure" for finger in FINGERS}
@@ -168,6 +168,7 @@ class Live:
                 f"{1e3 * limits.translation:g} mm and {limits.rotation_deg:g} deg): "
                 "bring it back, or choose another output"
             )
+        self._last: float | None = None  # [s] time of the last tick
         self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC)
 
     @property
@@ -179,9 +180,14 @@ class Live:
         """Target X_WE (4, 4) for time now [s], and what is being done.
 
         Raises:
-            LiveError: an input went stale, or the run had to end; the arm is to hold.
+            LiveError: an input went stale, the clock was set, or the run had to end; the arm is to hold.
         """
+        since, self._last = 0.0 if self._last is None else now - self._last, now
         problem = self.streams.missing(now, self._needed)
+        if not problem and abs(since) > STALE:
+            problem = (
+                f"{since:.2f} s between two steps (at most {STALE:g} s): the clock was set, or the node stood still"
+            )
         if not problem:
             command = self.run.step(self._reading(now))
             self.recorder.record(now, command.sample, command.event)

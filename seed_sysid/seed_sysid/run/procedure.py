@@ -25,6 +25,7 @@ from seed_sysid.stiffness_map import wrench_transform
 
 _DRAW_BACK = 0.7  # factor on a pose whose wrench met a limit
 _ATTEMPTS = 3
+_LONGEST = 0.5  # [s] of motion in one step, however far the clock goes on
 _NEVER = 0.001  # least quality of rest that is written; 0 says that nobody knows
 _CENTRE: Pose = (0.0,) * 6
 
@@ -129,7 +130,8 @@ class Run:
 
     def step(self, reading: Reading) -> Command:
         """The command that answers a reading."""
-        dt = 0.0 if self._stamp is None else max(reading.stamp - self._stamp, 0.0)  # a clock may be set back
+        since = 0.0 if self._stamp is None else reading.stamp - self._stamp
+        dt = min(max(since, 0.0), _LONGEST)  # a clock may be set
         self._stamp = reading.stamp
         self._begin = self._begin or (reading.stamp, self.done)
         lost = self._lost(reading)
