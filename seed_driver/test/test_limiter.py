@@ -197,6 +197,28 @@ def test_a_lower_speed_counts_in_motion() -> None:
     assert np.linalg.norm(np.subtract(run.p[-1], run.p[-2])) / DT == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("ahead", [0.001, -0.05])
+def test_a_workspace_that_is_narrowed_in_motion_lets_the_command_brake_within_its_bounds(axes, ahead) -> None:
+    """Its sides are met along one axis, or along several at once; then it goes no further out, and comes back in."""
+    run, way = Run(), np.array([1.0] * axes + [0.0] * (3 - axes)) / math.sqrt(axes)
+    for i in range(500):
+        run.target(HERE + 0.2 * DT * i * way)
+        run.steps(1)
+    high = np.where(way > 0.0, np.array(run.p[-1]) + ahead, 1.0)
+    run.limiter.set_limits(replace(LIMITS, workspace_high=tuple(high)))
+    for i in range(500, 1000):
+        run.target(HERE + 0.2 * DT * i * way)
+        run.steps(1)
+    run.check()
+    assert run.p[-1] == pytest.approx(run.p[-100], abs=1e-6)
+    run.target(np.where(way > 0.0, high - 0.02, HERE))
+    run.steps(1500)
+    run.target(HERE + 0.2 * way)
+    run.steps(1500)
+    assert (np.array(run.p[-1]) <= high + 1e-9).all()
+
+
 def test_changed_limits_count_once_a_target_is_reached() -> None:
     run = Run()
     run.target((HERE[0] + 0.02, HERE[1], HERE[2]))

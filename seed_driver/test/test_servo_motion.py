@@ -174,6 +174,53 @@ def test_a_hold_brakes_by_the_time_of_the_wall(memory, share) -> None:
     assert way[-1] == pytest.approx(way[-2 - int(1.0 / DT)], abs=1e-6)
 
 
+@pytest.mark.parametrize("ahead", [0.001, -0.05])
+def test_before_a_workspace_that_is_narrowed_in_motion_it_brakes_within_its_limits(memory, ahead: float) -> None:
+    """Its side lies 1 mm ahead, or 5 cm behind; once it has come to rest, it goes no further out."""
+    run, way = Run(memory), 0.0
+    run.motion.accept_targets()
+    for _ in range(250):
+        way += 0.2 * DT
+        run.steps(1, run.along_y(way))
+    side = run.commands[-1][0][1] + ahead
+    run.motion.configure(DriverConfig(robot_ip="127.0.0.1", workspace_high=(1.4, side, 1.6)))
+    start = len(run.commands)
+    for _ in range(250):
+        way += 0.2 * DT
+        run.steps(1, run.along_y(way))
+    y = np.array([p[1] for p, _ in run.commands])
+    assert fastest_change(run) <= 1.1
+    speed = run.motion.limiter.limits.max_speed
+    assert y.max() - y[start - 1] < speed**2 / 2.0 / 0.7 + 0.008 * speed  # braking, and the smoothing
+    assert y[-1] == y[-50]
+    run.steps(1500, (run.p[0], side - 0.02, run.p[2]))
+    run.steps(1500, run.along_y(way))
+    assert run.commands[-1][0][1] == pytest.approx(side, abs=1e-5)
+    assert run.commands[-1][0][1] <= side + 1e-9
+
+
+def test_a_joint_speed_that_is_lowered_in_motion_brakes_within_the_limits(memory) -> None:
+    run, way = Run(memory), 0.0
+    run.motion.accept_targets()
+    joints = []
+    for i in range(1000):
+        way += 0.2 * DT if i < 300 else 0.05 * DT
+        if i == 250:
+            run.motion.configure(DriverConfig(robot_ip="127.0.0.1", max_joint_speed=0.1))
+        run.steps(1, run.along_y(way))
+        joints.append(run.arm.follow(to_pose(*run.commands[-1]), joints[-1] if joints else list(ELBOW_UP)))
+    speeds = np.abs(np.diff(joints, axis=0)).max(axis=1) / DT
+    assert fastest_change(run) <= 1.1
+    assert speeds[200] > 0.2
+    assert 0.05 < speeds[600:].max() <= COMMANDED * 0.1 * 1.02
+
+
+def fastest_change(run: Run) -> float:
+    """Largest acceleration [m/s^2] that was commanded."""
+    p = np.array([p for p, _ in run.commands])
+    return float(np.linalg.norm(np.diff(p, 2, axis=0), axis=1).max()) / DT**2
+
+
 @pytest.mark.parametrize("phase", range(4))
 def test_after_a_restart_elsewhere_the_first_step_is_looked_at(memory, phase: int) -> None:
     """Far from a singularity steps pass without a look; at one, where the arm was put meanwhile, none may."""

@@ -2,7 +2,8 @@
 """Joint speeds: the flange slows down where a joint would be too fast (near singularities), and stops at the end."""
 
 from seed_core.arm.quaternion import to_pose
-from seed_driver.motion.limiter import CommandLimiter
+from seed_core.vector3 import norm
+from seed_driver.motion.limiter import BRAKE_SHARE, CommandLimiter
 from seed_ur.kinematics import KinematicsError, URKinematics
 
 
@@ -13,11 +14,19 @@ class JointSpeeds:
         """top: [rad/s] of every joint, below the arm's own limits."""
         self._arm = arm
         self.restart((0.0,) * 6)
-        self.set_limit(top)
+        self.set_limit(top, moving=False)
 
-    def set_limit(self, top: float) -> None:
-        """Take a changed limit [rad/s]."""
-        self._limits = [min(top, own) for own in self._arm.model.speed]
+    def set_limit(self, top: float, *, moving: bool) -> None:
+        """Take a changed limit [rad/s]; a lower one in motion as soon as the flange has braked within its limits."""
+        self._wanted = [min(top, own) for own in self._arm.model.speed]
+        self._steps_ahead = 0
+        if not moving:
+            self._limits = self._wanted
+
+    @property
+    def top(self) -> float:
+        """Speed [rad/s] that no joint exceeds from now on."""
+        return max(*self._limits, *self._wanted)
 
     @property
     def q(self) -> list[float]:
@@ -33,7 +42,10 @@ class JointSpeeds:
     def limit(self, limiter: CommandLimiter) -> str:
         """Slow the limiter's step down where needed; the reason to hold where there is no way, else ''."""
         if not limiter.moving:
+            self._limits = self._wanted
             return ""
+        if self._limits != self._wanted:
+            self._brake(limiter)
         if self._since < self._steps_ahead * limiter.dt:
             self._since += limiter.dt
             return ""
@@ -42,6 +54,8 @@ class JointSpeeds:
             q = self._arm.follow(to_pose(*limiter.next_pose()), self._q)
             share = self._share(q, dt)
             self._steps_ahead = 3 if share > 8.0 else int(share > 3.0)
+            if self._limits != self._wanted:
+                self._steps_ahead = 0
             if share < 1.0:
                 limiter.slow(share)
                 q = self._arm.follow(to_pose(*limiter.next_pose()), self._q)
@@ -53,6 +67,14 @@ class JointSpeeds:
             limiter.slow(0.0)
             return str(error)
         return ""
+
+    def _brake(self, limiter: CommandLimiter) -> None:
+        """Lower the limits in use towards those wanted by as much as slows the flange at its accelerations."""
+        limits, tiny = limiter.limits, 1e-12
+        linear = limits.max_acceleration / max(tiny, norm(limiter.velocity))
+        angular = limits.max_angular_acceleration / max(tiny, norm(limiter.angular_velocity))
+        rest = max(0.0, 1.0 - BRAKE_SHARE * limiter.dt * min(linear, angular))
+        self._limits = [max(new, rest * old) for new, old in zip(self._wanted, self._limits, strict=True)]
 
     def _share(self, q: list[float], dt: float) -> float:
         """Share of the step of dt [s] to q that keeps every joint within its speed; above 1: room to spare."""

@@ -46,18 +46,38 @@ class CommandLimiter:
         self.inner_p, self.inner_q, self.p, self.q = p, q, p, q
         self.velocity, self.angular_velocity = ZERO, ZERO  # of the inner pose [m/s], [rad/s]
         self.limits = self._wanted
+        self._low, self._high = self.limits.workspace_low, self.limits.workspace_high  # [m] of the workspace in use
+        self._braking = False  # before a side that came too near
         self._steps: deque[tuple[Vector3, Vector3]] = deque()  # [m], [rad] of the inner pose, newest first
 
     def set_limits(self, limits: MotionLimits) -> None:
         """Take changed limits: speeds and workspace at once, accelerations and jerk as soon as the command rests.
 
         With another acceleration or smoothing in motion the command would jump, or stop elsewhere than was foretold.
+        Before a side of the workspace that came too near it brakes within its limits, and may come to rest beyond it.
         """
         self._wanted = limits
         if self._resting:
             self.limits = limits
         else:
             self.limits = replace(limits, **{name: getattr(self.limits, name) for name in BRAKING})
+        self._move_sides()
+
+    def _move_sides(self) -> None:
+        """Move the sides of the workspace in use to those wanted, as far as it can still brake before them."""
+        low, high = self._wanted.workspace_low, self._wanted.workspace_high
+        if self._low == low and self._high == high:
+            self._braking = False
+            return
+        p, v = self.inner_p, self.velocity
+        stop = plus_scaled(p, norm(v) / (2.0 * BRAKE_SHARE * self.limits.max_acceleration), v)  # along a straight line
+        x, y, z = (min(low[i], max(self._low[i], min(p[i], stop[i]))) for i in range(3))
+        self._low = x, y, z
+        x, y, z = (max(high[i], min(self._high[i], max(p[i], stop[i]))) for i in range(3))
+        self._high = x, y, z
+        self._braking = any(
+            min(low[i], p[i]) - self._low[i] > AT_REST or self._high[i] - max(high[i], p[i]) > AT_REST for i in range(3)
+        )
 
     def follow(self, p: Vector3, q: Quaternion, now: float, longest: float) -> None:
         """Go to a new target from time `now` [s] on; targets are taken to come at most `longest` [s] apart."""
@@ -96,17 +116,16 @@ class CommandLimiter:
             feed, angular_feed = self.reference.step(self.dt)
             gap, turn = minus(self.reference.p, self.inner_p), turn_between(self.reference.q, self.inner_q)
             goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration)
+            if self._braking:
+                goal = ZERO
             angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
         self.velocity = self._inside(_towards(self.velocity, self._inside(goal), limits.max_acceleration * change))
         self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * change)
 
     def _inside(self, v: Vector3) -> Vector3:
         """A velocity from which it comes to rest before each side of the workspace that it goes towards."""
-        limits, p = self.limits, self.inner_p
-        x, y, z = (
-            _before(v[i], p[i] - limits.workspace_low[i], limits.workspace_high[i] - p[i], limits.max_acceleration)
-            for i in range(3)
-        )
+        p, low, high, a = self.inner_p, self._low, self._high, self.limits.max_acceleration
+        x, y, z = (_before(v[i], p[i] - low[i], high[i] - p[i], a) for i in range(3))
         return x, y, z
 
     def slow(self, share: float) -> None:
@@ -120,13 +139,13 @@ class CommandLimiter:
 
     def advance(self) -> None:
         """Take the step, never further out of the workspace, and smooth."""
-        limits, old = self.limits, self.inner_p
-        low, high = limits.workspace_low, limits.workspace_high
+        limits, old, low, high = self.limits, self.inner_p, self._low, self._high
         p, q = self.next_pose()
         if not (low[0] <= p[0] <= high[0] and low[1] <= p[1] <= high[1] and low[2] <= p[2] <= high[2]):
             x, y, z = (min(max(p[i], min(low[i], old[i])), max(high[i], old[i])) for i in range(3))
             p = x, y, z
         self.inner_p, self.inner_q = p, q
+        self._move_sides()
         if not self._steps and p == old and not any(self.angular_velocity):
             self.p, self.q = p, q  # at rest, and nothing of the past left
             return

@@ -40,8 +40,8 @@ class ServoMotion:
         """Take changed limits."""
         self.latch.patience = config.command_timeout
         self.limiter.set_limits(limits_of(config))
-        self.joints.set_limit(COMMANDED * config.max_joint_speed)
-        self.stop_check.configure(config, COMMANDED * config.max_joint_speed)
+        self.joints.set_limit(COMMANDED * config.max_joint_speed, moving=self.limiter.moving)
+        self.stop_check.configure(config, self.joints.top)
         self.overload.settings = config
 
     def _begin(self) -> None:
