@@ -137,6 +137,32 @@ def test_an_analysis_that_fails_ends_its_goal_and_not_the_node(
     assert again.success, again.message
 
 
+def test_a_goal_is_cancelled_while_its_poses_are_analysed(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, began = threading.Event(), threading.Event()
+
+    def analyse_slowly(*arguments: Any) -> Any:
+        began.set()
+        go_on.wait(60.0)
+        return analyse(*arguments)
+
+    cell, node = _nodes(bench)
+    _begin(cell, node, tmp_path, left=0)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    monkeypatch.setattr(goal_module, "analyse", analyse_slowly)
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), poses="kinematic")
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until(began.is_set)
+    assert bench.until(handle.cancel_goal_async().done)
+    bench.spin(0.1)
+    go_on.set()
+    result = bench.result(handle).result
+    assert result.message == f"cancelled; 60 of 60 poses are kept: call again with output {tmp_path} to go on"
+    assert not (tmp_path / "summary.json").exists()
+    assert len(read(tmp_path / "samples.jsonl").samples) == 60
+
+
 def test_an_axis_that_is_not_determined_names_no_stiffness_file(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

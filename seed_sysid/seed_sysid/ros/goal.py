@@ -69,20 +69,25 @@ class ActiveGoal:
             GoalCancelledError: the goal was cancelled.
             LiveError: the run cannot go on.
         """
-        if self.goal.is_cancel_requested:
-            raise GoalCancelledError(f"cancelled; {self.live.kept}")
+        self._check_cancelled()
         self.target, command = self.live.tick(now)
         if command.done:
             self._visited = True
             self._job = self._worker.submit(self._analyse)
         return command
 
+    def _check_cancelled(self) -> None:
+        if self.goal.is_cancel_requested:
+            raise GoalCancelledError(f"cancelled; {self.live.kept}")
+
     def result(self) -> IdentifyStiffness.Result | None:
         """The written result, or None while it is being worked out.
 
         Raises:
+            GoalCancelledError: the goal was cancelled.
             SeedError, OSError: there is none, whatever the analysis stumbled over; the samples are kept.
         """
+        self._check_cancelled()
         if not self._job.done():
             return None
         try:
