@@ -78,7 +78,7 @@ def simulate(
     samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0
     try:
-        run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS)
+        run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS, lost=recorder.lost)
         last = _loop(run, cell, recorder, tell)
         for _ in range(_GRASPS - 1):
             if last.regrasp:  # what the failure asks of a user, who then goes on
@@ -99,7 +99,7 @@ def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, tell: Tell | None) 
     shown = time.monotonic()
     while not (command.done or command.failure):
         command = run.step(cell.step(command))
-        recorder.record(cell.stamp, command.sample, command.event)
+        recorder.record(cell.stamp, command.sample, command.event, command.lost)
         if tell is not None and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
             tell(run, cell.stamp)

@@ -103,11 +103,16 @@ class Sample:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A header, its samples in order of time, and what was odd about the file."""
+    """A header, its samples in order of time, what was odd about the file, and the poses that lost the tool.
+
+    Attributes:
+        lost: keys of the poses at which a run ended since the tool was lost, one for each time.
+    """
 
     header: Header
     samples: list[Sample]
     warnings: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
 
     def poses(self, source: str) -> Array:
         """X_TC (n, 4, 4) from 'kinematic' or 'estimator'.

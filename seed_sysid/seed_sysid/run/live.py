@@ -169,7 +169,7 @@ class Live:
                 "bring it back, or choose another output"
             )
         self._last: float | None = None  # [s] time of the last tick
-        self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC)
+        self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC, self.recorder.lost)
 
     @property
     def kept(self) -> str:
@@ -190,7 +190,7 @@ class Live:
             )
         if not problem:
             command = self.run.step(self._reading(now))
-            self.recorder.record(now, command.sample, command.event)
+            self.recorder.record(now, command.sample, command.event, command.lost)
             problem = command.failure
         if problem:
             raise LiveError(f"{problem}; {self.kept}")

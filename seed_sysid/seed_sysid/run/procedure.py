@@ -67,6 +67,7 @@ class Command:
     event: str = ""
     done: bool = False
     failure: str = ""
+    lost: str = ""  # key of the pose at which the tool was lost, with a failure
     regrasp: bool = False  # after which a new grasp mends the failure
 
 
@@ -89,16 +90,19 @@ class Run:
         finished: Collection[str] = (),
         X_TS: Array | None = None,
         start: Array | None = None,
+        lost: Sequence[str] = (),
     ) -> None:
-        """Plan every pose that is not among the finished keys ('grip/name').
+        """Plan every pose that is not among the finished keys ('grip/name'), nor twice among the lost.
 
-        X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now.
+        X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now; lost: keys of the poses at which the
+        tool was lost and an earlier run ended, one for each time.
         """
         self.procedure = procedure
         plan = [(grip, target) for grip, targets in enumerate(designs(procedure)) for target in targets]
         self.total = len(plan)
-        self._queue = [(grip, target) for grip, target in plan if f"{grip}/{target.name}" not in finished]
-        self.done = self.total - len(self._queue)
+        to_go = [(grip, target) for grip, target in plan if _key(grip, target) not in finished]
+        self.done = self.total - len(to_go)
+        self._queue = [pose for pose in to_go if lost.count(_key(*pose)) < 2]
         self._to_tool = wrench_transform(np.eye(4) if X_TS is None else X_TS)
         self._rest = RestDetector(procedure.settle)
         self._reach = Reach(procedure.excitation, procedure.limits)
@@ -106,7 +110,7 @@ class Run:
         self._seen = True  # that it did at its last image
         self._centred: float | None = None  # since when the tool is looked for at the centre [s]
         self._lost_on: set[tuple[int, Target]] = set()  # grips and poses on whose way it was lost
-        self._lost_at: tuple[int, Target] | None = None  # grip and pose that last asked for a new grasp
+        self._lost_at = set(lost)  # keys of the poses that asked for a new grasp
         self._visit: _Visit | None = None
         self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
@@ -196,13 +200,13 @@ class Run:
             return self._command("searching")
         reason = f"{lost}, {self.procedure.limits.search:g} s of them at the centre (limits.search)"
         failure = f"{reason}: grip the tool anew and initialise the grasp"
-        lost_at = self._queue[0] if self._queue else None
-        event = ""
-        if lost_at is not None and lost_at == self._lost_at:
-            self._queue.pop(0)
-            event = f"{lost_at[1].name} skipped: the tool was lost there twice"
-        self._lost_at = lost_at
-        return self._command("failed", failure=failure, event=event, regrasp=True)
+        if not self._queue:
+            return self._command("failed", failure=failure, regrasp=True)
+        key, event = _key(*self._queue[0]), f"{self._queue[0][1].name}: the tool was lost there"
+        if key in self._lost_at:
+            event = f"{self._queue.pop(0)[1].name} skipped: the tool was lost there twice"
+        self._lost_at.add(key)
+        return self._command("failed", failure=failure, event=event, lost=key, regrasp=True)
 
     def _approach(self, goal: Array, dt: float) -> bool:
         """Move the commanded pose towards goal; whether it is there."""
@@ -246,6 +250,11 @@ class Run:
         elif self._tare is not None:
             self._reach.measured(visit.target, self._to_tool @ (np.array(sample.wrench) - self._tare))
         return self._command("measured", sample=sample)
+
+
+def _key(grip: int, target: Target) -> str:
+    """As Sample.key."""
+    return f"{grip}/{target.name}"
 
 
 def towards(X: Array, goal: Array, dt: float, motion: MotionParameters) -> tuple[Array, bool]:
