@@ -22,7 +22,8 @@ from seed_sysid.data.sample_file import Recorder
 from seed_sysid.parameters import Procedure
 from seed_sysid.run.procedure import Command, Reading, Run
 
-STALE = 0.3  # [s] a stream older than this stops the run, as does more time between two steps
+STALE = 0.3  # [s] a stream older than this stops the run
+PAUSE = 2.0  # [s] between two steps that does
 STALE_PRESSURE = 0.5  # [s] of a pressure, as long as the controller counts it
 ESTIMATE, WIDTH = "relative_pose", "gripper/width"
 PRESSURE = {finger: f"bubble_{finger}/pressure" for finger in FINGERS}
@@ -184,9 +185,9 @@ class Live:
         """
         since, self._last = 0.0 if self._last is None else now - self._last, now
         problem = self.streams.missing(now, self._needed)
-        if not problem and abs(since) > STALE:
+        if not problem and abs(since) > PAUSE:
             problem = (
-                f"{since:.2f} s between two steps (at most {STALE:g} s): the clock was set, or the node stood still"
+                f"{since:.2f} s between two steps (at most {PAUSE:g} s): the clock was set, or the node stood still"
             )
         if not problem:
             command = self.run.step(self._reading(now))
