@@ -165,6 +165,18 @@ DOES = ("publish", "request", "call")
 RESUME = "sim/resend_robot_program"
 
 
+def test_a_stop_counts_that_is_pressed_before_the_enable_is_taken_up(cell: SlowCell, hands: CellHands) -> None:
+    ready(hands)
+    hands._executor.create_task(time.sleep, 0.3)  # the thread of the buttons is busy
+    enabling = hands.press("Enable")
+    hands.stop()
+    good, told = enabling.result(10.0)
+    assert not good
+    assert "Stop counts" in told
+    assert not cell.enabled
+    assert "enabling" not in cell.called
+
+
 @pytest.mark.parametrize("cell", ["/left"], indirect=True)
 def test_the_buttons_reach_the_cell_of_their_namespace_and_no_other(
     cell: SlowCell, context: Context, hands: CellHands

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not there (./seed test has it)")
 
-from rclpy.action import ActionServer
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -117,6 +117,39 @@ def test_a_cancel_ends_with_the_controller(bench: Bench, session: Session, monke
     with pytest.raises(SessionError, match="the controller has been gone for"):
         session.play("squeegee", None, lambda _: None, 20.0)
     assert time.monotonic() - began < 10.0
+
+
+def test_a_goal_that_is_interrupted_on_its_way_is_cancelled(bench: Bench, session: Session) -> None:
+    """It is accepted all the same, and nobody would see to its task."""
+    end, asked, cancelled = Future(), list[Any](), list[Any]()
+
+    def accept(request: Any) -> GoalResponse:
+        asked.append(request)
+        return GoalResponse.ACCEPT
+
+    def cancel(goal: Any) -> CancelResponse:
+        cancelled.append(goal)
+        end.set_result(None)
+        return CancelResponse.ACCEPT
+
+    async def play(goal: Any) -> Any:
+        await end
+        goal.canceled()
+        return FollowSetpoints.Result(message="cancelled")
+
+    def interrupt() -> None:
+        bench.turn()
+        if asked:
+            session.watch = bench.turn
+            raise KeyboardInterrupt
+
+    server = ActionServer(bench.client, FollowSetpoints, ACTION, play, goal_callback=accept, cancel_callback=cancel)
+    session.watch = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        session.play("squeegee", None, lambda _: None, 20.0)
+    assert cancelled
+    assert session.played.result.message == "cancelled"
+    server.destroy()
 
 
 def test_play_ends_where_another_controller_has_taken_the_place_of_one_that_was_killed(

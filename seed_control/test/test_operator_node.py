@@ -14,6 +14,9 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import RelativePose
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import String
@@ -184,6 +187,23 @@ def test_a_task_ends_when_nobody_listens_to_it_any_more(make: Callable[..., Cell
     cell.bench.destroy_action_clients()
     assert cell.bench.until(lambda: not cell.node.follow.busy, 10.0)
     assert cell.bench.until(lambda: cell.state.tip.position.z > 0.13)
+
+
+def test_an_operator_page_that_is_open_does_not_listen_for_another(make: Callable[..., Cell]) -> None:
+    cell = make()
+    cell.enabled()
+    page = Node("page_hands", context=cell.bench.client.context)
+    try:
+        action = ActionClient(page, FollowSetpoints, "controller/follow_setpoints")
+        page.create_publisher(UUID, "controller/operator", COMMAND)
+        cell.play(FREE)
+        assert cell.bench.until(lambda: cell.state.tip.position.x > 0.455)
+        assert cell.node.follow.busy
+        cell.bench.destroy_action_clients()
+        assert cell.bench.until(lambda: not cell.node.follow.busy, 10.0)
+        action.destroy()
+    finally:
+        page.destroy_node()
 
 
 def test_an_operator_that_must_be_heard_and_says_nothing_is_gone(make: Callable[..., Cell]) -> None:

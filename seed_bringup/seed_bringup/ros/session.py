@@ -35,6 +35,7 @@ from seed_ros.node import client_node, no_security
 from seed_ros.qos import COMMAND, LATCHED
 
 AGAIN = 2.0  # [s] after which an unanswered request to cancel is sent again
+ANSWERED = 3.0  # [s] for a goal that is interrupted on its way to be answered
 MEET = 0.3  # [s] for an action server to know its new client: until then it leaves its answers out
 BEAT = 0.1  # [s] between two signs of life of whoever has a task played
 PRIORITY = 10  # of SCHED_FIFO for them, where the system allows it: below every loop of the cell
@@ -206,7 +207,11 @@ class Session:
                 raise SilenceError(f"the task '{task}' made no progress for {patience:g} s")
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
-        self.until(sent.done, 10.0, "follow_setpoints did not answer")
+        try:
+            self.until(sent.done, 10.0, "follow_setpoints did not answer")
+        except KeyboardInterrupt:
+            self._call_back(client, sent)
+            raise
         began, steady = self.now(), time.monotonic()
         self._goal = sent.result()
         self._watched = PlayedGoal(client, self._goal)
@@ -221,6 +226,15 @@ class Session:
         self.played.result, self.played.ended = result.result().result, self.now()
         self.played.real_time_factor = (self.played.ended - began) / (time.monotonic() - steady)
         return self.played
+
+    def _call_back(self, client: ActionClient, sent: Any) -> None:
+        """Cancel a goal that was on its way as it was interrupted: nobody would see to its task."""
+        self.until(sent.done, ANSWERED, "")
+        if sent.done() and sent.result().accepted:
+            self._goal = sent.result()
+            self._watched = PlayedGoal(client, self._goal)
+            self.cancelling()
+            self.cancel()
 
     def _await_end(self, result: Any, patience: float, what: str, check: Callable[[], None] = lambda: None) -> None:
         """As `until`; `check` may raise. Raises SessionError: the controller that plays the task is gone."""

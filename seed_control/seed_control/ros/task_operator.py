@@ -3,9 +3,10 @@
 
 An action tells its server nothing of a client that dies. `./seed play` says ten times a second on `~/operator` that it
 is there, with the number of its goal; such a task ends when that stops. Of other clients it is only known that they
-listen to the action's feedback: their task ends when nobody does, which the middleware finds out at once where they
-ended by themselves, and by its own patience (20 s) where they were killed. Where every operator must be heard on
-`~/operator` (`operator_beats`), that is noticed as early of these.
+listen to the action's feedback: their task ends when nobody does (an operator page listens to all tasks, and does not
+count), which the middleware finds out at once where they ended by themselves, and by its own patience (20 s) where
+they were killed. Where every operator must be heard on `~/operator` (`operator_beats`), that is noticed as early of
+these.
 """
 
 from unique_identifier_msgs.msg import UUID
@@ -14,6 +15,7 @@ from seed_ros import COMMAND, SeedNode
 
 LOOK = 0.1  # [s] between two looks at who listens
 FIRST = 1.0  # [s] for the first word of an operator that must be heard
+FOUND = 5.0  # [s] for one that listens to be found in the graph
 
 
 class Operator:
@@ -59,7 +61,14 @@ class Operator:
             return f"the operator is gone: it never said on {topic} that it is there" if silent else ""
         if now - self._looked >= LOOK or now < self._looked:
             self._looked = now
-            if self._node.count_subscribers(self._feedback):
+            if self._somebody_listens():
                 self._listens, self._listened = True, now
-        gone = self._listens and now - self._listened > self._timeout
+        gone = now - self._listened > (self._timeout if self._listens else max(FOUND, self._timeout))
         return "the operator is gone: nobody listens to the task's feedback" if gone else ""
+
+    def _somebody_listens(self) -> bool:
+        """Whether anybody does but those who say that they are there where the task is theirs, as an operator page."""
+        node, operator = self._node, self._node.resolve_topic_name("~/operator")
+        speak = {(e.node_namespace, e.node_name) for e in node.get_publishers_info_by_topic(operator)}
+        listen = node.get_subscriptions_info_by_topic(self._feedback)
+        return any((e.node_namespace, e.node_name) not in speak for e in listen)

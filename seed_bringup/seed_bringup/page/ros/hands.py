@@ -51,6 +51,7 @@ ACTION = "controller/follow_setpoints"
 
 
 Said = futures.Future[tuple[bool, str]]  # what came of a button: whether it was done, and the words
+STOPPED = "Stop was pressed meanwhile, and Stop counts"
 
 
 class CellHands:
@@ -174,12 +175,19 @@ class CellHands:
         """Reference, Grasp, Release, Enable or Lift."""
         if button == "Lift":  # ends a task, so it may come while one is played
             return self._begin("Cancel", self._lift, always=True)
-        steps = {"Reference": self._reference, "Grasp": self._grasp, "Release": self._release, "Enable": self._start}
+        stops = self._stops  # a Stop from now on counts
+        steps = {
+            "Reference": self._reference,
+            "Grasp": self._grasp,
+            "Release": self._release,
+            "Enable": lambda: self._start(stops),
+        }
         return self._begin(button, steps[button])
 
     def play(self, task: str, force: float | None) -> Said:
         """Play a task; force: [N] of every force in it, its own if None."""
-        return self._begin(f"Play {task}", lambda: self._play(task, force))
+        stops = self._stops
+        return self._begin(f"Play {task}", lambda: self._play(task, force, stops))
 
     def _begin(self, button: str, steps: Callable[[], Awaitable[str]], always: bool = False) -> Said:
         said = Said()
@@ -221,9 +229,9 @@ class CellHands:
     async def _release(self) -> str:
         return await self._trigger("sim/release")
 
-    async def _start(self) -> str:
-        """Arm first, then controller; a Stop in between ends it, and so does silence."""
-        stops, silent = self._stops, False
+    async def _start(self, stops: int) -> str:
+        """Arm first, then controller; a Stop since then ends it, and so does silence. stops: pressed before."""
+        silent = False
         try:
             for name in RESUMES:
                 if self._triggers[name].service_is_ready() and stops == self._stops:
@@ -237,7 +245,7 @@ class CellHands:
             if silent or stops != self._stops:
                 self._send_stop()
         if stops != self._stops:
-            raise NotDoneError("Stop was pressed meanwhile, and Stop counts")
+            raise NotDoneError(STOPPED)
         return words
 
     async def _lift(self) -> str:
@@ -250,7 +258,9 @@ class CellHands:
             raise NotDoneError("no task is being played")
         return "the task ends, the tool is lifted"
 
-    async def _play(self, task: str, force: float | None) -> str:
+    async def _play(self, task: str, force: float | None, stops: int) -> str:
+        if stops != self._stops:
+            raise NotDoneError(STOPPED)
         if not self._action.server_is_ready():
             raise NotDoneError(f"{ACTION} is not offered: does the cell run?")
         overrides = "" if force is None else f"force: {force}"
