@@ -305,6 +305,20 @@ def test_a_bag_that_was_cut_short_is_told_with_what_gets_it_back(tmp_path: Path)
     assert "messages   1" in describe_bag(whole)
 
 
+def test_a_bag_that_another_recorder_writes_or_left_behind_is_not_removed(tmp_path: Path) -> None:
+    bag, left = tmp_path / "bag.mcap", tmp_path / ".bag-being-written"
+    late = BagWriter(bag)  # made, and not yet open, when the other begins
+    with BagWriter(bag) as writer:
+        writer.write(writer.add_topic("/force", "std_msgs/msg/Float32"), 1, b"\x00\x01\x00\x00\x00\x00\x80?")
+        told = f"{left} is left of it: .*`mcap recover {left}/bag/bag.mcap -o whole.mcap`.*remove that folder"
+        with pytest.raises(BagError, match=told):
+            BagWriter(bag)
+        with pytest.raises(BagError, match=told):
+            late.open()
+    assert "messages   1" in describe_bag(bag)
+    assert not left.exists()
+
+
 def test_a_folder_that_is_no_bag_is_told_what_it_lacks(tmp_path: Path) -> None:
     for read in (describe_bag, lambda path: list(read_messages(path, bool))):
         with pytest.raises(

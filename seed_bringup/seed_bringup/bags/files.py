@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer, WriterError
 
 from seed_bringup.bags import BagError
 from seed_bringup.bags.types import InstalledTypes
@@ -55,6 +55,18 @@ def _cut_short(path: Path) -> str:
                     "(the command line tool of mcap.dev)"
                 )
     return ""
+
+
+def _being_written(path: Path, folder: Path) -> str:
+    """Why `path` cannot be written while there is a folder with its data: of a recorder that runs, or was killed."""
+    if folder == path:
+        return f"{path} exists already; choose another name, bags are never overwritten"
+    file = folder / f"{folder.name}.mcap"
+    recover = f"`mcap recover {file} -o whole.mcap` writes what can be read (the command line tool of mcap.dev); then "
+    return (
+        f"{path} is being written by another recorder, or its recording was cut short and {folder.parent} is left of "
+        f"it: choose another name; or, if no recorder runs, {recover if file.exists() else ''}remove that folder"
+    )
 
 
 def messages_of(reader: Reader, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
@@ -116,13 +128,15 @@ class BagWriter(Writer):
     """A bag being written, `with BagWriter(path) as bag`; complete only after the block, however that ends."""
 
     def __init__(self, path: Path) -> None:
+        """Raises BagError: there is such a bag, or another of this name is being written or was cut short."""
         if path.exists():
             raise BagError(f"{path} exists already; choose another name, bags are never overwritten")
         self.target = path
         folder = path
         if path.suffix == ".mcap":
             folder = path.with_name(f".{path.stem}-being-written") / path.stem
-            shutil.rmtree(folder.parent, ignore_errors=True)
+            if folder.parent.exists():
+                raise BagError(_being_written(path, folder))
         super().__init__(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self.types = InstalledTypes()
@@ -131,6 +145,13 @@ class BagWriter(Writer):
         """Declare a topic; what it returns goes to write(), with a stamp [ns] and a message in CDR."""
         self.types.load(type_name)
         return self.add_connection(topic, type_name, typestore=self.types, offered_qos_profiles=offered)
+
+    def open(self) -> None:
+        """Make the folder. Raises BagError: another writer was faster."""
+        try:
+            super().open()
+        except WriterError as error:
+            raise BagError(_being_written(self.target, self.path)) from error
 
     def close(self) -> None:
         """Write the index; move a single file to its place."""
