@@ -114,7 +114,8 @@ class SeedNode(Node):
             kind: its type.
             name: its name.
             method: gets the request's fields and returns the message, or raises SeedError with the words of a
-                refusal; a coroutine may wait for both, and others are served meanwhile if the group is reentrant.
+                refusal, or OSError where a file or the disk is in the way; a coroutine may wait for each, and others
+                are served meanwhile if the group is reentrant.
             group: callback group.
             log_as: what the answer is logged under; empty: not logged.
         """
@@ -126,6 +127,9 @@ class SeedNode(Node):
                 response.success = True
             except SeedError as error:
                 response.success, response.message = False, str(error)
+            except OSError as error:
+                where = f"{error.filename}: " if error.filename else ""
+                response.success, response.message = False, f"{where}{error.strerror or error}"
             if log_as:
                 self.tell(response.success, f"{log_as}: {response.message}")
             return response

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from errno import ENOSPC
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -54,6 +55,7 @@ class Answering(SeedNode):
         self.loop = FixedRateLoop(self, 200.0, lambda: None)
         self.listen(String, "words", self._on_words, QUEUE, refused="words_refused")
         self.serve(SetBool, "~/set", self._set)
+        self.serve(Trigger, "~/save", self._save)
         self.later = Future()
         self.serve(Trigger, "~/wait", self._wait, group=ReentrantCallbackGroup())
         self.diagnose("words", lambda: (diagnostics.OK, "fine", self.counters.values()))
@@ -66,6 +68,9 @@ class Answering(SeedNode):
             raise SeedError("it stays on")
         return "on"
 
+    def _save(self) -> str:
+        raise OSError(ENOSPC, "No space left on device", "replay.html")
+
     async def _wait(self) -> str:
         return str(await self.later)
 
@@ -76,6 +81,12 @@ def test_a_service_answers_with_what_its_method_returns_or_with_the_words_of_its
     assert (answer.success, answer.message) == (True, "on")
     answer = bench.call(SetBool, "answering/set", SetBool.Request(data=False))
     assert (answer.success, answer.message) == (False, "it stays on")
+
+
+def test_a_service_that_cannot_write_its_file_answers_with_what_is_in_the_way(bench: Bench) -> None:
+    bench.add(Answering)
+    answer = bench.call(Trigger, "answering/save", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "replay.html: No space left on device")
 
 
 @pytest.mark.parametrize("sim_time", [False, True])
