@@ -20,6 +20,7 @@ PROGRAMS = {
     "parent": "sleep 300 &\necho $! > \"$CHILD\"\ntrap 'exit 0' INT\nwhile :; do sleep 0.1; done",
     "stubborn": "trap '' INT TERM\nwhile :; do sleep 0.1; done",
     "slow_to_end": "trap 'sleep 2; echo written; exit 0' INT\necho up\nwhile :; do sleep 0.1; done",
+    "noting": "trap 'sleep 2; touch \"$SEED_TEST_MARK/ended\"; exit 0' INT\nwhile :; do sleep 0.1; done",
     "dying": "sleep 0.2; echo last words; exit 7",
     "finishing": "echo done",
     "starting": f"exec {sys.executable} -c 'import time; print(\"up\", flush=True); time.sleep(60)'",
@@ -116,6 +117,18 @@ def test_ctrl_c_says_what_becomes_of_arm_and_nodes(cell: Path, name: str) -> Non
     output = process.communicate(timeout=6.0)[0]
     arm = ": the arm stops where it is, and a tool is not lifted" if name == "controller" else ""
     assert output.splitlines()[-2:] == [f"[launch] stopping{arm}", "[launch] every node has ended"]
+
+
+def test_ctrl_c_lets_nodes_end_by_themselves_though_nobody_reads_the_output(cell: Path) -> None:
+    ended = cell / "ended"
+    process = start_cli(launch_file(cell, 'exec="noting" name="camera"'))
+    time.sleep(0.3)
+    assert process.stdout is not None
+    process.stdout.close()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=6.0) == 141
+    assert eventually_none_left(cell, 5.0)
+    assert ended.exists()
 
 
 def test_a_node_has_as_long_to_end_as_it_asks_for(cell: Path) -> None:

@@ -145,8 +145,10 @@ def run(launch: Launch) -> int:
     if code is None:
         moves = any(node.node.label == "controller" for node in launch.nodes)
         arm = ": the arm stops where it is, and a tool is not lifted" if moves else ""
-        print(f"[launch] stopping{arm}", flush=True)
-        launch.stop()
+        try:
+            print(f"[launch] stopping{arm}", flush=True)
+        finally:  # also where nobody reads that any more
+            launch.stop()
         print("[launch] every node has ended", flush=True)
         return 128 + signals[0]
     return code

@@ -30,8 +30,8 @@ POLL = 0.05  # [s]
 
 
 def print_output(label: str, line: str) -> None:
-    """The default output: the node's name in front of each of its lines."""
-    with contextlib.suppress(BrokenPipeError):
+    """The default output: the node's name in front of each of its lines, as long as somebody can read them."""
+    with contextlib.suppress(OSError):
         print(f"[{label}] {line}", flush=True)
 
 
