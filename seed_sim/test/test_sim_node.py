@@ -5,6 +5,7 @@ import base64
 import re
 import time
 from collections.abc import Iterator
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
@@ -297,6 +298,29 @@ def test_a_replay_is_written_again_with_all_since_the_start_and_on_exit(tmp_path
     finally:
         bench.close()
     assert recorded_seconds(file) > second + 1.0
+
+
+def test_a_replay_that_cannot_be_written_again_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: Path, text: str, **_: Any) -> None:
+        file.write_bytes(text[: len(text) // 2].encode())
+        raise OSError(ENOSPC, "No space left on device")
+
+    file = tmp_path / "replay.html"
+    bench = Bench()
+    try:
+        bench.add(SimNode, replay=str(file))
+        assert bench.call(Trigger, "sim/save_replay", Trigger.Request()).success
+        before = file.read_bytes()
+        with monkeypatch.context() as disk:
+            disk.setattr(Path, "write_text", full)
+            answer = bench.call(Trigger, "sim/save_replay", Trigger.Request())
+        assert (answer.success, answer.message) == (False, f"{file}: No space left on device")
+        assert file.read_bytes() == before
+        assert [f.name for f in tmp_path.iterdir()] == ["replay.html"]
+    finally:
+        bench.close()
 
 
 def test_a_replay_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) -> None:

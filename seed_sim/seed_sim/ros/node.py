@@ -21,6 +21,7 @@ from seed_core.arm.hold import HoldLatch
 from seed_core.arm.target_checks import jump, stale
 from seed_core.config import field
 from seed_core.errors import SeedError
+from seed_core.program.files import write_text
 from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
 from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
@@ -257,7 +258,7 @@ class SimNode(SeedNode):
         if self._film is None:
             raise PlantError("nothing was recorded: start with the parameter replay:=FILE")
         file = Path(self.settings.replay)
-        file.write_text(replay_of(self.plant, self._film, self.settings.model), encoding="utf-8")
+        write_text(file, replay_of(self.plant, self._film, self.settings.model))
         self._saved = self.plant.time
         return str(file)
 
