@@ -7,6 +7,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -22,12 +23,15 @@ import seed_estimation
 import seed_sim
 import seed_ur
 from seed_bringup.page import style, words
+from seed_bringup.page.panel import Panel, Playing
+from seed_bringup.page.scene import Scene
 from seed_bringup.page.server import PageServer
 from seed_bringup.page.slow_browser import SCRIPT
 from seed_bringup.page.state import CellState, ControlView, GraspView, History
 from seed_control.parameters import ControllerParameters
 from seed_control.state import EventLog
 from seed_control.wrench.inputs import Inputs
+from seed_core.hand import Tool
 
 HELD = GraspView(np.eye(4), True, "", 0.02, False)
 
@@ -161,6 +165,40 @@ def server() -> Iterator[PageServer]:
     server = PageServer(port=0)
     yield server
     server.stop()
+
+
+class Idle:
+    """Hands that have nothing to do."""
+
+    tasks = ("any", "pen", "squeegee", "wipe")
+    tools: ClassVar = {"pen": "pen", "squeegee": "squeegee", "wipe": "squeegee"}
+    playing, said = Playing(), ()
+    begun, simulated = "", False
+
+    def stop(self) -> None: ...
+    def press(self, button: str) -> None: ...
+    def play(self, task: str, force: float | None) -> None: ...
+
+
+def test_the_task_that_was_chosen_stays_while_it_is_offered(server: PageServer) -> None:
+    hands = Idle()
+    panel = Panel(server, History(), Scene(server), hands)
+
+    def selected(tool: str, begun: str = "") -> str:
+        hands.begun = begun
+        panel.show(CellState(tool=Tool(tool) if tool else None), 0, numbers=False)
+        return panel._task.value
+
+    assert selected("", "wipe") == "wipe"  # that the cell was launched with
+    assert selected("squeegee", "squeegee") == "squeegee"
+    assert selected("") == "squeegee"  # silence
+    assert selected("squeegee", "squeegee") == "squeegee"
+    panel._task.value = "wipe"
+    assert selected("") == "wipe"
+    assert selected("squeegee", "squeegee") == "wipe"
+    assert selected("pen") == "pen"  # the chosen one is for another tool
+    panel._task.value = "any"
+    assert selected("squeegee", "wipe") == "any"
 
 
 def test_the_server_listens_on_loopback_alone(server: PageServer) -> None:

@@ -102,6 +102,7 @@ class Panel:
                 button.on_click(lambda _, name=name: hands.press(name))  # type: ignore[misc]
         with gui.add_folder("Task"):
             self._offered = words.offer(hands.tasks, hands.tools, "")
+            self._likeliest, self._held = self._offered.tasks[0], ""  # selected by itself; the last tool that was known
             self._task = gui.add_dropdown("Task", self._offered.tasks, hint="Tasks for the tool in the hand")
             self._note = gui.add_html("")
             self._force = gui.add_number("Force [N]", OWN_FORCE, min=0.0, max=50.0, step=0.5, hint=FORCE_HINT)
@@ -125,18 +126,28 @@ class Panel:
         if self._hands is not None:
             self._show_hands(self._hands, words.next_button(state))
             held = state.tool.name if state.tool else ""
-            self._offer(words.offer(self._hands.tasks, self._hands.tools, held, self._hands.begun))
+            self._offer(words.offer(self._hands.tasks, self._hands.tools, held, self._hands.begun), held)
         if numbers:
             self._show_numbers(state, viewers)
         self._show_picture(state)
 
-    def _offer(self, offered: words.Offer) -> None:
-        """Of the tasks those that fit the tool, as soon as it is known, and whenever it is another."""
+    def _offer(self, offered: words.Offer, held: str) -> None:
+        """Of the tasks those that fit the tool, as soon as it is known, and whenever it is another.
+
+        A task that the operator has chosen stays, and any while a cell that was heard is not: if it is offered.
+        """
         if offered == self._offered:
             return
+        task = self._task.value
+        lost = bool(self._held) and not held
+        self._held = held or self._held
         self._offered = offered
         self._task.options = offered.tasks
-        set_value(self._task, offered.tasks[0])
+        if task in offered.tasks and (lost or task != self._likeliest):
+            set_value(self._task, task)
+        else:
+            self._likeliest = offered.tasks[0]
+            set_value(self._task, self._likeliest)
         _put(self._note, style.note(offered.note) if offered.note else "")
 
     def _show_numbers(self, state: CellState, viewers: int) -> None:
