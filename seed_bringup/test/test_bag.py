@@ -183,6 +183,19 @@ def bag_of(path: Path, *topics: str) -> Path:
     return path
 
 
+def test_commands_of_arm_and_gripper_are_played_by_name_alone(tmp_path: Path) -> None:
+    bag = str(bag_of(tmp_path / "bag.mcap", "/gripper/command", "/left/target_frame", "/force"))
+    ended = played([bag, "--delay", "0"])
+    assert ended.returncode == 0
+    assert "obey them: /gripper/command, /left/target_frame; --topics" in ended.stderr
+    assert "1 messages played" in ended.stdout
+    ended = played([bag, "--delay", "0", "--topics", "/gripper/command", "/force"])
+    assert "2 messages played" in ended.stdout
+    assert not ended.stderr
+    commands = str(bag_of(tmp_path / "commands.mcap", "/gripper/command"))
+    assert "commands, as /gripper/command, are played with --topics alone" in played([commands]).stderr
+
+
 @pytest.mark.parametrize(
     ("topics", "arguments", "words"),
     [

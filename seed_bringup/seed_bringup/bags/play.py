@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag: the recorded bytes, at their times, with the recorded quality of service."""
 
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 LEAST_ROUND = 1.0  # [s] of wall time from one beginning of a loop to the next: a bag may be as short as a message
+COMMANDS = ("/target_frame", "/gripper/command", "/gripper/force_command", "/controller/operator")  # ends of names
 PATIENCE = 3.0  # [s] a process that is there already may take so long to be found
 
 
@@ -44,12 +46,20 @@ class Player(Node):
         self.reader = reader
         self.rate = rate
         clock_topic = self.resolve_topic_name("clock")
-        wanted = set(topics or reader.topics) - ({clock_topic} if clock else set())
+        commands = set() if topics else {t for t in reader.topics if t.endswith(COMMANDS) and t not in remap}
+        wanted = set(topics or reader.topics) - commands - ({clock_topic} if clock else set())
         self.connections = [c for c in reader.connections if c.topic in wanted]
         if not any(c.msgcount for c in self.connections):
             on = f": no message on {', '.join(sorted(wanted))}" if wanted else ""
             told = f"; {clock_topic} is told from the bag's times, not played" if clock else ""
-            raise BagError(f"{reader.path}: nothing to play{on}{told}")
+            obeyed = f"; commands, as {min(commands)}, are played with --topics alone" if commands else ""
+            raise BagError(f"{reader.path}: nothing to play{on}{told}{obeyed}")
+        if commands:
+            print(
+                f"seed bag: not played, for arms and grippers obey them: {', '.join(sorted(commands))}; "
+                "--topics plays what it names",
+                file=sys.stderr,
+            )
         types, names = InstalledTypes(), {c.id: remap.get(c.topic, c.topic) for c in self.connections}
         for name in names.values():
             check_topic(name, namespace)
@@ -136,7 +146,7 @@ def play(
         clock: Whether to publish the clock from the bag's times.
         loop: Whether to play again and again, at most once in LEAST_ROUND.
         delay: [s] before the first message, for subscribers to be found; more while there is none.
-        topics: Only these; all when empty.
+        topics: Only these; when empty all but those that arms and grippers obey (COMMANDS).
         remap: Names under which topics are published, by their names in the bag.
         namespace: Of the clock that is published, with its slash.
 
