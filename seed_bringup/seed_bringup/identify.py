@@ -16,6 +16,7 @@ from seed_core.program.command_line import Parser, command, results_folder, seed
 from seed_sim.identification.scenario import identify_on_membrane, load
 from seed_sim.identification.session import simulate
 from seed_sim.identification.truth import compare_in_the_loop, summary_with_truth
+from seed_sysid.data.dataset import SOURCES
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import Analysis, analyse
 from seed_sysid.parameters import FitParameters
@@ -54,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="SEED",
         help="hold the tool between two membranes with mechanics, drawn from this seed (docs/membrane.md)",
     )
-    out.add_argument("--poses", choices=("kinematic", "estimator"), help="source of the poses (default: kinematic)")
+    out.add_argument("--poses", choices=SOURCES, help="source of the poses (default: kinematic)")
     out.add_argument(
         "--procedure",
         choices=("sensor", "weight"),

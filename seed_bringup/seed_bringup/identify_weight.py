@@ -17,7 +17,7 @@ from seed_core.membrane.features import by_finger
 from seed_core.program.files import write_text
 from seed_core.spatial import inverse_pose
 from seed_core.stiffness_file import save_stiffness
-from seed_sim.identification.scenario import IdentificationScenario, identify_on_membrane, load
+from seed_sim.identification.scenario import identify_on_membrane, load
 from seed_sim.identification.weight import identify_with_weight
 from seed_sysid.data.held_weight import LEAST, SETTLE, Attitude, attitudes
 from seed_sysid.fit.weight import MINIMUM, WeightError, fit_weight
@@ -122,7 +122,7 @@ def simulated_on_membranes(name: str, membrane: int, seed: int) -> Answer:
     """By the weight of an identification scenario, whose tool hangs between random membranes, as images show it."""
     from seed_sim.identification.membrane_weight import identify_membranes_with_weight
 
-    scenario: IdentificationScenario = identify_on_membrane(load(name), membrane)
+    scenario = identify_on_membrane(load(name), membrane)
     found, figures = identify_membranes_with_weight(scenario, seed)
     lighter = figures["lighter"]
     lines = [

@@ -213,9 +213,11 @@ class Controller:
         law, displacement, estimate = self.law, self.supervisor.displacement, self._inputs.estimate
         m, bushing = law.measured, Bushing(stiffness.scaled(DOUBTED), self.wrench_estimator.bushing.model)
         ratio = stiffness.vector() / self.wrench_estimator.bushing.stiffness.vector()
+        if not self.wrench_estimator.set_stiffness(stiffness, t, blend):
+            return
         if np.abs(ratio - 1.0).max() > ANOTHER:
             self.supervisor.references.new_stiffness()
-        if not self.wrench_estimator.set_stiffness(stiffness, t, blend) or m is None or estimate is None:
+        if m is None or estimate is None:
             return
         try:
             if law.setpoint is not None:

@@ -132,7 +132,8 @@ class Supervisor:
         if inputs.bad_in_a_row >= MOST_BAD:
             if jump or frozen:
                 self._hold_in_doubt(inputs.why_bad)
-            self.guard.hold(inputs.why_bad)
+            else:
+                self.guard.hold(inputs.why_bad)
             empty = any(word in inputs.why_bad for word in EMPTY)
             if jump or empty or estimate.gross_slip or NEW_GRASP in inputs.why_bad:  # a dark image changes no grasp
                 self.references.new_grasp()

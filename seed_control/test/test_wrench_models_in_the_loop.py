@@ -145,3 +145,16 @@ def test_images_that_nobody_can_use_take_no_memory_away() -> None:
     bench.run(0.6)
     assert bench.state.mode == "holding"
     assert_allclose(bench.state.estimated.force[2], before, atol=0.05)  # type: ignore[union-attr]
+
+
+def test_a_stiffness_that_a_model_of_its_own_does_not_take_changes_nothing_that_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, told = Bench(model=TrueMap(DEFAULT_STIFFNESS, 1.0)).enabled(), list[bool]()
+    monkeypatch.setattr(bench.controller.supervisor.references, "new_stiffness", lambda: told.append(True))
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(2.0), bench.t)
+    assert not told
+    bushing = Bench().enabled()
+    monkeypatch.setattr(bushing.controller.supervisor.references, "new_stiffness", lambda: told.append(True))
+    bushing.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(2.0), bushing.t)
+    assert told == [True]

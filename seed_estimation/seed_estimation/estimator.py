@@ -39,9 +39,8 @@ from seed_estimation.tracker import Tracker
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 
 LET_GO = 1.0  # [s] without touch, after which the gripper has been empty
-RELEASED = (
-    f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"  # T is another for what is held since
-)
+# Why there is no grasp: what is held after an empty gripper has another T; a new grasp was asked for, and refused
+RELEASED = f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"
 REFUSED = "no grasp: the last one was refused; initialize the grasp again"
 
 

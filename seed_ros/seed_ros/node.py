@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 from rclpy.service import Service
 from tf2_msgs.msg import TFMessage
 
-from seed_core.errors import SeedError
+from seed_core.errors import SeedError, os_error_words
 from seed_ros import parameters
 from seed_ros.diagnostics import Beats, Counters, Diagnostics, Report
 from seed_ros.loop import FixedRateLoop
@@ -128,8 +128,7 @@ class SeedNode(Node):
             except SeedError as error:
                 response.success, response.message = False, str(error)
             except OSError as error:
-                where = f"{error.filename}: " if error.filename else ""
-                response.success, response.message = False, f"{where}{error.strerror or error}"
+                response.success, response.message = False, os_error_words(error)
             if log_as:
                 self.tell(response.success, f"{log_as}: {response.message}")
             return response

@@ -57,10 +57,14 @@ def _cut_short(path: Path) -> str:
     return ""
 
 
+def _exists(path: Path) -> str:
+    return f"{path} exists already; choose another name, bags are never overwritten"
+
+
 def _being_written(path: Path, folder: Path) -> str:
     """Why `path` cannot be written while there is a folder with its data: of a recorder that runs, or was killed."""
     if folder == path:
-        return f"{path} exists already; choose another name, bags are never overwritten"
+        return _exists(path)
     file = folder / f"{folder.name}.mcap"
     recover = f"`mcap recover {file} -o whole.mcap` writes what can be read (the command line tool of mcap.dev); then "
     return (
@@ -130,7 +134,7 @@ class BagWriter(Writer):
     def __init__(self, path: Path) -> None:
         """Raises BagError: there is such a bag, or another of this name is being written or was cut short."""
         if path.exists():
-            raise BagError(f"{path} exists already; choose another name, bags are never overwritten")
+            raise BagError(_exists(path))
         self.target = path
         folder = path
         if path.suffix == ".mcap":

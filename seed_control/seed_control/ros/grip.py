@@ -33,9 +33,8 @@ class GripAnswer:
         self._margin, self._control, self._kept = SlipMargin(settings), GripControl(settings), KeptLoad()
         self._width = self._force = nan
         self._signs: deque[tuple[float, SlipSigns]] = deque(maxlen=_KEPT)  # by stamp [s]
-        self._load: tuple[Wrench, Array, float] | None = (
-            None  # in C with covariance, and the grip [N], of the last image
-        )
+        # Of the last image: load in C, its covariance, and the grip [N]
+        self._load: tuple[Wrench, Array, float] | None = None
         self._image = self._sent = self._width_heard = self._force_heard = -inf  # [s]
         self._told = node.publisher(Float64, "slip_margin", QUEUE)
         self._status = node.publisher(DiagnosticStatus, "~/grip", COMMAND)

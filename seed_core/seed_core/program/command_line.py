@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
-from seed_core.errors import FailedError, SeedError
+from seed_core.errors import FailedError, SeedError, os_error_words
 from seed_core.program.suggestions import did_you_mean
 
 N = TypeVar("N", int, float)
@@ -125,8 +125,7 @@ def command(name: str) -> Callable[[Callable[[list[str]], int | None]], Callable
             except SeedError as error:
                 problem, code = str(error), 1 if isinstance(error, FailedError) else 2
             except OSError as error:  # a folder that cannot be written, a file where a folder should be; a full disk
-                where = f"{error.filename}: " if error.filename else ""
-                problem, code = f"{where}{error.strerror or error}", 1 if error.errno in FULL or not where else 2
+                problem, code = os_error_words(error), 1 if error.errno in FULL or not error.filename else 2
             print(f"{name}: {problem}", file=sys.stderr)
             return code
 

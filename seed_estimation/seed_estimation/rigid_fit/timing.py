@@ -159,7 +159,7 @@ class Timing:
     def resume(self, fit: Fit, X_before: Array, dt: float) -> None:
         """From a fit after a pause, or of a track that is found again, dt [s] after X_before (4, 4): nothing is learnt.
 
-        What lag and skew do goes by the mean speed since then.
+        What the lag does goes by the mean speed since then.
         """
         speed = motion_vector(inverse_pose(X_before) @ fit.X_CT) / dt if dt > 0.0 else np.zeros(6)
         depth = late(fit.H, fit.g, fit.H_depth, fit.g_depth, speed)

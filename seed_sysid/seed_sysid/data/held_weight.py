@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import Hand, Tool, weight_about_T
-from seed_core.spatial import Array, inverse_pose, make_pose, wrench_adjoint
+from seed_core.spatial import Array, inverse_pose, wrench_adjoint
 from seed_sysid.data.dataset import DatasetError
-from seed_sysid.data.membrane_sample import MembraneSample, mean_membrane
+from seed_sysid.data.membrane_sample import MembraneSample, mean_membrane, mean_pose
 
 SETTLE, LEAST = 1.0, 0.5  # [s] of a rest until the membranes have settled; that is averaged at least
 _STILL, _STILL_COSINE = 5e-4, float(np.cos(np.deg2rad(0.3)))  # [m], and of the turn, of a flange that rests
@@ -75,22 +74,16 @@ def attitudes(
 
 
 def _attitude(seen: list[RelativePoseEstimate], R_WC: Array, hand: Hand, tool: Tool) -> Attitude:
-    X_CT = _mean([e.X_CT for e in seen])
+    X_CT = mean_pose([e.X_CT for e in seen])
     weight = weight_about_T(tool.mass, tool.center_of_mass, R_WC @ X_CT[:3, :3], hand.up)
     return Attitude(
         stamp=seen[0].stamp,
         images=len(seen),
         X_CT=X_CT,
-        X_CP=_mean([e.of_patches().X_CT for e in seen]),
+        X_CP=mean_pose([e.of_patches().X_CT for e in seen]),
         wrench=-weight.vector(),
         membrane=mean_membrane([e.membrane for e in seen]),
     )
-
-
-def _mean(X: list[Array]) -> Array:
-    """Of poses (4, 4) that lie close together."""
-    turn = Rotation.from_matrix(np.array([x[:3, :3] for x in X])).mean().as_matrix()
-    return make_pose(turn, np.mean([x[:3, 3] for x in X], axis=0))
 
 
 def _rests(arm: Sequence[tuple[float, Array]]) -> list[tuple[float, float, Array]]:

@@ -50,6 +50,12 @@ class MembraneSample:
         )
 
 
+def mean_pose(X: Sequence[Array]) -> Array:
+    """Mean (4, 4) of poses (4, 4) that lie close together."""
+    turn = Rotation.from_matrix(np.array([x[:3, :3] for x in X])).mean().as_matrix()
+    return make_pose(turn, np.mean([x[:3, 3] for x in X], axis=0))
+
+
 def mean_membrane(readings: Sequence[tuple[MembraneMotion, ...]]) -> tuple[MembraneSample, ...]:
     """The mean over readings that tell both fingers and their deformation; () where none does."""
     told = [r for r in readings if len(r) == 2 and all(len(m.deformation) == DEFORMATIONS for m in r)]
@@ -58,10 +64,7 @@ def mean_membrane(readings: Sequence[tuple[MembraneMotion, ...]]) -> tuple[Membr
 
 
 def _mean(motions: list[MembraneMotion]) -> MembraneSample:
-    X = make_pose(
-        Rotation.from_matrix(np.array([m.X_CM[:3, :3] for m in motions])).mean().as_matrix(),
-        np.mean([m.X_CM[:3, 3] for m in motions], axis=0),
-    )
+    X = mean_pose([m.X_CM for m in motions])
     centroid = _known(np.array([m.centroid for m in motions]))
     return MembraneSample(
         finger=motions[0].finger,

@@ -34,7 +34,7 @@ from seed_ros.conversions import (
     wrench_to_core,
 )
 from seed_sysid.data.bag import TOPIC
-from seed_sysid.data.dataset import Header
+from seed_sysid.data.dataset import SOURCES, Header
 from seed_sysid.parameters import Procedure
 from seed_sysid.ros.goal import ActiveGoal, ClocksBefore, GoalCancelledError, date
 from seed_sysid.run.live import Live, LiveError, Streams
@@ -185,7 +185,7 @@ class SysidNode(SeedNode):
 
     def _start(self, goal: ServerGoalHandle) -> ActiveGoal:
         source = goal.request.poses or "kinematic"
-        if source not in ("kinematic", "estimator"):
+        if source not in SOURCES:
             raise LiveError(f"poses = '{source}' must be kinematic or estimator")
         s = self.settings
         head = Header(

@@ -11,12 +11,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from seed_core.estimate import MembraneMotion
 from seed_core.spatial import Array, interpolate_pose, so3_log
 from seed_sysid.data.dataset import Pose, Sample, flat_pose
-from seed_sysid.data.membrane_sample import mean_membrane
+from seed_sysid.data.membrane_sample import mean_membrane, mean_pose
 from seed_sysid.parameters import MotionParameters, Procedure
 from seed_sysid.run.excitation import Target, designs
 from seed_sysid.run.reach import Reach, limit_reached
@@ -286,8 +285,8 @@ def average(
         kind=target.kind,
         grip=grip,
         stamp=float(np.mean([r.stamp for r in readings])),
-        kinematic=_mean_pose([r.X_TC for r in readings]),
-        estimator=_mean_pose(estimated) if estimated else None,
+        kinematic=flat_pose(mean_pose([r.X_TC for r in readings])),
+        estimator=flat_pose(mean_pose(estimated)) if estimated else None,
         wrench=tuple(wrenches.mean(axis=0).tolist()),
         wrench_std=tuple(wrenches.std(axis=0).tolist()),
         pressures=tuple(np.mean(pressures, axis=0).tolist()),
@@ -300,11 +299,3 @@ def average(
         via=tuple(via),
         membrane=mean_membrane([r.membrane for r in readings]),
     )
-
-
-def _mean_pose(X: list[Array]) -> Pose:
-    """Mean of poses (4, 4) that lie close together."""
-    out = np.eye(4)
-    out[:3, 3] = np.mean([x[:3, 3] for x in X], axis=0)
-    out[:3, :3] = Rotation.from_matrix(np.array([x[:3, :3] for x in X])).mean().as_matrix()
-    return flat_pose(out)

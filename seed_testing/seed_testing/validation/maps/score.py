@@ -17,7 +17,6 @@ from seed_core.membrane.map import MembraneMap
 from seed_core.spatial import Array, inverse_pose, wrench_adjoint
 from seed_core.wrench_model import observed_part
 from seed_sim.closed_loop.progress import in_parallel
-from seed_sysid.fit.analysis import Analysis
 from seed_sysid.membrane.fit import MembraneFit, fit_membrane, rms
 from seed_sysid.membrane.result import map_file
 from seed_sysid.membrane.terms import DEFAULT_MODEL, MODELS, values
@@ -48,10 +47,11 @@ def score_membrane(
             return {"seed": seed, "failed": run.analysis.membrane_refused}
     except SeedError as error:
         return {"seed": seed, "failed": str(error)}
-    return {"seed": seed, "closed_mm": 1e3 * run.closed} | _scored(run.analysis, run)
+    return {"seed": seed, "closed_mm": 1e3 * run.closed} | _scored(run)
 
 
-def _scored(analysis: Analysis, run: Run) -> dict[str, Any]:
+def _scored(run: Run) -> dict[str, Any]:
+    analysis = run.analysis
     assert analysis.membrane is not None
     fit = analysis.membrane.fit
     elements = _Elements(fit, run.elements) if run.elements is not None else None
