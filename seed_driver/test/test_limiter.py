@@ -147,6 +147,22 @@ def test_at_the_workspaces_side_it_brakes_within_its_bounds(stop: float, speed: 
     assert np.array(run.p)[:, 0].max() <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("jerk", [20.0, 2000.0])
+def test_into_an_edge_or_a_corner_of_the_workspace_it_brakes_within_its_bounds(axes, jerk) -> None:
+    """Also while the target goes elsewhere; each side braked on its own, which was 1.4 to 1.8 times the limit."""
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        run = Run(replace(LIMITS, max_jerk=jerk))
+        ways = rng.choice([-1.0, 1.0], (2, 3)) * rng.uniform(0.3, 1.5, (2, 3)) * (np.arange(3) < axes)
+        turn = int(rng.uniform(300, 1200))
+        for i in range(150):
+            run.target(HERE + ways[int(10 * i > turn)])
+            run.steps(10)
+        run.check()
+        assert (np.abs(np.array(run.p)[:, :2]) <= 1.0 + 1e-9).all()
+
+
 def test_starting_outside_the_workspace_only_leads_inwards() -> None:
     run = Run(replace(LIMITS, workspace_low=(-1.0, -1.0, 0.35)))
     run.target((HERE[0], HERE[1], 0.2))

@@ -13,15 +13,16 @@ that the task wants, smoothly and with its lag known; this one guards the robot 
 
 from collections import deque
 from dataclasses import replace
-from math import ceil, sqrt
+from math import ceil, copysign, sqrt
 
 from seed_core.arm.limits import MotionLimits
 from seed_core.arm.quaternion import Quaternion, turn_between, turned
-from seed_core.vector3 import ZERO, Vector3, capped, minus, norm, plus, plus_scaled, scaled
+from seed_core.vector3 import ZERO, Vector3, capped, dot, minus, norm, plus, plus_scaled, scaled
 from seed_driver.motion.reference import Reference
 
 APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate
 BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest is margin
+SIDE_SHARE = BRAKE_SHARE / sqrt(3.0)  # before each side of the workspace: in a corner it brakes along three axes
 AT_REST = 1e-9  # [m, rad] that the smoothing holds back at most where it makes no difference
 BRAKING = "max_acceleration", "max_angular_acceleration", "max_jerk"  # what a stop's way follows from
 
@@ -69,8 +70,8 @@ class CommandLimiter:
         if self._low == low and self._high == high:
             self._braking = False
             return
-        p, v = self.inner_p, self.velocity
-        stop = plus_scaled(p, norm(v) / (2.0 * BRAKE_SHARE * self.limits.max_acceleration), v)  # along a straight line
+        p, v, a = self.inner_p, self.velocity, SIDE_SHARE * self.limits.max_acceleration
+        stop = [p[i] + copysign(_braking_distance(abs(v[i]), a), v[i]) for i in range(3)]
         x, y, z = (min(low[i], max(self._low[i], min(p[i], stop[i]))) for i in range(3))
         self._low = x, y, z
         x, y, z = (max(high[i], min(self._high[i], max(p[i], stop[i]))) for i in range(3))
@@ -119,13 +120,24 @@ class CommandLimiter:
             if self._braking:
                 goal = ZERO
             angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
-        self.velocity = self._inside(_towards(self.velocity, self._inside(goal), limits.max_acceleration * change))
+        self.velocity = self._inside_towards(goal, limits.max_acceleration * change)
         self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * change)
+
+    def _inside_towards(self, goal: Vector3, step: float) -> Vector3:
+        """The velocity a step [m/s] on at most: what the sides of the workspace ask for, the rest of it to the goal."""
+        v, braked, inside = self.velocity, self._inside(self.velocity), self._inside(goal)
+        change, rest = minus(braked, v), minus(inside, braked)
+        # The largest share of `rest` with |change + share * rest| = step. What lies between two velocities that both
+        # keep inside keeps inside, too.
+        squared, along = dot(rest, rest), dot(change, rest)
+        left = along * along + squared * max(step * step - dot(change, change), 0.0)
+        share = 0.0 if squared == 0.0 else max(0.0, min(1.0, (sqrt(left) - along) / squared))
+        return plus_scaled(braked, share, rest)
 
     def _inside(self, v: Vector3) -> Vector3:
         """A velocity from which it comes to rest before each side of the workspace that it goes towards."""
-        p, low, high, a = self.inner_p, self._low, self._high, self.limits.max_acceleration
-        x, y, z = (_before(v[i], p[i] - low[i], high[i] - p[i], a) for i in range(3))
+        p, low, high, a = self.inner_p, self._low, self._high, SIDE_SHARE * self.limits.max_acceleration
+        x, y, z = (max(min(v[i], _before(high[i] - p[i], a)), -_before(p[i] - low[i], a)) for i in range(3))
         return x, y, z
 
     def slow(self, share: float) -> None:
@@ -173,11 +185,22 @@ class CommandLimiter:
         self.q = turned(self.inner_q, turn)
 
 
-def _before(v: float, below: float, above: float, acceleration: float) -> float:
-    """Speed v along an axis, no faster than braking needs before the side that is so far below, or above [m]."""
-    distance = max(above if v > 0.0 else below, 0.0)
-    most = sqrt(2.0 * BRAKE_SHARE * acceleration * distance)
-    return min(max(v, -most), most)
+def _before(distance: float, a: float) -> float:
+    """The speed [m/s] from which it comes to rest within a distance [m], slowing down by a [m/s^2] at most.
+
+    The last part is an exponential decay: each step is finite, and a square root ends with a jump.
+    """
+    near = a / APPROACH**2  # [m] where both parts have the same speed and the same slope
+    if distance <= near:
+        return APPROACH * max(distance, 0.0)
+    return sqrt(2.0 * a * (distance - 0.5 * near))
+
+
+def _braking_distance(speed: float, a: float) -> float:
+    """The distance [m] with this `_before`."""
+    if speed <= a / APPROACH:
+        return speed / APPROACH
+    return 0.5 * (speed * speed / a + a / APPROACH**2)
 
 
 def _chase(error: Vector3, feed: Vector3, top: float, acceleration: float) -> Vector3:
