@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import ConfigError, checked
-from seed_core.estimate import NO_GRASP, NO_TOUCH, RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, RelativePoseEstimate
 from seed_core.hand import FINGERS, Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
@@ -38,9 +38,7 @@ from seed_estimation.tracker import Tracker
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
 
-LET_GO = 1.0  # [s] without touch, after which the gripper has been empty
-# Why there is no grasp: what is held after an empty gripper has another T; a new grasp was asked for, and refused
-RELEASED = f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"
+# A new grasp was asked for, and refused.
 REFUSED = "no grasp: the last one was refused; initialize the grasp again"
 
 
@@ -242,8 +240,8 @@ class Estimator:
         touching = [f for f in self.fingers if self.patches[f].in_contact]
         if touching or stamp < self._touched:
             self._touched = stamp
-        elif self._holds and stamp - self._touched > LET_GO:  # what is held next is held otherwise
-            self._forget_grasp(RELEASED)
+        elif self._holds and stamp - self._touched > report.LET_GO:  # what is held next is held otherwise
+            self._forget_grasp(report.RELEASED)
             self._stamp = stamp
 
         # The paper's method, Sec. VII-B and C: published.py

@@ -21,6 +21,8 @@ from seed_estimation.rigid_fit.reference import FingerModel
 from seed_estimation.tracker import Tracker
 
 SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
+LET_GO = 1.0  # [s] without touch, after which the gripper has been empty
+RELEASED = f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"
 NO_POSE = 0.0524, 0.002  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
 UNSURE = 0.1  # [1] deviation of the share of the tool's shift by which the band around its patch goes along
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from rendered import PERIOD, held
 
 from seed_core.config import ConfigError
 from seed_core.hand import Hand
 from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
+from seed_estimation.images.normalise import normalised
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
 
@@ -181,3 +183,22 @@ def test_arrays_that_are_no_tactile_images_are_refused_with_what_to_give(
     for frames in ([tuples], good):  # a frame in place of frames is a mapping of names
         with pytest.raises(EstimatorError, match=r"give .*TactileImages\(depth, brightness, stamp\)"):
             estimator.capture_reference(frames)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_reduced_image_shows_infrared_and_depth_of_the_same_place(n: int) -> None:
+    """With an even n infrared was that of half a pixel beside."""
+    ramp = np.tile(np.arange(64, dtype=np.float32), (48, 1))
+    images = TactileImages(ramp, ramp, 0.0)
+    small = images.reduced(n, np.zeros(ramp[::n, ::n].shape, np.float32))
+    assert_allclose(small.ir[3:-3, 3:-3], small.depth[3:-3, 3:-3], atol=1e-4)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_infrared_pixel_without_a_number_spoils_no_other(value: float) -> None:
+    ir = np.random.default_rng(0).uniform(500.0, 900.0, (48, 64)).astype(np.float32)
+    clean = normalised(ir)
+    ir[21, 21] = value
+    found = normalised(ir)
+    assert np.isfinite(found).all()
+    assert_allclose(found[:, 40:], clean[:, 40:], atol=1e-3)

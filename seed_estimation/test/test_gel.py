@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of the gel: depth from slopes, dots, and colours to slopes, each against a formula."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,9 @@ def test_a_ball_teaches_what_colours_mean() -> None:
     assert not np.any(flat)
     with pytest.raises(SeedError, match="of 3 images"):
         fit_shading(presses[15:18], CANVAS, 0.002)
+    for radius in (2.0, 2e-4, 0.0, math.nan):
+        with pytest.raises(SeedError, match="in metres"):
+            fit_shading(presses, CANVAS, radius)
 
 
 def test_what_is_no_calibration_is_refused(tmp_path: Path) -> None:

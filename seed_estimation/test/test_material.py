@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from seed_core.membrane.material import deformation, rigid_motion
 from seed_core.spatial import Array, inverse_pose, make_pose, rotation_error, so3_exp
 from seed_estimation import Estimator, TactileImages, tracker
-from seed_estimation.material.motion import MaterialMotion
+from seed_estimation.material.motion import MaterialMotion, about_middle
 from seed_estimation.rigid_fit.reference import _evenly
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
 from seed_sim.tactile.renderer import TactileRenderer
@@ -160,6 +160,16 @@ def test_what_has_not_moved_is_told_so(tool: ToolShape) -> None:
         X, middle = patches(estimator)[told.finger].X_CM, np.array((0.0, told.centroid[1], 0.0))
         assert np.abs(rotation_error(X[:3, :3], np.eye(3))).max() < np.deg2rad(0.03)
         assert np.abs(at_the_patch(X, np.eye(4), middle)).max() < 8e-6
+
+
+def test_how_well_a_patch_is_known_holds_about_its_middle() -> None:
+    """A patch known to so much at its middle, and by its size in turn: by drawing such motions."""
+    rng, off, size, middle = np.random.default_rng(8), 3e-4, 0.012, np.array((0.004, 0.025, 0.002))
+    R, after = so3_exp(np.array((0.25, 0.0, 0.2))), middle + np.array((0.005, 0.0, 0.004))
+    turns, ways = rng.normal(size=(20000, 3)) * off / size, rng.normal(size=(20000, 3)) * off
+    origins = [after + way - so3_exp(turn) @ R @ middle for turn, way in zip(turns, ways, strict=True)]
+    drawn = np.std(np.hstack((turns, origins)), axis=0)
+    assert_allclose(np.sqrt(np.diag(about_middle(middle, size, off, R))), drawn, rtol=0.03)
 
 
 def test_nothing_is_told_of_material_that_is_covered() -> None:

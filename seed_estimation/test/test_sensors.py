@@ -144,6 +144,20 @@ def test_dots_that_go_their_own_ways_are_a_slip_which_stays_until_the_next_grasp
     assert estimator.update(frame(places, np.eye(4), 0.7, rng), 0.7).valid
 
 
+def test_a_grasp_ends_when_no_finger_has_touched_for_a_second() -> None:
+    """What touches after that is another tool, or the same one held elsewhere."""
+    estimator, places = grasped()
+    rng = np.random.default_rng(6)
+    empty = {f: np.zeros((0, 3)) for f in places}
+    at = [estimator.update({f: Marked(p, t) for f, p in empty.items()}, t) for t in np.arange(0.2, 1.8, 0.1)]
+    assert "searching" in at[0].reason
+    assert "searching" in at[8].reason
+    assert "initialize the grasp again" in at[-1].reason
+    assert "initialize the grasp again" in estimator.update(frame(places, np.eye(4), 1.9, rng), 1.9).reason
+    estimator.initialize_grasp([frame(places, np.eye(4), 2.0, rng)])
+    assert estimator.update(frame(places, np.eye(4), 2.1, rng), 2.1).valid
+
+
 def test_bad_frames_are_answered_with_a_reason() -> None:
     estimator, places = grasped()
     good = frame(places, np.eye(4), 0.2, np.random.default_rng(1))

@@ -149,6 +149,22 @@ def test_samples_that_the_estimator_did_not_see_are_named_and_left_out(data: Dat
         analyse(data, "estimator")
 
 
+@pytest.mark.parametrize("end", ["", "\n", '\n{"sample": {"na', '\n{"sample": {"na\n'])
+def test_a_file_goes_on_whatever_its_last_line_ends_with(data: Dataset, tmp_path: Path, end: str) -> None:
+    """A whole sample without its newline was lost as the run went on, and a cut line with one spoiled the file."""
+    file = tmp_path / "samples.jsonl"
+    writer = Recorder(file, data.header)
+    for s in data.samples[:3]:
+        writer.record(0.0, s)
+    writer.close()
+    file.write_text(file.read_text().rstrip("\n") + end)
+    again = Recorder(file, data.header)
+    assert [s.key for s in again.samples] == [s.key for s in data.samples[:3]]
+    again.record(0.0, data.samples[3])
+    again.close()
+    assert [s.key for s in read(file).samples] == [s.key for s in data.samples[:4]]
+
+
 def test_a_sample_that_could_not_be_read_again_is_not_written(data: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "samples.jsonl"
     writer = Recorder(file, data.header)

@@ -135,8 +135,12 @@ def fit_shading(presses: Sequence[Press], canvas: Canvas, radius: float) -> Shad
     """Coefficients from presses of a ball of known radius [m], all over the gel.
 
     Raises:
-        SeedError: fewer than eight presses that show an imprint.
+        SeedError: fewer than eight presses that show an imprint, or a radius of no such ball.
     """
+    if not 0.0 < radius < canvas.distance:
+        raise SeedError(
+            f"radius {radius:g} m of the ball must lie between 0 and {canvas.distance:g} m: is it in metres?"
+        )
     imprints = [(press, *imprint) for press in presses if (imprint := _imprint(press, canvas)) is not None]
     whole = sum(is_whole for _, _, is_whole in imprints)
     if whole < LEAST:
@@ -168,6 +172,8 @@ def fit_shading(presses: Sequence[Press], canvas: Canvas, radius: float) -> Shad
             powers = canvas.powers[:, inside]
             A.append((terms[:, None] * powers[None]).reshape(-1, terms.shape[1]).T)
             b.append(slope.T)
+        if not A:
+            raise SeedError(f"no imprint is as large as that of a ball of {radius:g} m radius: is it in metres?")
         M, y = np.concatenate(A).astype(float), np.concatenate(b).astype(float)
         scale = np.sqrt((M * M).mean(0)) + 1e-12
         M /= scale

@@ -9,6 +9,7 @@ import numpy as np
 
 from seed_estimation.images.tactile_images import Image
 
+LARGEST = 65535.0  # [counts] that an image can have; an infinite pixel would spoil all around it
 OFFSET = 20.0  # [counts] keeps the noise of dark pixels small
 FLOOR = 0.03  # [1] where there is no contrast there shall be none afterwards
 MEAN_BOX = 5  # [px] a marker and little more: shading goes with the tool's outline, not with the membrane's material
@@ -28,7 +29,7 @@ def coarse(ir: Image) -> Image:
 
 
 def _normalised(ir: Image, kernel: tuple[int, int], blur: float, box: int) -> Image:
-    image = cv2.GaussianBlur(cv2.log(cv2.max(ir, 0.0) + np.float32(OFFSET)), kernel, blur)
+    image = cv2.GaussianBlur(cv2.log(cv2.min(cv2.max(ir, 0.0), LARGEST) + np.float32(OFFSET)), kernel, blur)
     centred = cv2.subtract(image, cv2.blur(image, (box, box)))
     variance = cv2.blur(cv2.multiply(centred, centred), (DEVIATION_BOX, DEVIATION_BOX))
     return np.asarray(cv2.divide(centred, cv2.add(cv2.sqrt(variance), FLOOR)), np.float32)

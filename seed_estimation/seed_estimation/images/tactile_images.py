@@ -34,7 +34,8 @@ class TactileImages:
 
     def reduced(self, n: int, correction: Image) -> TactileImages:
         """Every n-th pixel and line, infrared averaged; depth with the correction (h, w) [m] added."""
-        ir = cv2.blur(np.asarray(self.ir, np.float32), (n, n))[::n, ::n] if n > 1 else self.ir
+        box = n | 1  # odd: about the pixel of the depth
+        ir = cv2.blur(np.asarray(self.ir, np.float32), (box, box))[::n, ::n] if n > 1 else self.ir
         depth = self.depth[::n, ::n] + correction
         return TactileImages(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(ir, np.float32), self.stamp)
 

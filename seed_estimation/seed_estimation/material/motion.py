@@ -225,10 +225,21 @@ class MaterialTracker:
 
     def _about_middle(self, off: float, X_CM: Array) -> Array:
         """(6, 6) of a motion of which all of the patch is known to a deviation [m]."""
-        turn, way = (off / self.patch.size) ** 2, off**2
-        about = np.eye(6)  # from the patch's middle to C
-        about[3:, :3] = skew(X_CM[:3, :3] @ self._area.mean(axis=1) + X_CM[:3, 3])
-        return np.asarray(about @ np.diag((turn, turn, turn, way, way, way)) @ about.T)
+        return about_middle(self._area.mean(axis=1), self.patch.size, off, X_CM[:3, :3])
+
+
+def about_middle(middle: Array, size: float, off: float, R: Array) -> Array:
+    """(6, 6) of a motion's (rotation vector, shift of the origin) where a patch is known to a deviation `off` [m].
+
+    Args:
+        middle: (3,) [m] of the patch before the motion, whose shift is known to `off`, and its turn to `off / size`.
+        size: [m] of the patch.
+        R: (3, 3) of the motion.
+    """
+    turn, way = (off / size) ** 2, off**2
+    about = np.eye(6)  # a turn about the moved middle shifts the origin
+    about[3:, :3] = skew(R @ middle)
+    return np.asarray(about @ np.diag((turn, turn, turn, way, way, way)) @ about.T)
 
 
 class Followed:

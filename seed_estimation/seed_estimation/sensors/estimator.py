@@ -13,7 +13,7 @@ from seed_core.hand import FINGERS
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.checks import SET_BACK, EstimatorError
-from seed_estimation.report import SLIPPED, invalid
+from seed_estimation.report import LET_GO, RELEASED, SLIPPED, invalid
 from seed_estimation.sensors.contract import Image, Observation, Sensor
 from seed_estimation.sensors.fit import Fit, fit
 from seed_estimation.sensors.parameters import SensorEstimatorParameters
@@ -46,13 +46,15 @@ class SensorEstimator(Generic[Image]):
         self._referenced = self._grasped = self._slid = False
         self._X_CT, self._rate, self._stamp = np.eye(4), np.zeros(6), -np.inf
         self._lost = 0  # frames in a row
+        self._touched = -np.inf  # [s]
+        self._no_grasp = NO_GRASP  # why there is none
 
     def capture_reference(self, frames: Sequence[Mapping[str, Image]]) -> None:
         """The fingers touch nothing. Raises EstimatorError."""
         series = self._usable(frames, "reference")
         for f, sensor in self._sensors.items():
             sensor.capture_reference(series[f])
-        self._referenced, self._grasped = True, False
+        self._referenced, self._grasped, self._no_grasp = True, False, NO_GRASP
 
     def initialize_grasp(self, frames: Sequence[Mapping[str, Image]]) -> None:
         """The tool is grasped and rests: T := C. Raises EstimatorError."""
@@ -63,7 +65,7 @@ class SensorEstimator(Generic[Image]):
         self.patches = {f: sensor.initialize_grasp(series[f]) for f, sensor in self._sensors.items()}
         self._X_CT, self._rate = np.eye(4), np.zeros(6)
         self._grasped, self._slid, self._lost = True, False, 0
-        self._stamp = min(images[-1].stamp for images in series.values())
+        self._stamp = self._touched = min(images[-1].stamp for images in series.values())
 
     def _usable(self, frames: Sequence[Mapping[str, Image]], purpose: str) -> dict[str, list[Image]]:
         """The good images of each finger."""
@@ -87,11 +89,15 @@ class SensorEstimator(Generic[Image]):
         self._stamp = stamp
         seen = {f: sensor.observe(frame[f], start) for f, sensor in self._sensors.items()}
         self.patches = {f: o.patch for f, o in seen.items()}
+        touching = [f for f in self.fingers if self.patches[f].in_contact]
+        if touching or stamp < self._touched:
+            self._touched = stamp
+        elif self._grasped and stamp - self._touched > LET_GO:  # what is held next is held otherwise
+            self._grasped, self._slid, self._no_grasp = False, False, RELEASED
         if not self._grasped:
-            return self._invalid(stamp, NO_GRASP)
+            return self._invalid(stamp, self._no_grasp)
         if self._slid:
             return self._invalid(stamp, SLIPPED)
-        touching = [f for f in self.fingers if self.patches[f].in_contact]
         if not touching:
             return self._invalid(stamp, f"{NO_TOUCH}; searching")
         observations = [seen[f] for f in touching]

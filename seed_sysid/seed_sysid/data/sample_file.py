@@ -64,7 +64,11 @@ class Recorder:
         if changed:
             self.remark = f"the sensor of {path} is corrected: {', '.join(changed)}"
             first = header_line(self.header).encode()
-        whole = first + b"\n" + rest[: rest.rfind(b"\n") + 1]  # without a line that a crash cut short
+        if old.warnings:  # of a last line that a crash cut short
+            rest = rest[: rest.rstrip().rfind(b"\n") + 1]
+        elif rest and not rest.endswith(b"\n"):
+            rest += b"\n"
+        whole = first + b"\n" + rest
         if whole != text:
             with written_whole(path) as part:
                 part.write_bytes(whole)
