@@ -196,6 +196,24 @@ def test_commands_of_arm_and_gripper_are_played_by_name_alone(tmp_path: Path) ->
     assert "commands, as /gripper/command, are played with --topics alone" in played([commands]).stderr
 
 
+def test_what_another_node_publishes_is_left_out_unless_it_is_named(node: Node, tmp_path: Path) -> None:
+    """A bag that is played beside a cell or an estimator mixed with what they publish, and its clock with theirs."""
+    bag = str(bag_of(tmp_path / "bag.mcap", "/force", "/other"))
+    node.create_publisher(Float32, "/force", 10)
+    ended = played([bag])
+    assert "published already, by /bag_test: /force; --topics" in ended.stderr
+    assert "1 messages played" in ended.stdout
+    ended = played([bag, "--topics", "/force"])
+    assert "1 messages played" in ended.stdout
+    assert not ended.stderr
+    node.create_publisher(Float32, "/other", 10)
+    ended = played([bag])
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert "nothing to play; these are published already, by /bag_test: /force, /other" in ended.stderr
+    node.create_publisher(Clock, "/clock", 10)
+    assert "/clock is told by /bag_test already" in played([bag, "--clock"]).stderr
+
+
 @pytest.mark.parametrize(
     ("topics", "arguments", "words"),
     [

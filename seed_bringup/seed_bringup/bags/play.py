@@ -23,7 +23,11 @@ from seed_bringup.bags.types import InstalledTypes, message_class
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 LEAST_ROUND = 1.0  # [s] of wall time from one beginning of a loop to the next: a bag may be as short as a message
-COMMANDS = ("/target_frame", "/gripper/command", "/gripper/force_command", "/controller/operator")  # ends of names
+# Ends of the names of topics that move something
+COMMANDS = (
+    "/target_frame", "/gripper/command", "/gripper/force_command", "/controller/operator", "/controller/setpoint",
+    "/controller/wrench_setpoint", "/controller/relative_pose_setpoint",
+)  # fmt: skip
 PATIENCE = 3.0  # [s] a process that is there already may take so long to be found
 
 
@@ -65,6 +69,7 @@ class Player(Node):
             check_topic(name, namespace)
         self.outputs = {c.id: self._publisher(c, names[c.id], types) for c in self.connections}
         self.clock_output = self.create_publisher(Clock, clock_topic, QoSProfile(depth=10)) if clock else None
+        self.named = {*(remap.get(t, t) for t in topics), *remap.values()}
         self.published = 0
 
     def _publisher(self, connection: Connection, topic: str, types: InstalledTypes) -> Any:
@@ -85,6 +90,31 @@ class Player(Node):
             if any(output.get_subscription_count() for output in self.outputs.values()):
                 return
             time.sleep(0.01)
+
+    def leave_out_what_comes_live(self) -> None:
+        """Topics that were not named, and that another node publishes: what is live and what is recorded would mix.
+
+        Raises:
+            BagError: nothing is left to play, or the time of the bag would mix with that of another node.
+        """
+        if self.clock_output is not None and (live := self._others_on(clock := self.clock_output.topic_name)):
+            raise BagError(f"{clock} is told by {', '.join(live)} already: end that, or play without --clock")
+        found = {o.topic_name: live for o in self.outputs.values() if (live := self._others_on(o.topic_name))}
+        found = {topic: live for topic, live in found.items() if topic not in self.named}
+        if not found:
+            return
+        nodes = ", ".join(sorted({name for live in found.values() for name in live}))
+        told = f"these are published already, by {nodes}: {', '.join(sorted(found))}"
+        self.connections = [c for c in self.connections if self.outputs[c.id].topic_name not in found]
+        if not any(c.msgcount for c in self.connections):
+            raise BagError(f"nothing to play; {told}; --topics plays what it names")
+        print(f"seed bag: not played, for {told}; --topics plays what it names", file=sys.stderr)
+
+    def _others_on(self, topic: str) -> list[str]:
+        """Full names of the other nodes that publish a topic."""
+        found = {(i.node_namespace, i.node_name) for i in self.get_publishers_info_by_topic(topic)}
+        found.discard((self.get_namespace(), self.get_name()))
+        return sorted(f"{namespace.rstrip('/')}/{name}" for namespace, name in found)
 
     def play_once(self) -> None:
         """From the first message to the last."""
@@ -146,7 +176,8 @@ def play(
         clock: Whether to publish the clock from the bag's times.
         loop: Whether to play again and again, at most once in LEAST_ROUND.
         delay: [s] before the first message, for subscribers to be found; more while there is none.
-        topics: Only these; when empty all but those that arms and grippers obey (COMMANDS).
+        topics: Only these; when empty all but those that move something (COMMANDS), and those that other nodes
+            publish.
         remap: Names under which topics are published, by their names in the bag.
         namespace: Of the clock that is published, with its slash.
 
@@ -154,8 +185,8 @@ def play(
         How many messages were published.
 
     Raises:
-        BagError: No bag, no such topic, a name that no topic can have, nothing to play, or a type that is not installed
-            as it was recorded.
+        BagError: No bag, no such topic, a name that no topic can have, nothing to play, all of it comes live, or a
+            type that is not installed as it was recorded.
     """
     if not rate > 0.0:
         raise BagError(f"rate = {rate} must be > 0")
@@ -165,6 +196,7 @@ def play(
             player = Player(reader, rate, clock, topics, remap, namespace)
             time.sleep(delay)
             player.wait_for_subscriber()
+            player.leave_out_what_comes_live()
             if loop:
                 player.play_again_and_again()
             else:
