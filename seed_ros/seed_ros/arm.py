@@ -4,6 +4,7 @@
 from rclpy.node import Node
 
 RESUME = "resend_robot_program"  # service of what moves the arm
+SILENCE = "no target_frame"  # begins the reason of an arm that heard no target
 
 
 def arm_holds(node: Node, reason: str) -> str:
@@ -13,5 +14,7 @@ def arm_holds(node: Node, reason: str) -> str:
     arm, _, topic = node.resolve_topic_name("arm_hold_reason").rpartition("/")
     if topic != "hold_reason":
         return f"the arm holds: {reason}"
+    if reason.startswith(SILENCE) and "(" not in reason:  # else it tells the cause itself
+        reason += " (this computer is too busy, or the controller has ended)"
     first = "" if RESUME in reason else "mend that, then "  # it waits for nothing else
     return f"the arm holds: {reason}; {first}call {arm[1:]}/{RESUME}"

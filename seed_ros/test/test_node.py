@@ -238,6 +238,18 @@ def test_an_action_is_gone_with_its_node_though_somebody_still_holds_it(bench: B
             "the arm holds: stopped; mend that, then call driver/resend_robot_program",
         ),
         (
+            "/driver/hold_reason",
+            "no target_frame for 0.1 s",
+            "the arm holds: no target_frame for 0.1 s (this computer is too busy, or the controller has ended); "
+            "mend that, then call driver/resend_robot_program",
+        ),
+        (
+            "/sim/hold_reason",
+            "no target_frame for 1 s (this computer is busy)",
+            "the arm holds: no target_frame for 1 s (this computer is busy); "
+            "mend that, then call sim/resend_robot_program",
+        ),
+        (
             "/left/guard/hold_reason",
             "waiting for resend_robot_program",
             "the arm holds: waiting for resend_robot_program; call left/guard/resend_robot_program",

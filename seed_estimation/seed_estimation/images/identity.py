@@ -149,7 +149,7 @@ class KnownBubbles:
         if all(same):
             self.status = "verified by dots"
         elif all(named) and len(set(self.names.values())) == len(self.names):
-            self.status = "left and right verified by frame_id, which way is up is not"
+            self.status = "left and right verified by frame_id; orientation not verified (see identity_file)"
         new = {f: b for f, b in seen.items() if f not in known}
         found_again = all(alike for f, alike in zip(seen, same, strict=True) if f in known)
         others = [correlation(b.pattern, k.pattern) for b in new.values() for k in known.values()]
