@@ -212,11 +212,15 @@ def test_grips_without_telling_pressures_are_written_by_width(tmp_path, pressure
         np.testing.assert_allclose(GripStiffness(loaded).at_width(width).translation, true[3:], rtol=0.03)
 
 
-def test_where_neither_pressure_nor_width_tells_the_grips_apart_the_middle_one_is_written() -> None:
+@pytest.mark.parametrize("noise", [0.0, 5e-5])
+def test_where_neither_pressure_nor_width_tells_the_grips_apart_the_middle_one_is_written(noise: float) -> None:
+    """Nor does an encoder that only adds noise, or a gripper that is closed by hand to the same place."""
     from seed_sysid.report.summary import stiffness_file
 
     data, _ = at_rest(load("default"), 2033)
-    a = analyse(replace(data, samples=[replace(s, pressures=(), width=0.0) for s in data.samples]), "kinematic")
+    rng = np.random.default_rng(1)
+    alike = [replace(s, pressures=(), width=0.02 + noise * rng.normal()) for s in data.samples]
+    a = analyse(replace(data, samples=alike), "kinematic")
     assert any("stiffness is that of the middle grip: widths are alike" in w for w in a.warnings)
     (grip,) = stiffness_file(a, "2026-01-01").grips
     np.testing.assert_allclose(grip.translation, a.solution.value.stiffness[a.nominal, 3:])

@@ -19,6 +19,7 @@ from seed_sysid.stiffness_map import AXES, LOAD_UNITS, wrench_transform
 
 _UNCERTAIN = 0.10  # relative standard deviation above which an axis counts as undetermined
 _MOST_TURN = np.deg2rad(20.0)  # [rad] of the tool in a grasp that bears its work: the task will turn it further
+WIDTHS_APART = 5e-4  # [m] of two grips; less is noise of an encoder, or of the hand that closes the gripper
 _FOLDS = 5
 _WAY = (0.25, 0.5, 0.75)  # a straight way in space is curved in the axes of the stiffness map
 
@@ -59,8 +60,8 @@ class Analysis:
 
     @property
     def grips_told_apart(self) -> bool:
-        """Whether pressure or width differs from grip to grip."""
-        return not self.no_pressures or len(np.unique(self.widths)) == len(self.widths)
+        """Whether pressure or width differs from grip to grip, and not by the noise of an encoder alone."""
+        return not self.no_pressures or bool((np.diff(np.sort(self.widths)) > WIDTHS_APART).all())
 
     @property
     def hysteretic(self) -> tuple[str, ...]:
