@@ -3,6 +3,7 @@
 
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +19,13 @@ from seed_sim.ros.every import Every
 from seed_sim.ros.node import SimNode
 
 pytestmark = pytest.mark.ros
+
+FIRM_MEMBRANES = """
+grasp: {kind: membrane}
+membrane: {squeeze: 0.0165, spacing: 0.008}
+tactile:
+  tool: {kind: box, radius: 0.012, width: 0.03, length: 0.06}
+"""
 
 
 def test_a_force_is_reached_at_the_grippers_speed_and_nonsense_is_refused() -> None:
@@ -43,6 +51,27 @@ def test_a_force_is_reached_at_the_grippers_speed_and_nonsense_is_refused() -> N
         widths.publish(Float64(data=0.022))
         assert bench.until(lambda: abs(node.plant.grip.width - 0.022) < 1e-4)
         assert bench.until(lambda: told[-1][1] < 5.5)
+    finally:
+        bench.close()
+
+
+def test_a_force_comes_to_rest_on_firm_membranes(tmp_path: Path) -> None:
+    """Their push rises by 1.8 N per closed millimetre, and is solved at the camera's rate, six ticks apart."""
+    scenario = tmp_path / "firm.yaml"
+    scenario.write_text(FIRM_MEMBRANES, encoding="utf-8")
+    bench = Bench()
+    try:
+        node = bench.add(SimNode, seed=3, scenario=str(scenario))
+        assert bench.call(Trigger, "sim/grasp", Trigger.Request()).success
+        force = bench.client.create_publisher(Float64, "gripper/force_command", COMMAND)
+        wanted = 0.8 * node.plant.grip.push
+        bench.every.append(lambda: force.publish(Float64(data=wanted)))
+        start = node.plant.time
+        assert bench.until(lambda: node.plant.time > start + 0.4)
+        pushes: list[float] = []
+        bench.every.append(lambda: pushes.append(node.plant.grip.push))
+        assert bench.until(lambda: node.plant.time > start + 0.8)
+        assert max(abs(push - wanted) for push in pushes) < 0.1  # [N]
     finally:
         bench.close()
 

@@ -162,6 +162,19 @@ def test_firmer_grip_raises_pressure_and_stiffness_and_a_loose_one_is_refused():
     assert_allclose(plant.grip.pressure, before)
 
 
+def test_push_is_foretold_between_solves_by_the_membranes_own_rise():
+    """Over half a millimetre each way within 15 %: the tangent is of places that touch already, others come and go."""
+    grip = Plant(SCENARIO, 0, WORK, flange(0.3)).grip
+    width, before = grip.width, grip.push
+    for way in (-0.0005, 0.0005):
+        foretold = grip.push_at(width + way)
+        grip.set_width(width + way)
+        assert abs(grip.push - before) > 0.5  # [N]
+        assert_allclose(foretold - before, grip.push - before, rtol=0.15)
+        grip.set_width(width)
+    assert grip.push_at(width + 0.1) == 0.0  # fingers do not pull
+
+
 def test_holder_carries_the_tool_between_membranes_until_the_arm_moves():
     plant = Plant(SCENARIO, 0, WORK, flange(0.3))
     holder = ToolHolder(plant)

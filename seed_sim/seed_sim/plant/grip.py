@@ -76,7 +76,16 @@ class Grip:
     @property
     def push(self) -> float:
         """Of each finger on the tool [N]."""
-        return max(self._grasp.grip_force + self._grasp.grip_rise * (self._grasp.nominal_width - self.width), 0.0)
+        return self.push_at(self.width)
+
+    @property
+    def rise(self) -> float:
+        """Of that push per closed metre of width [N/m]."""
+        return self._grasp.grip_rise
+
+    def push_at(self, width: float) -> float:
+        """Of each finger [N] with the fingers at a width [m] that the grip is not told of yet."""
+        return max(self._grasp.grip_force + self.rise * (self._grasp.nominal_width - width), 0.0)
 
     def set_width(self, width: float) -> None:
         """Close to width [m].

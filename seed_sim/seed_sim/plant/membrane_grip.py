@@ -114,6 +114,15 @@ class MembraneGrip:
         """Of each finger on the tool [N], mean of both."""
         return push_of(self.hold.state)
 
+    @property
+    def rise(self) -> float:
+        """Of that push per closed metre of width [N/m], from the tangent: a finger closes by half of it."""
+        return float(self.hold.state.tangent[4, 4]) / 4.0
+
+    def push_at(self, width: float) -> float:
+        """Of each finger [N] with the fingers at a width [m] for which the membranes are not solved yet."""
+        return max(self.push + self.rise * (self.width - width), 0.0)
+
     def _squeeze(self, width: float) -> float:
         """Imprint [m] at a width [m]: each finger moves by half."""
         return self.hold.parameters.squeeze + 0.5 * (self._grasp.nominal_width - width)

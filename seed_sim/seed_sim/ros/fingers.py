@@ -53,7 +53,7 @@ class Fingers:
         t, dt = plant.time, plant.time - self._then
         self._then = t
         if dt > 0.0:
-            self._gripper.advance(t, dt, grip.push, plant.scenario.grasp.grip_rise)
+            self._gripper.advance(t, dt, grip.push_at(self._gripper.width), grip.rise)
         due = not isinstance(grip, MembraneGrip) or not 0.0 <= t - self._closed < grip.period
         if due and abs(self._gripper.width - grip.width) > _MOVED:
             self._closed = t
