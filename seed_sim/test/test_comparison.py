@@ -16,6 +16,7 @@ from seed_sim.comparison.campaign import campaign
 from seed_sim.comparison.cases import CASES, case_named
 from seed_sim.comparison.command import main
 from seed_sim.comparison.methods import METHODS, method_named
+from seed_sim.comparison.page import _cell
 from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.score import SCORES, scores_of
 from seed_sim.comparison.table import lines_of, text
@@ -68,6 +69,16 @@ def test_a_run_that_was_cut_short_is_all_error() -> None:
     assert scores_of(recording, 10.0)["rms"] == 10.0
 
 
+def test_a_run_that_errs_by_more_than_the_wanted_force_gains_nothing_by_its_end() -> None:
+    recording = recording_of(np.full(100, 10.0), np.tile((0.0, 25.0), 100))
+    bounced = scores_of(recording, 10.0)
+    recording.finished = False
+    stopped = scores_of(recording, 10.0)
+    assert_allclose(bounced["rms"], np.sqrt(0.5 * (10.0**2 + 15.0**2)))
+    assert stopped["rms"] == bounced["rms"]
+    assert stopped["p90"] == bounced["p90"] == 15.0
+
+
 def test_each_step_of_the_force_is_a_phase_of_its_own() -> None:
     """Steps that share a name share a row of the score."""
     for case in CASES:
@@ -106,6 +117,38 @@ def test_a_press_that_never_comes_to_rest_is_not_the_quickest() -> None:
     presses += [row("seed", 0.2, seed=s) | {"press_rms": 2.0, "rest": 0.4} for s in range(3)]
     (line,) = (line for line in lines_of(presses) if line[:2] == ("all cases", "rest"))
     assert line.medians == {"open loop": None, "seed": 0.4}
+
+
+FAILED = {"finished": False, "rms": 10.0, "p90": 10.0}
+GOOD = {"press_rms": 1.0, "peak": 0.5, "overshoot": 5.0, "rest": 0.4, "lean": 2.0, "torque": 0.02, "lost": 1.0}
+
+
+@pytest.mark.parametrize("better", [0.5, 1.0])
+def test_no_score_is_won_by_failing(better: float) -> None:
+    """Of ten runs one survives, with scores half as large or the same; the other method finishes all of them."""
+    rows = [row("seed", 0.2, seed=s) | {"p90": 0.3} | GOOD for s in range(10)]
+    survivor = {name: better * value for name, value in GOOD.items()}
+    rows += [row("published", 0.2, seed=0) | {"p90": 0.3} | survivor]
+    rows += [row("published", 0.0, seed=s) | FAILED for s in range(1, 10)]
+    lines = [line for line in lines_of(rows) if line.case == "nominal"]
+    assert {line.score for line in lines} == set(SCORES) - {"bandwidth"}  # no step, no rise
+    assert {line.winners for line in lines} == {("seed",)}
+    assert [line.medians["published"] for line in lines if line.score == "lean"] == [None]
+    steps = [row(m, 0.5, "force steps", s) | {"bandwidth": 3.0} for m in ("seed", "published") for s in range(3)]
+    for lost in steps[4:]:
+        lost.update(FAILED, bandwidth=None)
+    (line,) = (line for line in lines_of(steps) if line[:2] == ("force steps", "bandwidth"))
+    assert line.winners == ("seed",)
+
+
+def test_a_method_of_which_few_runs_fail_keeps_its_median_and_loses_its_spread() -> None:
+    rows = [row("seed", 0.2, seed=s) | {"p90": 0.3} | GOOD for s in range(10)]
+    rows[3].update(dict.fromkeys(GOOD), **FAILED)
+    (line,) = (line for line in lines_of(rows) if line[:2] == ("nominal", "lean"))
+    assert line.medians["seed"] == 2.0
+    assert line.ninety["seed"] is None
+    assert "2 <small>-</small>" in _cell(line, "seed")
+    assert "inf" not in text(rows)
 
 
 def test_runs_are_kept_and_only_missing_ones_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

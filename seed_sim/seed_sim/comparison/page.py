@@ -36,7 +36,8 @@ def write_page(rows: Sequence[dict[str, Any]], settings: dict[str, Settings], fi
         "<h1>This suite and what people use instead</h1>",
         f"<p>{len(methods)} methods, {len(force) - 1} cases, seeds {seeds[0]} to {seeds[-1]}; the same simulated plant "
         "and tool for all. Every force is the plant's own, counted from first contact on. Medians over the seeds, "
-        "90 % of them in small print. Each method was tuned on a grid on other seeds.</p>",
+        "90 % of them in small print, a dash where too many runs failed. Each method was tuned on a grid on other "
+        "seeds.</p>",
         _verdict(force),
         "<h2>Force error over the wipe [N]</h2>",
         _table(force, methods),
@@ -82,9 +83,10 @@ def _table(lines: Sequence[Line], methods: Sequence[Method], by_score: bool = Fa
 def _cell(line: Line, method: str) -> str:
     median, ninety = line.medians.get(method), line.ninety.get(method)
     best = " best" if method in line.winners else ""
-    if median is None or ninety is None:
+    if median is None:
         return f"<td class='{_class(method)}'>-</td>"
-    return f"<td class='{_class(method)}{best}'>{median:.3g} <small>{ninety:.3g}</small></td>"
+    spread = "-" if ninety is None else f"{ninety:.3g}"
+    return f"<td class='{_class(method)}{best}'>{median:.3g} <small>{spread}</small></td>"
 
 
 def _class(method: str) -> str:

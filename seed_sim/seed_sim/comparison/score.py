@@ -23,12 +23,13 @@ SCORES = {
     "lost": ("times that contact was lost", ""),
 }
 LARGER_IS_BETTER = ("bandwidth",)
+OF_STEPS, OF_WIPES = ("bandwidth",), ("lean", "torque")  # scores that only such cases have
 
 
 def scores_of(recording: Recording, force: float) -> dict[str, float | None]:
     """By the names of SCORES, in their units; None where there is nothing to score. force: [N] wanted.
 
-    A run that did not finish has the whole wanted force as its error.
+    A run that did not finish has the whole wanted force as its error, or its error until then if that is more.
     """
     t, phase = recording["t"], recording["phase"]
     pressed, wanted = -recording["force"][:, 2], -recording["wanted_force"][:, 2]
@@ -44,9 +45,12 @@ def scores_of(recording: Recording, force: float) -> dict[str, float | None]:
     error = pressed - wanted
     if press.any():
         out |= _of_press(t[press], pressed[press], force)
-    if not recording.finished or not working.any():
+    if not working.any():
         return out | {"rms": force, "p90": force}
-    out |= {"rms": rms(error[working]), "p90": float(np.percentile(np.abs(error[working]), 90))}
+    mean, most = rms(error[working]), float(np.percentile(np.abs(error[working]), 90))
+    if not recording.finished:
+        return out | {"rms": max(mean, force), "p90": max(most, force)}
+    out |= {"rms": mean, "p90": most}
     if steps:
         rises = [_rise(t[s], pressed[s], wanted[s]) for s in steps]
         out["bandwidth"] = float(np.median([0.35 / r for r in rises]))

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from seed_sim.comparison.cases import case_named
 from seed_sim.comparison.methods import method_named
-from seed_sim.comparison.score import LARGER_IS_BETTER, SCORES
+from seed_sim.comparison.score import LARGER_IS_BETTER, OF_STEPS, OF_WIPES, SCORES
 
 LEVEL = 0.05  # share within which another method counts as level with the best
 ALL = "all cases"
@@ -17,7 +18,10 @@ SUMMED = ("press_rms", "peak", "overshoot", "rest", "bandwidth", "lean", "torque
 
 
 class Line(NamedTuple):
-    """One row: median and 90 % over the runs by method (None: nothing to score), and the methods that win it."""
+    """One row: median and 90 % over the runs by method, and the methods that win it.
+
+    None: nothing to score, or no number, as too many of the runs failed.
+    """
 
     case: str
     score: str
@@ -40,23 +44,31 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> list[Line]:
 
 
 def _line(case: str, score: str, rows: Sequence[dict[str, Any]]) -> Line:
-    runs = {m: [r for r in rows if r["method"] == m] for m in dict.fromkeys(r["method"] for r in rows)}
-    worse = 10.0 if score in LARGER_IS_BETTER else 90.0
+    scored = [r for r in rows if _has(r["case"], score)]
+    runs = {m: [r for r in scored if r["method"] == m] for m in dict.fromkeys(r["method"] for r in rows)}
     medians = {m: _percentile(score, r, 50.0) for m, r in runs.items()}
-    ninety = {m: _percentile(score, r, worse) for m, r in runs.items()}
-    return Line(case, score, medians, ninety, _winners(score, medians))
+    ninety = {m: _percentile(score, r, 10.0 if score in LARGER_IS_BETTER else 90.0) for m, r in runs.items()}
+    return Line(case, score, _finite(medians), _finite(ninety), _winners(score, medians))
+
+
+def _has(case: str, score: str) -> bool:
+    """Whether the runs of a case have the score, where they do not fail."""
+    return score not in (OF_WIPES if case_named(case).steps else OF_STEPS)
 
 
 def _percentile(score: str, rows: Sequence[dict[str, Any]], percent: float) -> float | None:
-    """Of the runs that have the score; a press that never comes to rest takes longer than any other."""
-    values = [r[score] for r in rows if r[score] is not None]
-    if score == "rest":
-        values += [np.inf for r in rows if r["rest"] is None and r["press_rms"] is not None]
+    """A run without the score has not touched, not come to rest or not finished: it is worse than any other."""
+    worst = -np.inf if score in LARGER_IS_BETTER else np.inf
+    values = [worst if r[score] is None else r[score] for r in rows]
     if not values:
         return None
-    with np.errstate(invalid="ignore"):  # between two that never rest
+    with np.errstate(invalid="ignore"):  # between two that failed
         found = float(np.percentile(values, percent))
-    return found if np.isfinite(found) else None
+    return worst if np.isnan(found) else found
+
+
+def _finite(values: dict[str, float | None]) -> dict[str, float | None]:
+    return {m: None if v is None or not np.isfinite(v) else v for m, v in values.items()}
 
 
 def _winners(score: str, medians: dict[str, float | None]) -> tuple[str, ...]:
@@ -65,7 +77,7 @@ def _winners(score: str, medians: dict[str, float | None]) -> tuple[str, ...]:
         return ()
     sign = -1.0 if score in LARGER_IS_BETTER else 1.0
     best = min(sign * v for v in real.values())
-    return tuple(m for m, v in real.items() if sign * v <= best + LEVEL * abs(best))
+    return tuple(m for m, v in real.items() if np.isfinite(v) and sign * v <= best + LEVEL * abs(best))
 
 
 def text(rows: Sequence[dict[str, Any]]) -> str:
