@@ -69,6 +69,17 @@ def test_a_run_that_was_cut_short_is_all_error() -> None:
     assert scores_of(recording, 10.0)["rms"] == 10.0
 
 
+@pytest.mark.parametrize("before", [np.linspace(0.1, 9.0, 200), np.r_[0.06, np.zeros(150)], np.r_[4.0, np.zeros(150)]])
+def test_the_peak_is_seen_however_softly_or_grazing_the_tool_came(before: np.ndarray) -> None:
+    """0.6 to 0.8 s after first contact; what comes more than 0.3 s after the force was reached is no impact."""
+    press = np.concatenate([before, np.full(10, 13.0), np.full(100, 10.0), np.full(10, 17.0)])
+    assert_allclose(scores_of(recording_of(press, np.full(100, 10.0)), 10.0)["peak"], 3.0)
+
+
+def test_a_press_that_does_not_reach_its_force_has_no_peak() -> None:
+    assert scores_of(recording_of(np.full(200, 8.0), np.full(100, 8.0)), 10.0)["peak"] == 0.0
+
+
 def test_a_run_that_errs_by_more_than_the_wanted_force_gains_nothing_by_its_end() -> None:
     recording = recording_of(np.full(100, 10.0), np.tile((0.0, 25.0), 100))
     bounced = scores_of(recording, 10.0)

@@ -6,7 +6,7 @@ import numpy as np
 from seed_core.spatial import Array
 from seed_sim.closed_loop.recording import CONTACT_FORCE, Recording, rms
 
-IMPACT = 0.3  # [s] after first contact in which its peak is looked for
+IMPACT = 0.9, 0.3  # share of the wanted force, and [s] after it is first reached until which its peak is looked for
 REST = 0.1, 0.3  # share of the wanted force, and [N], within which it has come to rest
 LOST = 0.02  # share of the wanted force below which contact counts as lost
 
@@ -66,9 +66,11 @@ def _of_press(t: Array, pressed: Array, force: float) -> dict[str, float | None]
     away = np.abs(pressed - force) > max(REST[0] * force, REST[1])
     late = np.flatnonzero(away)
     at_rest = not len(late) or late[-1] + 1 < len(t)
+    reached = np.flatnonzero(pressed >= IMPACT[0] * force)
+    at_impact = pressed[t <= t[reached[0]] + IMPACT[1]] if len(reached) else pressed
     return {
         "press_rms": rms(pressed - force),
-        "peak": float(max(pressed[t <= t[0] + IMPACT].max() - force, 0.0)),
+        "peak": float(max(at_impact.max() - force, 0.0)),
         "overshoot": float(max(100.0 * (pressed.max() / force - 1.0), 0.0)),
         "rest": float(t[late[-1] + 1] - t[0] if len(late) else 0.0) if at_rest else None,
     }
