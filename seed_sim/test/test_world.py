@@ -17,13 +17,16 @@ from seed_core.wrench_settings import WRENCH_MODELS
 from seed_sim.campaigns import spread
 from seed_sim.closed_loop import command
 from seed_sim.closed_loop.recording import Recording
+from seed_sim.closed_loop.run import start_pose
 from seed_sim.identification import session
+from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario, on_membrane
 from seed_sim.world import draw, perturb, score
 from seed_sim.world.belief import Belief
 from seed_sim.world.cameras import WorldCameras, true_hand
 from seed_sim.world.cell import true_scenario
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
+from seed_sim.world.poses import WorldPoses
 from seed_sim.world.procedures import find_out, membranes
 from seed_sim.world.procedures.clocks import motion
 from seed_sim.world.procedures.find_out import told
@@ -122,6 +125,29 @@ def test_images_that_tell_their_times_are_paired_with_the_nearest():
     period = 1.0 / NOMINAL.measurement.rate
     assert quiet(skew=0.014, skew_stamped=True).early == pytest.approx({"left": period - 0.014, "right": 0.0})
     assert quiet(skew=0.014).early == pytest.approx({"left": 0.0, "right": 0.014})
+
+
+@pytest.mark.parametrize("skew", [0.011, 0.03, 0.1])
+def test_fingers_are_seen_as_far_apart_as_the_world_says_beyond_a_period_too(skew, monkeypatch):
+    """45 pairs a second: of 30 ms one more image of the early finger is on its way, of 100 ms four or five."""
+    task = load_task("squeegee")
+    plant = Plant(NOMINAL, 1, task.frame.pose, start_pose(NOMINAL, task))
+    poses = WorldPoses(NOMINAL, World(images=ImageWorld(skew=skew)), 1)
+    seen = {"left": [], "right": []}
+    finger = poses._cameras.finger
+    monkeypatch.setattr(
+        poses._cameras, "finger", lambda name, X, t: seen[name].append(plant.time) or finger(name, X, t)
+    )
+    while len(seen["left"]) < 12:
+        plant.advance(poses.next_image())
+        pairs = len(seen["left"])
+        poses.take_image(plant)
+        if len(seen["left"]) > pairs:
+            assert poses.images["right"].stamp == pytest.approx(poses.images["left"].stamp, abs=1e-9)
+    apart = np.subtract(seen["left"], seen["right"][:12])
+    np.testing.assert_allclose(apart[6:], skew, atol=1e-6)  # before, the tool rests: there is nothing to see
+    assert apart[0] == 0.0
+    assert (np.diff(seen["right"]) >= 0.0).all()
 
 
 def test_a_longer_lens_shows_the_same_thing_larger_while_nobody_knows():

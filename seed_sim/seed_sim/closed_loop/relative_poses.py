@@ -86,7 +86,11 @@ class PoseSource:
 
     def next_image(self) -> float:
         """When the next measurement is due [s], on the plant's steps."""
-        return round(self._count * self.period / DT) * DT
+        return self.due(self._count)
+
+    def due(self, n: int) -> float:
+        """When measurement n is due [s], on the plant's steps; the first is 0."""
+        return round(n * self.period / DT) * DT
 
     def take_image(self, plant: Plant) -> None:
         """Measure now."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relative poses of a run in a hidden world: its own images through an estimator that knows nothing of it."""
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -77,7 +78,7 @@ class WorldPoses(PoseSource):
         self._clock, self._offset = world.images.clock, clock_offset
         self._first = max(self._cameras.early, key=self._cameras.early.__getitem__)  # finger
         self._lead = round(self._cameras.early[self._first] / DT) * DT  # [s] of it before the other
-        self._early: TactileImages | None = None  # the first finger's of this pair
+        self._early: deque[TactileImages] = deque()  # the first finger's of the pairs that come next
         self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
         self.images: dict[str, TactileImages] = {}
         self._hanging = world.cell.hanging
@@ -88,14 +89,22 @@ class WorldPoses(PoseSource):
 
     def next_image(self) -> float:
         """When the next image of either finger is due [s], on the plant's steps."""
-        due = super().next_image()
-        return max(due - self._lead, 0.0) if self._lead and self._early is None else due
+        return self._due_early() if self._is_early() else super().next_image()
+
+    def _due_early(self) -> float:
+        """When the first finger's next image is due [s]; by a lead of several periods it is that of a later pair."""
+        return max(self.due(self._count + len(self._early)) - self._lead, 0.0)
+
+    def _is_early(self) -> bool:
+        """Whether the first finger's next image comes before the next pair's time."""
+        return bool(self._lead) and (not self._early or self._due_early() < super().next_image() - 0.5 * DT)
 
     def take_image(self, plant: Plant) -> None:
         """Take the image of the finger that is first, if it is its turn, else the pair."""
-        if self._lead and self._early is None:
+        if self._is_early():
             plant.solve_membranes()
-            self._early = self._cameras.finger(self._first, plant.X_CT, plant.time + self._lead)
+            of_pair = self.due(self._count + len(self._early))
+            self._early.append(self._cameras.finger(self._first, plant.X_CT, of_pair))
             return
         if self._hanging and plant.time >= HANGS:
             take_grasp(self.estimator, self._cameras, plant.X_CT, plant.time, self.period)
@@ -104,17 +113,18 @@ class WorldPoses(PoseSource):
             self._count += 1
         else:
             super().take_image(plant)
-        self._early = None
+        if self._early:
+            self._early.popleft()
 
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
         plant.solve_membranes()
         images = {f: self._cameras.finger(f, plant.X_CT, plant.time) for f in self._others()}
-        if self._early is not None:
-            images[self._first] = self._early
+        if self._early:
+            images[self._first] = self._early[0]
         self.images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
         estimate = self.estimator.update(self.images, stamp + self._clock - self._offset)
         return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
     def _others(self) -> list[str]:
         """Fingers whose images are still to be taken."""
-        return [f for f in self._cameras.early if self._early is None or f != self._first]
+        return [f for f in self._cameras.early if not self._early or f != self._first]
