@@ -95,7 +95,9 @@ class TableSection:
     )
     friction: float = field(0.4, low=0.0, high=2.0, doc="Coulomb, static and dynamic")
     contact_stiffness: float = field(8000.0, unit="N/m", low=10.0, high=1e6, doc="of each contact point")
-    total_stiffness: float | None = field(None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead")
+    total_stiffness: float | None = field(
+        None, unit="N/m", low=10.0, high=1e7, doc="of all points together instead; less than 1e7 for each"
+    )
     dissipation: float = field(5.0, unit="s/m", low=0.0, high=100.0, doc="Hunt and Crossley's")
     edge: float = field(2.0, unit="m", low=-2.0, high=2.0, doc="where a plane ends, along the work frame's x")
     surface: SurfaceSection = field(SurfaceSection(), doc="its shape and motion; a plane at rest if left out")

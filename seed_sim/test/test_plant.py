@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_core.bushing import Bushing
+from seed_core.errors import FailedError
 from seed_core.hand import Frame, Tool
 from seed_core.spatial import inverse_pose, make_pose, pose_from_rpy, rotation_from_rpy, so3_exp, so3_log
 from seed_sim.plant.grip import PlantError
@@ -217,6 +218,28 @@ def test_an_arm_outside_can_drive_the_plant():
     plant.drive(target, plant.time + 0.05)
     assert_allclose(plant.X_WE, target, atol=1e-12)
     assert np.abs(plant.X_CT[:3, 3]).max() > 1e-3  # the tool lags behind
+
+
+def test_a_table_as_stiff_as_the_tools_own_points_is_refused():
+    from seed_sim.scenario import load_scenario
+
+    pen = load_scenario("pen")  # one contact point
+    with pytest.raises(PlantError, match=r"contact point = 1e\+07 N/m must be less than the tool's own, 1e\+07 N/m"):
+        Plant(replace(pen, table=replace(FLAT, total_stiffness=1e7)), 0, WORK, flange(pen, 0.005))
+    Plant(replace(STILL, table=replace(FLAT, total_stiffness=1e7)), 0, WORK, flange(STILL, 0.005))  # five
+
+
+@pytest.mark.parametrize("arm", ["cartesian", "ur5e"])
+def test_a_pose_that_is_not_finite_is_refused_by_the_arm_and_the_plant_goes_on(arm):
+    scenario = replace(STILL, servo=replace(EXACT, arm=arm))
+    plant = Plant(scenario, 0, WORK, flange(scenario, 0.3))
+    nowhere = flange(scenario, 0.3)
+    nowhere[0, 3] = np.nan
+    for send in (plant.command, lambda X: plant.drive(X, 0.1)):
+        with pytest.raises(FailedError, match=r"'nominal': at 0\.000 s the arm is sent to a pose that is not finite"):
+            send(nowhere)
+    plant.advance(0.01)
+    assert np.isfinite(plant.X_WT).all()
 
 
 def test_reset_and_grasp_bring_the_tool_back_to_where_it_was_taken():

@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from seed_core.hand import GRAVITY
 from seed_core.spatial import Array, make_pose
-from seed_sim.plant.grip import Grip
+from seed_sim.plant.grip import Grip, PlantError
 from seed_sim.plant.surfaces.patches import Patches
 from seed_sim.plant.table import Surface
 from seed_sim.plant.tools import (
@@ -178,8 +178,13 @@ class Cell:
         return [self._add_contact(self.tool, X, ball, f"tip{i}", _HARD) for i, X in enumerate(at)]
 
     def _in_series(self) -> float:
-        """[N/m] that makes the table's stiffness together with the tool's."""
+        """[N/m] that makes the table's stiffness together with the tool's. Raises PlantError."""
         k = self._surface.point_stiffness
+        if k >= _HARD:
+            raise PlantError(
+                f"table: stiffness of a contact point = {k:g} N/m must be less than the tool's own, {_HARD:g} N/m: "
+                "lower table.total_stiffness, which the tool's points share"
+            )
         return k * _HARD / (_HARD - k)
 
     def _add_table(self) -> None:

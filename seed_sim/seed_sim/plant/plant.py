@@ -107,7 +107,8 @@ class Plant:
         return self._steps * DT
 
     def command(self, X_WE: Array) -> None:
-        """Send the arm to X_WE (4, 4)."""
+        """Send the arm to X_WE (4, 4). Raises FailedError where that is not finite."""
+        self._check(X_WE)
         self.arm.command(self.time, X_WE)
 
     def advance(self, t: float) -> None:
@@ -123,7 +124,12 @@ class Plant:
         self._simulate(motions)
 
     def drive(self, X_WE: Array, t: float) -> None:
-        """Simulate until t [s] with the flange moved evenly from where it is to X_WE, by an arm outside."""
+        """Simulate until t [s] with the flange moved evenly from where it is to X_WE, by an arm outside.
+
+        Raises:
+            FailedError: X_WE is not finite.
+        """
+        self._check(X_WE)
         n = max(round((t - self.time) / DT), 1)
         X0 = self.arm.reported
         turn, p0 = so3_log(X0[:3, :3].T @ X_WE[:3, :3]), X0[:3, 3]
@@ -133,6 +139,12 @@ class Plant:
             self.arm.reported = make_pose(X0[:3, :3] @ so3_exp(i / n * turn), p0 + i / n * (X_WE[:3, 3] - p0))
             motions.append(self._follow_arm(None))
         self._simulate(motions)
+
+    def _check(self, X_WE: Array) -> None:
+        if not np.isfinite(X_WE).all():
+            raise FailedError(
+                f"scenario '{self.scenario.name}': at {self.time:.3f} s the arm is sent to a pose that is not finite"
+            )
 
     def _follow_arm(self, rotation: Array | None) -> Array:
         """The gripper goes to where the arm is, from the pose and with the velocity (13,) that Drake gets.
