@@ -252,6 +252,14 @@ def test_reset_and_grasp_bring_the_tool_back_to_where_it_was_taken():
     assert_allclose(plant.X_WE, flange(STILL, 0.1))
 
 
+def test_after_a_reset_nothing_carries_the_tool():
+    plant = Plant(STILL, 0, WORK, flange(STILL, 0.3))
+    plant.carry(1.0)
+    plant.reset(flange(STILL, 0.3))
+    plant.advance(1.5)
+    assert_allclose(plant.X_CT[:3, 3], (0.0, 0.0, 9.81 * 0.2 / 800.0), atol=2e-6)  # [m] its weight over the stiffness
+
+
 def test_after_a_reset_the_cell_is_as_new():
     from seed_sim.scenario import load_scenario
 

@@ -213,8 +213,9 @@ class Plant:
         return min(touches, key=lambda touch: touch.distance).normal
 
     def reset(self, X_WE: Array) -> None:
-        """Everything as it was built, at time 0: fingers, screw and hole too; the arm at X_WE (4, 4)."""
+        """Everything as it was built, at time 0: fingers, screw and hole too, nothing carries the tool; X_WE (4, 4)."""
         self.arm.reset(X_WE)
+        self.carry(0.0)
         self._steps = 0
         self._X_WC = self.arm.actual @ self._X_EC
         self._state = self._initial.copy()
