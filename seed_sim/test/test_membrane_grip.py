@@ -99,7 +99,9 @@ def test_friction_remembers_where_the_tool_has_been():
     for z in way[-2:2:-1]:
         hold.at(make_pose(None, (0.0, 0.0, z)), 0.0)
     back = hold.state.wrench.force[2]
+    assert hold.most_sliding > 0.2
     hold.restart()
+    assert (hold.solves, hold.unsettled, hold.most_sliding) == (0, 0, 0.0)  # of the grasp that is over
     for z in way[:4]:
         there = hold.at(make_pose(None, (0.0, 0.0, z)), 0.0)
     assert_allclose(there.X_CT[2, 3], 0.002)

@@ -21,8 +21,8 @@ class MembraneHold:
         state: of the last solve.
         grasped: the state right after closing, at X_CT = identity.
         free: both bubbles with nothing in the grasp, by finger.
-        solves, unsettled: how many, and how many of them found no equilibrium and kept the last one.
-        most_sliding: largest share of the touching nodes that slid.
+        solves, unsettled: how many since the grasp, and how many of them found no equilibrium and kept the last one.
+        most_sliding: largest share of the touching nodes that slid since.
     """
 
     def __init__(self, parameters: MembraneParameters, tool: ToolShape) -> None:
@@ -33,9 +33,6 @@ class MembraneHold:
         """
         self._grasp = MembraneGrasp(parameters, tool)
         self.parameters, self.tool, self.free = parameters, tool, self._grasp.free()
-        self.solves = self.unsettled = self._failed = 0
-        self._settled = 0.0  # [s] of the last solve before some that did not
-        self.most_sliding = 0.0
         self.close(parameters.squeeze)
 
     def close(self, squeeze: float, t: float = 0.0) -> None:
@@ -56,7 +53,10 @@ class MembraneHold:
     def restart(self, t: float = 0.0) -> None:
         """Right after the closing of the gripper again, at time t [s]."""
         self._grasp.restore(self._closed, t)
-        self.state, self._failed = self.grasped, 0
+        self.state = self.grasped
+        self.solves = self.unsettled = self._failed = 0
+        self._settled = t  # [s] of the last solve before some that did not
+        self.most_sliding = 0.0
         self._at = (np.eye(4), t)
 
     def at(self, X_CT: Array, t: float) -> GraspState:
