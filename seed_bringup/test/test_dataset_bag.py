@@ -29,7 +29,7 @@ from seed_bringup.dataset.episodes_bag import _pixels, check, episodes_of
 from seed_bringup.dataset.evaluations import evaluated
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
-from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
+from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
 from seed_ros.images.arrays import image_message
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -218,6 +218,18 @@ def test_plain_arrays_hold_names_shapes_and_rate(tmp_path: Path) -> None:
         write_arrays([small(), small(size=(6, 8))], tmp_path / "mixed")
     with pytest.raises(SeedError, match="needs 2 at 25"):
         small(frames=1)
+
+
+def test_orientations_of_a_tool_that_points_down_have_one_sign_in_all_episodes() -> None:
+    rng, down, load = np.random.default_rng(2), rotation_from_rpy(np.array((np.pi, 0.0, 0.0))), Wrench.zero()
+    for _ in range(20):
+        rows = Frames()
+        for _ in range(3):  # with noise of half a degree, which has w of either sign
+            flange, tip = (make_pose(down @ so3_exp(0.01 * rng.standard_normal(3)), (0.4, 0.0, 0.1)) for _ in range(2))
+            rows.add(flange, np.eye(4), load, tip, load, {})
+        fields = rows.episode("press", FPS).fields
+        for name, first in (("observation.state", 3), ("action", 3)):
+            np.testing.assert_allclose(fields[name][:, first : first + 4], [(1.0, 0.0, 0.0, 0.0)] * 3, atol=0.03)
 
 
 @pytest.mark.parametrize(

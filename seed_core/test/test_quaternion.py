@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from seed_core.arm.quaternion import (
     IDENTITY,
     as_quaternion,
+    continued,
     from_rotation_vector,
     inverse,
     multiply,
@@ -71,6 +72,25 @@ def test_logarithm_inverts_the_exponential(angle: float) -> None:
     q = from_rotation_vector(vector)
     assert_allclose(q, Rotation.from_rotvec(vector).as_quat(), atol=1e-15)
     assert_allclose(rotation_vector(q), vector, rtol=1e-13, atol=1e-24)
+
+
+@pytest.mark.parametrize("parts", [(1, 0, 0, 0), (0, 1, 0, 0), (0, -1, 1, 0), (1, -1, 1, 1), (-2, 1, 0, 0), (0, 0, 2, -1)])
+def test_noise_does_not_decide_between_the_two_quaternions_of_a_rotation(parts: tuple[float, ...]) -> None:
+    q, before = Rotation.from_quat(parts), None
+    first = continued(as_quaternion(q.as_matrix()), None)
+    for _ in range(50):
+        R = (Rotation.from_rotvec(0.02 * RNG.standard_normal(3)) * q).as_matrix()
+        for near in (continued(as_quaternion(R), None), continued(as_quaternion(R), before)):
+            assert_allclose(Rotation.from_quat(near).as_matrix(), R, atol=1e-12)
+            assert_allclose(near, first, atol=0.06)
+        before = near
+
+
+def test_a_quaternion_goes_on_through_whole_turns() -> None:
+    q = continued(IDENTITY, None)
+    for k in range(1, 101):  # one turn: to the other quaternion of the same rotation
+        q = continued(as_quaternion(so3_exp((0.0, 0.0, 0.02 * np.pi * k))), q)
+        assert_allclose(q, (0.0, 0.0, np.sin(0.01 * np.pi * k), np.cos(0.01 * np.pi * k)), atol=1e-12)
 
 
 def test_a_million_small_turns_leave_a_unit_quaternion() -> None:

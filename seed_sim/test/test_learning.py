@@ -90,6 +90,15 @@ def test_without_force_the_tip_follows_the_velocity_within_its_bounds() -> None:
     assert info["force"] == 0.0
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_quaternion_of_the_arm_goes_on_from_step_to_step_and_begins_alike(seed: int) -> None:
+    env = WipeEnv()
+    seen = [env.reset(seed=seed)[0]["arm_pose"][3:]]
+    for _ in range(60):
+        seen.append(env.step(PRESS)[0]["arm_pose"][3:])
+    np.testing.assert_allclose(seen, [(1.0, 0.0, 0.0, 0.0)] * 61, atol=0.05)  # the hand points down
+
+
 def test_a_hold_ends_the_episode_with_its_reason() -> None:
     env = WipeEnv(estimator="truth", scenario="nominal")
     env.reset(seed=0)

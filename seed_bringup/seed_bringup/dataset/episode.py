@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seed_core.arm.quaternion import as_quaternion
+from seed_core.arm.quaternion import Quaternion, as_quaternion, continued
 from seed_core.errors import FailedError, SeedError
 from seed_core.hand import FINGERS
 from seed_core.spatial import Array, Wrench
@@ -70,6 +70,7 @@ class Frames:
 
     def __init__(self) -> None:
         self._rows: dict[str, list[NDArray[Any]]] = {}
+        self._turned: dict[str, Quaternion] = {}  # of each pose in the frame before
 
     def __len__(self) -> int:
         return len(self._rows.get("action", ()))
@@ -85,9 +86,9 @@ class Frames:
     ) -> None:
         """One frame: poses (4, 4), loads, and images by side, (H, W, 3) uint8."""
         rows = {
-            "observation.state": np.concatenate((pose_of(flange), pose_of(grasp))),
+            "observation.state": np.concatenate((self._pose("flange", flange), self._pose("grasp", grasp))),
             "observation.wrench": np.concatenate((wrench.force, wrench.torque)),
-            "action": np.concatenate((pose_of(tip), wanted.force, wanted.torque)),
+            "action": np.concatenate((self._pose("tip", tip), wanted.force, wanted.torque)),
         }
         for name, row in rows.items():
             self._rows.setdefault(name, []).append(row.astype(np.float32))
@@ -96,22 +97,12 @@ class Frames:
 
     def episode(self, task: str, fps: int) -> Episode:
         """All of them. Raises SeedError: too few, or images are missing in some."""
-        fields = {name: np.stack(rows) for name, rows in self._rows.items()}
-        for name in FIELDS.keys() & fields.keys():
-            for first in (i for i, n in enumerate(FIELDS[name]) if n.endswith("qx")):
-                _continuous(fields[name][:, first : first + 4])
-        return Episode(task, fps, fields)
+        return Episode(task, fps, {name: np.stack(rows) for name, rows in self._rows.items()})
 
-
-def _continuous(quaternions: NDArray[Any]) -> None:
-    """Take of q and -q, the same rotation, the one that goes on from the row before; in place, (n, 4)."""
-    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    quaternions[1:][np.cumsum(turns) % 2 == 1] *= -1.0
-
-
-def pose_of(X: Array) -> Array:
-    """(7,) position [m] and quaternion x y z w of a pose (4, 4)."""
-    return np.concatenate((X[:3, 3], as_quaternion(X[:3, :3])))
+    def _pose(self, name: str, X: Array) -> Array:
+        """(7,) position [m] and quaternion x y z w of a pose (4, 4), which goes on from the frame before."""
+        q = self._turned[name] = continued(as_quaternion(X[:3, :3]), self._turned.get(name))
+        return np.array((*X[:3, 3], *q))
 
 
 def three_colours(infrared: NDArray[Any]) -> NDArray[np.uint8]:

@@ -16,12 +16,27 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 _SMALL = 1e-8  # [rad]; below it the first term of each series is exact to rounding
 _NEARLY_ONE = 0.9875  # square of w at 13 degrees
+_STANDS_OUT = 0.32  # of a component; some is larger. Turns by steps of 30 or 45 degrees have none near it
 
 
 def as_quaternion(R: Array) -> Quaternion:
     """The rotation matrix R (3, 3) as a quaternion with w >= 0."""
     x, y, z, w = quaternion_from_rotation(R).tolist()
     return x, y, z, w
+
+
+def continued(q: Quaternion, before: Quaternion | None) -> Quaternion:
+    """Of q and -q, the same rotation, the one nearest to `before`, for rows of numbers that must not jump.
+
+    Without one before: that whose first component that stands out is positive. By w alone the noise of a hand that
+    points down, half a turn from the base, would decide.
+    """
+    if before is None:
+        side = next(c for c in q if abs(c) > _STANDS_OUT)
+    else:
+        side = sum(a * b for a, b in zip(q, before, strict=True))
+    x, y, z, w = q
+    return q if side >= 0.0 else (-x, -y, -z, -w)
 
 
 def from_rotation_vector(vector: Vector3) -> Quaternion:

@@ -8,7 +8,7 @@ import numpy as np
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
 from seed_control.state import ControllerState
 from seed_control.tasks import load_task
-from seed_core.arm.quaternion import as_quaternion
+from seed_core.arm.quaternion import Quaternion, as_quaternion, continued
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, Wrench, inverse_pose, make_pose, rotation_from_rpy, so3_log
@@ -51,6 +51,8 @@ class Episode:
     Attributes:
         state: the controller's newest. estimate: the newest relative pose.
         reference: (3,) [m] wanted tip in the task frame.
+        arm_pose: (7,) reported flange in the task frame: position [m], quaternion x y z w, of whose two signs the one
+            that goes on from the step before.
         refusal: why the last set-point was refused, or ''.
     """
 
@@ -70,6 +72,8 @@ class Episode:
             raise SeedError(f"the cell of seed {seed} cannot be enabled: {self.failure}")
         self.reference = np.clip(self.tip, LOW, HIGH)
         self._pressing = False
+        self._turned: Quaternion | None = None  # of the arm pose before
+        self.arm_pose = self._arm_pose()
 
     @property
     def rate(self) -> float:
@@ -89,6 +93,10 @@ class Episode:
 
     def drive(self, wanted: Wanted, strip: Strip) -> None:
         """One step of the environment: the reference moves on, the strip is passed over."""
+        self._drive(wanted, strip)
+        self.arm_pose = self._arm_pose()
+
+    def _drive(self, wanted: Wanted, strip: Strip) -> None:
         dt, pressing = 1.0 / self._steering.rate, wanted.force > 0.0
         velocity = np.array(wanted.velocity, float)
         if pressing:
@@ -159,11 +167,10 @@ class Episode:
         R_ref = self._R_tip @ self.plant.tool.X_Ttip[:3, :3].T
         return float(np.linalg.norm(lean_of(R_ref, self.plant.X_WT[:3, :3])[1:]))
 
-    @property
-    def arm_pose(self) -> Array:
-        """(7,) reported flange in the task frame: position [m], quaternion x y z w."""
+    def _arm_pose(self) -> Array:
         X = inverse_pose(self.X_work) @ self.plant.X_WE
-        return np.concatenate((X[:3, 3], as_quaternion(X[:3, :3])))
+        self._turned = continued(as_quaternion(X[:3, :3]), self._turned)
+        return np.array((*X[:3, 3], *self._turned))
 
     @property
     def relative_pose(self) -> Array:
