@@ -4,7 +4,7 @@
 import json
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -52,8 +52,20 @@ def write_bag(
     enabled: tuple[float, float] = (0.5, 2.5),
     unseen: tuple[float, float] = (9.0, 9.0),
     encoding: str = "mono16",
+    silent: str = "",
+    change: Callable[[str, float, Any], None] = lambda *_: None,
 ) -> None:
-    """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step; unseen: no valid pose."""
+    """Three seconds at 50 Hz; the flange rises with 0.1 m/s, image and force tell the step.
+
+    Args:
+        path: of the bag.
+        without: a topic that is not in it.
+        enabled: when a set-point is followed, from and until [s].
+        unseen: when relative poses are not valid.
+        encoding: of images.
+        silent: a topic on which nothing comes from 1.8 s on.
+        change: is given topic, time [s] and message before it is written.
+    """
     with BagWriter(path) as bag:
         topics = {
             t: bag.add_topic(t, f"{k.__module__.split('.')[0]}/msg/{k.__name__}")
@@ -63,6 +75,8 @@ def write_bag(
         for i in range(150):
             t = i / 50
             for topic, connection in topics.items():
+                if topic == silent and t >= 1.8:
+                    continue
                 message: Any = KINDS[topic]()
                 if topic == "/current_pose":
                     message.pose.position.z = 0.1 * t
@@ -77,6 +91,7 @@ def write_bag(
                 elif KINDS[topic] is Image:
                     message.height, message.width, message.encoding, message.step = *SIZE, encoding, 2 * SIZE[1]
                     message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
+                change(topic, t, message)
                 bag.write(connection, round(1e9 * (100.0 + t)), serialize_message(message))
 
 
@@ -167,6 +182,20 @@ def test_poses_that_are_not_valid_are_no_data_and_a_stretch_without_any_ends_the
     assert [len(e) for e in episodes] == pytest.approx(frames, abs=4)
     for e in episodes:
         np.testing.assert_allclose(e.fields["observation.state"][:, 7], 0.001)  # x of the grasp, never that of none
+
+
+@pytest.mark.parametrize("silent", [k for k in KINDS if k != "/relative_pose"])
+def test_a_stream_that_stops_ends_the_episode(tmp_path: Path, silent: str) -> None:
+    write_bag(tmp_path / "bag", silent=silent)
+    (episode,) = episodes_of(tmp_path / "bag", FPS, "wipe the table")
+    patience = 0.3 if "bubble" in silent else 0.2  # [s]
+    assert len(episode) == pytest.approx((1.8 + patience - 0.5) * FPS, abs=2)
+
+
+def test_a_stream_that_never_lasts_is_named(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", enabled=(1.7, 2.9), silent="/wrench_estimate")
+    with pytest.raises(BagError, match="for 1 s in which wrench_estimate went on: nothing to learn"):
+        next(episodes_of(tmp_path / "bag", FPS, ""))
 
 
 def test_episodes_are_made_one_after_the_other(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from seed_ros.images import pixels_from_message
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
-UNMEASURED = 0.2  # [s] without a valid relative pose, after which a stretch ends
+OLDEST, OLDEST_PICTURE = 0.2, 0.3  # [s] since what is newest of a stream came; beyond it a stretch ends
 SHORTEST = 1.0  # [s]; what is shorter is no episode
 
 
@@ -32,26 +32,22 @@ def episodes_of(path: Path, fps: int, text: str, namespace: str = "") -> Iterato
     Raises:
         BagError: no readable bag, of another version, without what is needed, or nothing was asked of the controller.
     """
-    types, newest, cut, found = InstalledTypes(), dict[str, Any](), _Cut(fps), False
+    types, found = InstalledTypes(), False
     with open_bag(path) as reader:
         names = _streams(path, reader, types, namespace)
         chosen = [c for c in reader.connections if c.id in names]
-        pictures = {names[c.id] for c in chosen if names[c.id] in PICTURES and c.msgcount}
+        cut = _Cut(fps, {names[c.id] for c in chosen if names[c.id] in PICTURES and c.msgcount})
         for connection, stamp, data in messages_of(reader, chosen):
-            frames = cut.until(1e-9 * stamp, newest, pictures)
-            if frames is not None:
+            if (frames := cut.until(1e-9 * stamp)) is not None:
                 found = True
                 yield frames.episode(text, fps)
-            message: Any = types.deserialize_cdr(data, connection.msgtype)
-            if names[connection.id] != "relative_pose":
-                newest[names[connection.id]] = message
-            elif message.valid:  # the others hold no pose
-                newest["relative_pose"], cut.measured = message, 1e-9 * stamp
+            cut.take(names[connection.id], types.deserialize_cdr(data, connection.msgtype), 1e-9 * stamp)
     if (frames := cut.end()) is not None:
         found = True
         yield frames.episode(text, fps)
     if not found:
-        raise BagError(f"{path}: no set-point was followed for {SHORTEST:g} s: nothing to learn from")
+        late = f" in which {cut.late} went on" if cut.late else ""
+        raise BagError(f"{path}: no set-point was followed for {SHORTEST:g} s{late}: nothing to learn from")
 
 
 def check(path: Path, namespace: str = "") -> None:
@@ -87,25 +83,35 @@ def _streams(path: Path, reader: Any, types: InstalledTypes, namespace: str) -> 
 
 
 class _Cut:
-    """Samples what is newest at even times, and cuts where no set-point is followed or the tool is not measured.
+    """Samples what is newest at even times, and cuts where no set-point is followed or a stream has stopped.
 
     Attributes:
-        measured: when the newest valid relative pose came [s].
+        late: the stream that had stopped last while a set-point was followed, or ''.
     """
 
-    def __init__(self, fps: int) -> None:
+    def __init__(self, fps: int, pictures: set[str]) -> None:
         self._fps, self._frames, self._start, self._count = fps, Frames(), 0.0, 0
-        self.measured = -inf
+        self._oldest = dict.fromkeys(NEEDED, OLDEST) | dict.fromkeys(pictures, OLDEST_PICTURE)
+        self._pictures, self._newest, self._came, self.late = pictures, dict[str, Any](), dict[str, float](), ""
 
-    def until(self, t: float, newest: dict[str, Any], pictures: set[str]) -> Frames | None:
+    def take(self, name: str, message: Any, t: float) -> None:
+        """A message that came at t [s]."""
+        if name == "relative_pose" and not message.valid:  # it holds no pose
+            return
+        self._newest[name], self._came[name] = message, t
+
+    def until(self, t: float) -> Frames | None:
         """All samples before t [s]; an episode that has ended by then."""
-        state = newest.get("controller/state")
+        state = self._newest.get("controller/state")
         followed = state is not None and state.enabled and state.setpoint_kind == "hybrid"
-        if not followed or not set(newest) >= {*NEEDED, *pictures} or t - self.measured > UNMEASURED:
+        if late := [n for n, oldest in self._oldest.items() if t - self._came.get(n, -inf) > oldest]:
+            self.late = late[0] if followed else self.late
+        if late or not followed:
             self._start, self._count = t, 0
             return self.end()
         while self._start + self._count / self._fps < t:
-            self._frames.add(*_read(newest), {PICTURES[p]: _pixels(newest[p]) for p in pictures})
+            pictures = {PICTURES[p]: _pixels(self._newest[p]) for p in self._pictures}
+            self._frames.add(*_read(self._newest), pictures)
             self._count += 1
         return None
 
