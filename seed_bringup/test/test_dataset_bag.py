@@ -74,7 +74,7 @@ def write_bag(
         }
         for i in range(150):
             t = i / 50
-            for topic, connection in topics.items():
+            for k, (topic, connection) in enumerate(topics.items()):
                 if topic == silent and t >= 1.8:
                     continue
                 message: Any = KINDS[topic]()
@@ -92,7 +92,7 @@ def write_bag(
                     message.height, message.width, message.encoding, message.step = *SIZE, encoding, 2 * SIZE[1]
                     message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
                 change(topic, t, message)
-                bag.write(connection, round(1e9 * (100.0 + t)), serialize_message(message))
+                bag.write(connection, round(1e9 * (100.0 + t)) + 20_000 * k, serialize_message(message))  # one after another
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8"])
@@ -182,6 +182,18 @@ def test_poses_that_are_not_valid_are_no_data_and_a_stretch_without_any_ends_the
     assert [len(e) for e in episodes] == pytest.approx(frames, abs=4)
     for e in episodes:
         np.testing.assert_allclose(e.fields["observation.state"][:, 7], 0.001)  # x of the grasp, never that of none
+
+
+def test_an_episode_begins_with_its_own_set_point(tmp_path: Path) -> None:
+    def change(topic: str, t: float, message: Any) -> None:
+        if topic == "/controller/state":  # two tasks; between them nothing is followed, and no reference published
+            message.enabled = t < 1.1 or t >= 1.2
+        if topic == "/controller/reference":
+            message.pose.position.x = 1.0 if t < 1.2 else 2.0
+
+    write_bag(tmp_path / "bag", enabled=(0.0, 9.0), change=change)
+    for episode, x in zip(episodes_of(tmp_path / "bag", FPS, "wipe"), (1.0, 2.0), strict=True):
+        np.testing.assert_array_equal(episode.fields["action"][:, 0], x)
 
 
 @pytest.mark.parametrize("silent", [k for k in KINDS if k != "/relative_pose"])

@@ -21,6 +21,7 @@ from seed_ros.conversions import MessageError
 from seed_ros.images import pixels_from_message
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
+AFTER_STATE = ("wrench_estimate", "controller/reference")  # the controller publishes them after its state
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
 OLDEST, OLDEST_PICTURE = 0.2, 0.3  # [s] since what is newest of a stream came; beyond it a stretch ends
 SHORTEST = 1.0  # [s]; what is shorter is no episode
@@ -98,12 +99,19 @@ class _Cut:
         """A message that came at t [s]."""
         if name == "relative_pose" and not message.valid:  # it holds no pose
             return
+        before = self._followed()
         self._newest[name], self._came[name] = message, t
+        if not before and self._followed():
+            for old in AFTER_STATE:  # of another set-point
+                self._came.pop(old, None)
+
+    def _followed(self) -> bool:
+        state = self._newest.get("controller/state")
+        return state is not None and state.enabled and state.setpoint_kind == "hybrid"
 
     def until(self, t: float) -> Frames | None:
         """All samples before t [s]; an episode that has ended by then."""
-        state = self._newest.get("controller/state")
-        followed = state is not None and state.enabled and state.setpoint_kind == "hybrid"
+        followed = self._followed()
         if late := [n for n, oldest in self._oldest.items() if t - self._came.get(n, -inf) > oldest]:
             self.late = late[0] if followed else self.late
         if late or not followed:
