@@ -2,6 +2,7 @@
 """The Gymnasium environment: what it promises to those who learn on it."""
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -97,6 +98,22 @@ def test_the_quaternion_of_the_arm_goes_on_from_step_to_step_and_begins_alike(se
     for _ in range(60):
         seen.append(env.step(PRESS)[0]["arm_pose"][3:])
     np.testing.assert_allclose(seen, [(1.0, 0.0, 0.0, 0.0)] * 61, atol=0.05)  # the hand points down
+
+
+def test_the_pose_of_the_arm_is_the_one_that_the_controller_was_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    env, told = WipeEnv(estimator="truth"), []
+    noisy = replace(env._scenario.measurement, kinematics_noise=1.0)  # [mm]
+    env._scenario = replace(env._scenario, measurement=noisy)
+    env.reset(seed=0)
+    episode = env._running()
+    add = episode._steering.controller.add_kinematics
+    monkeypatch.setattr(
+        episode._steering.controller, "add_kinematics", lambda t, X: (told.append(X[:3, 3].copy()), add(t, X))[1]
+    )
+    for _ in range(5):
+        seen = (episode.X_work @ np.append(env.step(PRESS)[0]["arm_pose"][:3], 1.0))[:3]
+        np.testing.assert_allclose(seen, told[-1], atol=1e-6)
+    assert np.linalg.norm(seen - episode.plant.X_WE[:3, 3]) > 1e-4  # [m]
 
 
 def test_a_hold_ends_the_episode_with_its_reason() -> None:

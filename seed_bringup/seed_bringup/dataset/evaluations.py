@@ -32,7 +32,7 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
     scenario = check(task, fps)
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
     poses = pose_source(estimator, scenario, seed, RATE, plant)
-    watched = _Watched(plant, SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
+    watched = _Watched(SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
     recording = play(task, plant, watched)
     if not recording.finished:
         raise FailedError(f"{task.name}, seed {seed}: {recording.message}; not in the dataset")
@@ -51,10 +51,10 @@ def check(task: Task, fps: int) -> Scenario:
 class _Watched:
     """Steers as SEED does, and keeps a frame at every so many steps once a set-point is followed."""
 
-    def __init__(self, plant: Plant, steering: SeedSteering, fps: int, source: PoseSource) -> None:
+    def __init__(self, steering: SeedSteering, fps: int, source: PoseSource) -> None:
         self.rate = steering.rate
         self.frames = Frames()
-        self._plant, self._steering, self._source = plant, steering, source
+        self._steering, self._source = steering, source
         self._every, self._count = RATE // fps, 0
 
     def sense(self, t: float) -> ControllerState:
@@ -73,4 +73,5 @@ class _Watched:
         assert state.measured_X_CT is not None
         load = state.estimated.rotated(state.R_W_task) if state.estimated is not None else Wrench.zero()
         images = {side: three_colours(pair.ir) for side, pair in getattr(self._source, "images", {}).items()}
-        self.frames.add(self._plant.X_WE, state.measured_X_CT, load, setpoint.X_W_tip, setpoint.wrench, images)
+        flange = self._steering.X_WE_reported
+        self.frames.add(flange, state.measured_X_CT, load, setpoint.X_W_tip, setpoint.wrench, images)

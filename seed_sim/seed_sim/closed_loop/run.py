@@ -74,7 +74,11 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
 
 
 class SeedSteering:
-    """SEED: the controller, fed with reported flange poses and with relative poses from an estimator."""
+    """SEED: the controller, fed with reported flange poses and with relative poses from an estimator.
+
+    Attributes:
+        X_WE_reported: (4, 4) flange as the controller was last told it.
+    """
 
     def __init__(
         self,
@@ -113,6 +117,7 @@ class SeedSteering:
         self._poses = poses or pose_source(estimator, scenario, seed, parameters.rate, plant)
         self._rng = np.random.default_rng([seed, 3])
         self._kinematics_noise = 1e-3 * scenario.measurement.kinematics_noise
+        self.X_WE_reported = plant.X_WE.copy()
 
     def sense(self, t: float) -> ControllerState:
         if self._plant.membranes is not None and t <= LETTING_DOWN + 1.0 / self.rate:
@@ -124,6 +129,7 @@ class SeedSteering:
         reported = self._plant.X_WE.copy()
         if self._kinematics_noise:
             reported[:3, 3] += self._kinematics_noise * self._rng.standard_normal(3)
+        self.X_WE_reported = reported
         self.controller.add_kinematics(t, reported)
         for stamp, load in self._arm_sensor.readings(self._plant, t):
             self.controller.add_arm_wrench(stamp, load)

@@ -168,7 +168,7 @@ class Episode:
         return float(np.linalg.norm(lean_of(R_ref, self.plant.X_WT[:3, :3])[1:]))
 
     def _arm_pose(self) -> Array:
-        X = inverse_pose(self.X_work) @ self.plant.X_WE
+        X = inverse_pose(self.X_work) @ self._steering.X_WE_reported
         self._turned = continued(as_quaternion(X[:3, :3]), self._turned)
         return np.array((*X[:3, 3], *self._turned))
 
