@@ -26,6 +26,7 @@ from seed_bringup.dataset.command import REQUIREMENTS, main
 from seed_bringup.dataset.environment import interpreter, run
 from seed_bringup.dataset.episode import FIELDS, IMAGES, Episode, Frames, write_arrays
 from seed_bringup.dataset.episodes_bag import _pixels, check, episodes_of
+from seed_bringup.dataset.evaluations import check as check_evaluation
 from seed_bringup.dataset.evaluations import evaluated
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
@@ -297,6 +298,14 @@ def test_mistakes_are_told_before_anything_is_made(
     assert main(list(words)) == 2
     assert says in capsys.readouterr().err
     assert [f.name for f in tmp_path.iterdir()] == ["there"]
+
+
+def test_an_estimator_that_cannot_work_is_told_before_anything_is_fetched(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["new", "--evaluate", "squeegee", "--estimator", "gel"])
+    assert "invalid choice: 'gel'" in capsys.readouterr().err
+    with pytest.raises(SeedError, match="scenario nominal has no gels"):
+        check_evaluation(load_task("squeegee"), FPS, "gel")
 
 
 READ = """

@@ -14,9 +14,10 @@ from seed_bringup.dataset.episode import Episode, write_arrays
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
 from seed_core.program.command_line import Parser, command, leaving_at_once, whole
-from seed_sim.closed_loop.relative_poses import ESTIMATORS
+from seed_sim.closed_loop.relative_poses import ESTIMATORS, GEL
 
 REQUIREMENTS = "requirements/lerobot.txt"
+OFFERED = tuple(e for e in ESTIMATORS if e != GEL)  # no task names a scenario with gels
 
 
 @command("seed dataset")
@@ -32,7 +33,7 @@ def main(argv: list[str]) -> int:
     p.add_argument("--evaluate", metavar="TASK", help="instead of bags: a task, by name or file, as ./seed evaluate")
     p.add_argument("--episodes", type=whole(1), default=10, help="of --evaluate; one per seed")
     p.add_argument("--seed", type=whole(0), default=0, help="first seed of --evaluate")
-    p.add_argument("--estimator", choices=ESTIMATORS, default="rigid_fit", help="of --evaluate; truth: without images")
+    p.add_argument("--estimator", choices=OFFERED, default="rigid_fit", help="of --evaluate; truth: without images")
     p.add_argument("--text", default="", help="the task in words; with bags it must be given")
     p.add_argument("--fps", type=whole(1, 250), default=25, help="frames a second")
     p.add_argument("--namespace", default="", help="of the cell that was recorded")
@@ -70,7 +71,7 @@ def _check(options: argparse.Namespace) -> None:
     for bag in options.bags:
         episodes_bag.check(bag, options.namespace)
     if options.evaluate:
-        evaluations.check(load_task(options.evaluate), options.fps)
+        evaluations.check(load_task(options.evaluate), options.fps, options.estimator)
 
 
 def _episodes(options: argparse.Namespace) -> Iterator[Episode]:

@@ -8,7 +8,7 @@ from seed_control.tasks import Task
 from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import Wrench
 from seed_sim.closed_loop.evaluate import check_task, scenario_of
-from seed_sim.closed_loop.relative_poses import PoseSource, pose_source
+from seed_sim.closed_loop.relative_poses import PoseSource, check_estimator, pose_source
 from seed_sim.closed_loop.run import SeedSteering, play, start_pose
 from seed_sim.plant.plant import Plant
 from seed_sim.scenario import Scenario, load_scenario
@@ -27,9 +27,9 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
         text: the task in words; default: its description.
 
     Raises:
-        SeedError: fps does not divide the controller's rate. FailedError: the task was not finished.
+        SeedError: fps does not divide the controller's rate, or the estimator cannot work there. FailedError: the task was not finished.
     """
-    scenario = check(task, fps)
+    scenario = check(task, fps, estimator)
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
     poses = pose_source(estimator, scenario, seed, RATE, plant)
     watched = _Watched(SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
@@ -39,12 +39,13 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
     return watched.frames.episode(text or task.description or task.name, fps)
 
 
-def check(task: Task, fps: int) -> Scenario:
+def check(task: Task, fps: int, estimator: str) -> Scenario:
     """The scenario of a task that can become an episode. Raises SeedError: it cannot."""
     if RATE % fps:
         raise SeedError(f"--fps {fps} must divide the controller's {RATE} Hz: 10, 25 and 50 do")
     scenario = load_scenario(scenario_of(task))
     check_task(task, scenario, "seed")
+    check_estimator(estimator, scenario)
     return scenario
 
 

@@ -143,9 +143,6 @@ class PosesFromImages(PoseSource):
 
     def __init__(self, scenario: Scenario, seed: int, method: str, hold: MembraneHold | None = None) -> None:
         """hold: the plant's membranes, which the images show; the tool is as it was grasped."""
-        if scenario.gel is not None:
-            raise SeedError(f"scenario {scenario.name} has gels, which '{method}' cannot read: use --estimator {GEL}")
-        refuse_calibrate(scenario, "a known world")
         X_taken = taken_at(scenario, hold)
         super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, X_taken)
         self.renderer = renderer_of(scenario, seed, hold)
@@ -175,8 +172,7 @@ class PosesFromGels(PoseSource):
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        if scenario.gel is None:
-            raise SeedError(f"scenario {scenario.name} has no gels: use --scenario gel, or give it a section `gel`")
+        assert scenario.gel is not None  # as was checked
         X_taken = taken_at(scenario)
         super().__init__(scenario, scenario.measurement.rate, IMAGE_DELAY, X_taken)
         self.renderer = GelRenderer(scenario.gel, scenario.hand, seed)
@@ -188,6 +184,19 @@ class PosesFromGels(PoseSource):
     def measure(self, plant: Plant, stamp: float) -> RelativePoseEstimate:
         self.images = self.renderer.render(plant.X_CT, plant.time)
         return self.estimator.update({f: replace(i, stamp=stamp) for f, i in self.images.items()}, stamp)
+
+
+def check_estimator(kind: str, scenario: Scenario) -> None:
+    """Raises SeedError: there is no such source of poses, or the scenario has not what it works on."""
+    if kind not in ESTIMATORS:
+        raise SeedError(f"estimator '{kind}' is unknown; known: {', '.join(ESTIMATORS)}")
+    estimator_parameters(scenario, kind if kind in FROM_IMAGES else EstimatorParameters().method)  # a mistake counts
+    if kind == GEL and scenario.gel is None:
+        raise SeedError(f"scenario {scenario.name} has no gels: use --scenario gel, or give it a section `gel`")
+    if kind in FROM_IMAGES:
+        if scenario.gel is not None:
+            raise SeedError(f"scenario {scenario.name} has gels, which '{kind}' cannot read: use --estimator {GEL}")
+        refuse_calibrate(scenario, "a known world")
 
 
 def pose_source(
@@ -204,7 +213,7 @@ def pose_source(
         SeedError: no such kind, the scenario's section `estimator` cannot be used, or the estimator does not see the
             grasp.
     """
-    estimator_parameters(scenario, kind if kind in FROM_IMAGES else EstimatorParameters().method)  # a mistake counts
+    check_estimator(kind, scenario)
     hold = plant.membranes if plant is not None else None
     if kind in FROM_IMAGES:
         return PosesFromImages(scenario, seed, kind, hold)
@@ -215,6 +224,4 @@ def pose_source(
         hold.restart()
     if kind == "truth":
         return TruePoses(scenario, control_rate, 0.0, X_taken)
-    if kind == "noisy":
-        return NoisyPoses(scenario, seed, X_taken)
-    raise SeedError(f"estimator '{kind}' is unknown; known: {', '.join(ESTIMATORS)}")
+    return NoisyPoses(scenario, seed, X_taken)
