@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("pydrake", reason="needs Drake")
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from seed_msgs.msg import ControllerState, RelativePose, WrenchEstimate
@@ -28,6 +29,7 @@ from seed_bringup.dataset.episode import FIELDS, IMAGES, Episode, Frames, write_
 from seed_bringup.dataset.episodes_bag import _pixels, check, episodes_of
 from seed_bringup.dataset.evaluations import check as check_evaluation
 from seed_bringup.dataset.evaluations import evaluated
+from seed_bringup.dataset.following import Following
 from seed_control.tasks import load_task
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
@@ -88,6 +90,7 @@ def write_bag(
                     message.wrench.force.z = -float(i)
                 elif topic == "/controller/state":
                     message.enabled, message.setpoint_kind = enabled[0] <= t < enabled[1], "hybrid"
+                    message.mode = "contact" if message.enabled else "disabled"
                     message.desired.force.z = -10.0
                 elif KINDS[topic] is Image:
                     message.height, message.width, message.encoding, message.step = *SIZE, encoding, 2 * SIZE[1]
@@ -195,6 +198,51 @@ def test_an_episode_begins_with_its_own_set_point(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", enabled=(0.0, 9.0), change=change)
     for episode, x in zip(episodes_of(tmp_path / "bag", FPS, "wipe"), (1.0, 2.0), strict=True):
         np.testing.assert_array_equal(episode.fields["action"][:, 0], x)
+
+
+def test_a_hold_ends_the_episode(tmp_path: Path) -> None:
+    def change(topic: str, t: float, message: Any) -> None:
+        if topic == "/controller/state" and t >= 1.6:
+            message.mode = "holding"  # enabled, and the set-point is kept
+
+    write_bag(tmp_path / "bag", enabled=(0.0, 9.0), change=change)
+    (episode,) = episodes_of(tmp_path / "bag", FPS, "wipe")
+    assert len(episode) == pytest.approx(1.6 * FPS, abs=2)
+
+
+def told(mode: str, force: float = 0.0) -> ControllerState:
+    message = ControllerState(enabled=True, setpoint_kind="hybrid", mode=mode)
+    message.desired.force.z = force
+    return message
+
+
+def reference(x: float) -> PoseStamped:
+    message = PoseStamped()
+    message.pose.position.x = x
+    return message
+
+
+def followed(task: tuple[float, float] | None, pressed: bool = False) -> float:
+    """Until when [s] a set-point is followed that moves from 1 to 2 s and then stands; task: when one is played."""
+    following, last = Following(), 0.0
+    for i in range(400):
+        t = i / 50
+        following.take("controller/state", told("contact" if pressed else "position"), t)
+        following.take("controller/reference", reference(0.1 * min(max(t - 1.0, 0.0), 1.0)), t)
+        if task is not None and t in task:
+            status = GoalStatus.STATUS_EXECUTING if t == task[0] else GoalStatus.STATUS_SUCCEEDED
+            following.take("the task", GoalStatusArray(status_list=[GoalStatus(status=status)]), t)
+        assert pressed or t >= 1.0 or not following.at(t)  # what stands when the bag begins
+        last = t if following.at(t) else last
+    return last
+
+
+def test_a_set_point_that_stands_in_the_air_is_followed_for_a_second_and_a_dwell_of_a_task_to_its_end() -> None:
+    assert followed(None) == pytest.approx(3.0, abs=0.03)
+    assert followed(None, pressed=True) == pytest.approx(8.0, abs=0.03)
+    assert followed((0.5, 6.0)) == pytest.approx(6.0, abs=0.03)  # a dwell of 4 s
+    assert followed((0.5, 2.0)) == pytest.approx(2.0, abs=0.03)  # the task has ended, and the set-point is kept
+    assert followed((0.5, 6.0), pressed=True) == pytest.approx(6.0, abs=0.03)
 
 
 @pytest.mark.parametrize("silent", [k for k in KINDS if k != "/relative_pose"])

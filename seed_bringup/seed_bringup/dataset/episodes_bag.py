@@ -14,6 +14,7 @@ from seed_bringup.bags import BagError
 from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
+from seed_bringup.dataset.following import Following
 from seed_core.arm.quaternion import to_pose
 from seed_core.hand import FINGERS
 from seed_core.spatial import Array, Wrench
@@ -22,6 +23,7 @@ from seed_ros.images import pixels_from_message
 
 NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
 AFTER_STATE = ("wrench_estimate", "controller/reference")  # the controller publishes them after its state
+TASKS = "controller/follow_setpoints/_action/status"
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
 OLDEST, OLDEST_PICTURE = 0.2, 0.3  # [s] since what is newest of a stream came; beyond it a stretch ends
 SHORTEST = 1.0  # [s]; what is shorter is no episode
@@ -70,7 +72,7 @@ def _streams(path: Path, reader: Any, types: InstalledTypes, namespace: str) -> 
     """Names of what is read, by the number of the connection; their types are loaded."""
     root = f"/{namespace.strip('/')}/".replace("//", "/")
     names = {c.id: c.topic.removeprefix(root) for c in reader.connections if c.topic.startswith(root)}
-    chosen = [c for c in reader.connections if names.get(c.id) in (*NEEDED, *PICTURES)]
+    chosen = [c for c in reader.connections if names.get(c.id) in (*NEEDED, *PICTURES, TASKS)]
     if missing := [n for n in NEEDED if n not in {names[c.id] for c in chosen}]:
         raise BagError(f"{path} lacks {', '.join(root + m for m in missing)}: record with ./seed bag record --all")
     for c in chosen:
@@ -91,6 +93,7 @@ class _Cut:
     """
 
     def __init__(self, fps: int, pictures: set[str]) -> None:
+        self._following = Following()
         self._fps, self._frames, self._start, self._count = fps, Frames(), 0.0, 0
         self._oldest = dict.fromkeys(NEEDED, OLDEST) | dict.fromkeys(pictures, OLDEST_PICTURE)
         self._pictures, self._newest, self._came, self.late = pictures, dict[str, Any](), dict[str, float](), ""
@@ -99,19 +102,17 @@ class _Cut:
         """A message that came at t [s]."""
         if name == "relative_pose" and not message.valid:  # it holds no pose
             return
-        before = self._followed()
         self._newest[name], self._came[name] = message, t
-        if not before and self._followed():
-            for old in AFTER_STATE:  # of another set-point
-                self._came.pop(old, None)
-
-    def _followed(self) -> bool:
-        state = self._newest.get("controller/state")
-        return state is not None and state.enabled and state.setpoint_kind == "hybrid"
+        if name in ("controller/state", "controller/reference", TASKS):
+            before = self._following.at(t)
+            self._following.take(name, message, t)
+            if name == "controller/state" and not before and self._following.at(t):
+                for old in AFTER_STATE:  # of another set-point
+                    self._came.pop(old, None)
 
     def until(self, t: float) -> Frames | None:
         """All samples before t [s]; an episode that has ended by then."""
-        followed = self._followed()
+        followed = self._following.at(t)
         if late := [n for n, oldest in self._oldest.items() if t - self._came.get(n, -inf) > oldest]:
             self.late = late[0] if followed else self.late
         if late or not followed:
