@@ -253,6 +253,51 @@ def test_a_stream_that_stops_ends_the_episode(tmp_path: Path, silent: str) -> No
     assert len(episode) == pytest.approx((1.8 + patience - 0.5) * FPS, abs=2)
 
 
+@pytest.mark.parametrize(("topic", "says"), [("wrench_estimate", "not finite"), ("current_pose", "norm 0")])
+def test_what_is_no_number_is_not_measured(tmp_path: Path, topic: str, says: str) -> None:
+    def change(at: str, t: float, message: Any) -> None:
+        if at == "/wrench_estimate" == f"/{topic}" and 1.5 <= t < until:
+            message.wrench.force.z = np.nan
+        if at == "/current_pose" == f"/{topic}" and 1.5 <= t < until:
+            message.pose.orientation.w = 0.0
+
+    for until, frames in ((1.6, [75]), (1.9, [42, 28])):  # for 0.1 s what came last serves
+        said: list[str] = []
+        bag = tmp_path / f"bag_{until}"
+        write_bag(bag, enabled=(0.0, 9.0), change=change)
+        assert [len(e) for e in episodes_of(bag, FPS, "wipe", tell=said.append)] == pytest.approx(frames, abs=2)
+        (line,) = said
+        assert line.startswith(f"{bag}, 1.5 s into it: /{topic}: left out")
+        assert says in line
+
+
+@pytest.mark.parametrize(("since", "frames"), [(1.5, [37]), (0.4, [10, 65])])
+def test_pictures_of_another_size_end_the_episode_and_are_left_out(
+    tmp_path: Path, since: float, frames: list[int]
+) -> None:
+    def change(topic: str, t: float, message: Any) -> None:
+        if KINDS[topic] is Image and t >= since:
+            message.height, message.width, message.step = 6, 8, 16
+            message.data = np.full((6, 8), 160, "<u2").tobytes()
+
+    said: list[str] = []
+    write_bag(tmp_path / "bag", enabled=(0.0, 9.0), change=change)
+    (episode,) = episodes_of(tmp_path / "bag", FPS, "wipe", tell=said.append)  # the first that is long enough stays
+    assert len(episode) == pytest.approx(frames[-1], abs=2)
+    assert f"bag, {since} s into it: /bubble_left/ir/image_rect_raw: 8 x 6 pixels, 16 x 12 before" in said[0]
+    assert ["are left out: pictures of another size" in line for line in said[2:]] == [True] * (since > 1.0)
+
+
+def test_a_picture_that_cannot_be_read_is_told_with_its_place(tmp_path: Path) -> None:
+    def change(topic: str, t: float, message: Any) -> None:
+        if KINDS[topic] is Image and t >= 1.5:
+            message.encoding = "bayer_rggb16"
+
+    write_bag(tmp_path / "bag", change=change)
+    with pytest.raises(BagError, match=r"bag, 1\.5 s into it: .*'bayer_rggb16' is none of"):
+        list(episodes_of(tmp_path / "bag", FPS, "wipe"))
+
+
 def test_a_stream_that_never_lasts_is_named(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", enabled=(1.7, 2.9), silent="/wrench_estimate")
     with pytest.raises(BagError, match="for 1 s in which wrench_estimate went on: nothing to learn"):

@@ -74,12 +74,16 @@ def _check(options: argparse.Namespace) -> None:
         evaluations.check(load_task(options.evaluate), options.fps, options.estimator)
 
 
+def _tell(words: str) -> None:
+    print(f"seed dataset: {words}", file=sys.stderr, flush=True)
+
+
 def _episodes(options: argparse.Namespace) -> Iterator[Episode]:
     """One after the other."""
     from seed_bringup.dataset import episodes_bag, evaluations
 
     for bag in options.bags:
-        yield from episodes_bag.episodes_of(bag, options.fps, options.text, options.namespace)
+        yield from episodes_bag.episodes_of(bag, options.fps, options.text, options.namespace, _tell)
     if options.bags:
         return
     task = load_task(options.evaluate)
@@ -87,7 +91,7 @@ def _episodes(options: argparse.Namespace) -> Iterator[Episode]:
         try:
             episode = evaluations.evaluated(task, seed, options.fps, options.estimator, options.text)
         except FailedError as error:
-            print(f"seed dataset: {error}", file=sys.stderr, flush=True)
+            _tell(str(error))
             continue
         print(f"seed {seed}: {len(episode)} frames", file=sys.stderr, flush=True)
         yield episode

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Episodes of a bag: each stretch in which a set-point was followed, evenly sampled by when messages came."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from math import inf
 from pathlib import Path
@@ -15,13 +16,20 @@ from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
 from seed_bringup.dataset.following import Following
-from seed_core.arm.quaternion import to_pose
+from seed_core.errors import SeedError
 from seed_core.hand import FINGERS
-from seed_core.spatial import Array, Wrench
-from seed_ros.conversions import MessageError
+from seed_ros.conversions import MessageError, pose_to_matrix, wrench_to_core
 from seed_ros.images import pixels_from_message
 
-NEEDED = ("current_pose", "relative_pose", "wrench_estimate", "controller/state", "controller/reference")
+# What is needed, in the order in which a frame takes it, and how it is read. Raise SeedError: not finite, no rotation.
+_READ: dict[str, Callable[[Any], Any]] = {
+    "current_pose": lambda m: pose_to_matrix(m.pose),
+    "relative_pose": lambda m: pose_to_matrix(m.pose.pose),
+    "wrench_estimate": lambda m: wrench_to_core(m.wrench),
+    "controller/reference": lambda m: pose_to_matrix(m.pose),
+    "controller/state": lambda m: wrench_to_core(m.desired, "desired"),
+}
+NEEDED = tuple(_READ)
 AFTER_STATE = ("wrench_estimate", "controller/reference")  # the controller publishes them after its state
 TASKS = "controller/follow_setpoints/_action/status"
 PICTURES = {f"bubble_{side}/ir/image_rect_raw": side for side in FINGERS}
@@ -29,28 +37,77 @@ OLDEST, OLDEST_PICTURE = 0.2, 0.3  # [s] since what is newest of a stream came; 
 SHORTEST = 1.0  # [s]; what is shorter is no episode
 
 
-def episodes_of(path: Path, fps: int, text: str, namespace: str = "") -> Iterator[Episode]:
+def episodes_of(
+    path: Path, fps: int, text: str, namespace: str = "", tell: Callable[[str], None] = lambda _: None
+) -> Iterator[Episode]:
     """The episodes of a bag in the order of time, one at a time in memory.
+
+    Args:
+        path: of the bag.
+        fps: frames a second.
+        text: the task in words.
+        namespace: of the cell that was recorded.
+        tell: is given, in words, what is left out.
 
     Raises:
         BagError: no readable bag, of another version, without what is needed, or nothing was asked of the controller.
     """
-    types, found = InstalledTypes(), False
+    types, kept = InstalledTypes(), _Kept(fps, text, tell)
     with open_bag(path) as reader:
         names = _streams(path, reader, types, namespace)
         chosen = [c for c in reader.connections if c.id in names]
         cut = _Cut(fps, {names[c.id] for c in chosen if names[c.id] in PICTURES and c.msgcount})
         for connection, stamp, data in messages_of(reader, chosen):
-            if (frames := cut.until(1e-9 * stamp)) is not None:
-                found = True
-                yield frames.episode(text, fps)
-            cut.take(names[connection.id], types.deserialize_cdr(data, connection.msgtype), 1e-9 * stamp)
-    if (frames := cut.end()) is not None:
-        found = True
-        yield frames.episode(text, fps)
-    if not found:
+            with _placed(where := f"{path}, {1e-9 * (stamp - reader.start_time):.1f} s into it"):
+                yield from kept.of(cut.until(1e-9 * stamp), where)
+                message = _decoded(types, data, connection.msgtype)
+                if remark := cut.take(names[connection.id], message, 1e-9 * stamp):
+                    tell(f"{where}: {connection.topic}: {remark}")
+    yield from kept.of(cut.end(), f"{path}, at its end")
+    if kept.shapes is None:
         late = f" in which {cut.late} went on" if cut.late else ""
         raise BagError(f"{path}: no set-point was followed for {SHORTEST:g} s{late}: nothing to learn from")
+
+
+@contextmanager
+def _placed(where: str) -> Iterator[None]:
+    """Errors tell where they came. Raises BagError."""
+    try:
+        yield
+    except SeedError as error:
+        raise BagError(f"{where}: {error}") from error
+
+
+def _decoded(types: InstalledTypes, data: bytes, kind: str) -> Any:
+    """A message. Raises BagError: it is damaged."""
+    try:
+        return types.deserialize_cdr(data, kind)
+    except Exception as error:  # rosbags raises whatever it trips over
+        raise BagError(f"damaged {kind}: {error}") from error
+
+
+class _Kept:
+    """Episodes of one kind: those with pictures of the size that the first has.
+
+    Attributes:
+        shapes: of the fields of the first; None before it.
+    """
+
+    def __init__(self, fps: int, text: str, tell: Callable[[str], None]) -> None:
+        self.shapes: dict[str, tuple[int, ...]] | None = None
+        self._fps, self._text, self._tell = fps, text, tell
+
+    def of(self, frames: Frames | None, where: str) -> Iterator[Episode]:
+        """That of the frames, if it is one of them; where: the place in the bag at which it ends."""
+        if frames is None:
+            return
+        episode = frames.episode(self._text, self._fps)
+        shapes = {name: values.shape[1:] for name, values in episode.fields.items()}
+        self.shapes = self.shapes or shapes
+        if shapes == self.shapes:
+            yield episode
+        else:
+            self._tell(f"{where}: the {len(episode)} frames before are left out: pictures of another size")
 
 
 def check(path: Path, namespace: str = "") -> None:
@@ -97,30 +154,45 @@ class _Cut:
         self._fps, self._frames, self._start, self._count = fps, Frames(), 0.0, 0
         self._oldest = dict.fromkeys(NEEDED, OLDEST) | dict.fromkeys(pictures, OLDEST_PICTURE)
         self._pictures, self._newest, self._came, self.late = pictures, dict[str, Any](), dict[str, float](), ""
+        self._resized, self._doubted = False, set[str]()
 
-    def take(self, name: str, message: Any, t: float) -> None:
-        """A message that came at t [s]."""
-        if name == "relative_pose" and not message.valid:  # it holds no pose
-            return
-        self._newest[name], self._came[name] = message, t
+    def take(self, name: str, message: Any, t: float) -> str:
+        """A message that came at t [s]; what is to be told of it, once."""
         if name in ("controller/state", "controller/reference", TASKS):
             before = self._following.at(t)
             self._following.take(name, message, t)
             if name == "controller/state" and not before and self._following.at(t):
                 for old in AFTER_STATE:  # of another set-point
                     self._came.pop(old, None)
+        if name == TASKS or (name == "relative_pose" and not message.valid):  # it holds no pose
+            return ""
+        if name in PICTURES:
+            last, size = self._newest.get(name, message), (message.height, message.width)
+            self._newest[name], self._came[name] = message, t
+            if (last.height, last.width) == size:
+                return ""
+            self._resized = True
+            return f"{size[1]} x {size[0]} pixels, {last.width} x {last.height} before: an episode ends here"
+        try:
+            self._newest[name] = _READ[name](message)
+        except SeedError as error:  # as if it had not come
+            known = name in self._doubted
+            self._doubted.add(name)
+            return "" if known else f"left out, as are others like it: {error}"
+        self._came[name] = t
+        return ""
 
     def until(self, t: float) -> Frames | None:
         """All samples before t [s]; an episode that has ended by then."""
         followed = self._following.at(t)
         if late := [n for n, oldest in self._oldest.items() if t - self._came.get(n, -inf) > oldest]:
             self.late = late[0] if followed else self.late
-        if late or not followed:
-            self._start, self._count = t, 0
+        if late or not followed or self._resized:
+            self._start, self._count, self._resized = t, 0, False
             return self.end()
         while self._start + self._count / self._fps < t:
             pictures = {PICTURES[p]: _pixels(self._newest[p]) for p in self._pictures}
-            self._frames.add(*_read(self._newest), pictures)
+            self._frames.add(*(self._newest[n] for n in NEEDED), pictures)
             self._count += 1
         return None
 
@@ -128,26 +200,6 @@ class _Cut:
         """The stretch is over; itself, if it is long enough."""
         ended, self._frames = self._frames, Frames()
         return ended if len(ended) >= max(LEAST, SHORTEST * self._fps) else None
-
-
-def _read(newest: dict[str, Any]) -> tuple[Array, Array, Wrench, Array, Wrench]:
-    state = newest["controller/state"]
-    return (
-        _pose(newest["current_pose"].pose),
-        _pose(newest["relative_pose"].pose.pose),
-        _wrench(newest["wrench_estimate"].wrench),
-        _pose(newest["controller/reference"].pose),
-        _wrench(state.desired),
-    )
-
-
-def _pose(pose: Any) -> Array:
-    q, p = pose.orientation, pose.position
-    return to_pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-
-
-def _wrench(w: Any) -> Wrench:
-    return Wrench(np.array((w.torque.x, w.torque.y, w.torque.z)), np.array((w.force.x, w.force.y, w.force.z)))
 
 
 def _pixels(image: Any) -> NDArray[np.uint8]:
