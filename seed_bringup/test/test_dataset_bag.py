@@ -3,7 +3,9 @@
 
 import json
 import os
+import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +33,7 @@ from seed_bringup.dataset.evaluations import check as check_evaluation
 from seed_bringup.dataset.evaluations import evaluated
 from seed_bringup.dataset.following import Following
 from seed_control.tasks import load_task
-from seed_core.errors import SeedError
+from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
 from seed_ros.images.arrays import image_message
 
@@ -391,6 +393,51 @@ def test_mistakes_are_told_before_anything_is_made(
     assert main(list(words)) == 2
     assert says in capsys.readouterr().err
     assert [f.name for f in tmp_path.iterdir()] == ["there"]
+
+
+ENDED = """
+import sys, time
+from seed_bringup.dataset import command
+def episodes(options, check):
+    print("begun", flush=True)
+    while True:
+        check()
+        time.sleep(0.01)
+command._episodes = episodes
+sys.exit(command.main(["made", "--evaluate", "squeegee", "--arrays"]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
+def test_a_dataset_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", ENDED], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    assert [p.name.startswith(".made-") for p in tmp_path.iterdir()] == [True]
+    process.send_signal(number)
+    assert "interrupted" in process.communicate(timeout=60.0)[1]
+    assert process.returncode == 130
+    assert not list(tmp_path.iterdir())
+
+
+def stop() -> None:
+    raise KeyboardInterrupt
+
+
+def test_it_is_ended_within_a_bag_an_evaluation_and_the_writer(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag")
+    with pytest.raises(KeyboardInterrupt):
+        next(episodes_of(tmp_path / "bag", FPS, "wipe", checked=stop))
+    with pytest.raises(KeyboardInterrupt):
+        evaluated(load_task("squeegee"), 1, FPS, "truth", checked=stop)
+    (tmp_path / "sleep.py").write_text("import time\ntime.sleep(600)\n")
+    with pytest.raises(KeyboardInterrupt):
+        run(Path(sys.executable), tmp_path / "sleep.py", check=stop)
+    (tmp_path / "fails.py").write_text("raise SystemExit('the disk is full')\n")
+    with pytest.raises(FailedError, match="the disk is full"):
+        run(Path(sys.executable), tmp_path / "fails.py")
 
 
 def test_an_estimator_that_cannot_work_is_told_before_anything_is_fetched(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,12 +5,13 @@ import argparse
 import errno
 import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Parser, command, number, results_folder, seed_number, to_json
+from seed_core.program.command_line import Parser, command, interrupts, number, results_folder, seed_number, to_json
 from seed_core.program.suggestions import did_you_mean, no_such_file
 
 
@@ -104,6 +105,22 @@ def test_what_a_mistyped_name_was_meant_for_is_told(tmp_path: Path, capsys: pyte
     with pytest.raises(SystemExit):
         parser.parse_args(["--law", "sed"])
     assert "did you mean seed?; seed wipe --help" in capsys.readouterr().err
+
+
+def test_a_hang_up_waits_to_be_asked_for_and_under_nohup_is_ignored() -> None:
+    before = signal.getsignal(signal.SIGHUP)
+    try:
+        with interrupts() as check:
+            signal.raise_signal(signal.SIGHUP)
+            with pytest.raises(KeyboardInterrupt):
+                check()
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        with interrupts() as check:
+            signal.raise_signal(signal.SIGHUP)
+            check()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_what_is_not_finite_becomes_null() -> None:

@@ -5,7 +5,7 @@ import argparse
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from seed_bringup.commands.developer import checkout
@@ -13,7 +13,7 @@ from seed_bringup.dataset.environment import make, run
 from seed_bringup.dataset.episode import Episode, write_arrays
 from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
-from seed_core.program.command_line import Parser, command, leaving_at_once, whole
+from seed_core.program.command_line import Parser, command, interrupts, leaving_at_once, whole
 from seed_sim.closed_loop.relative_poses import ESTIMATORS, GEL
 
 REQUIREMENTS = "requirements/lerobot.txt"
@@ -51,12 +51,16 @@ def main(argv: list[str]) -> int:
     _check(options)  # all that can be wrong with the arguments, before gigabytes are fetched
     python = None if options.arrays else make(checkout() / REQUIREMENTS)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=options.out.parent, prefix=f".{options.out.name}-") as folder:
+    with (
+        interrupts() as check,
+        tempfile.TemporaryDirectory(dir=options.out.parent, prefix=f".{options.out.name}-") as folder,
+    ):
         arrays, made = Path(folder, "arrays"), Path(folder, "dataset")
-        info = write_arrays(_episodes(options), arrays)
+        info = write_arrays(_episodes(options, check), arrays)
         if python is not None:
             script = Path(__file__).with_name("lerobot_writer.py")
-            run(python, script, str(arrays), str(made), options.repo_id)
+            run(python, script, str(arrays), str(made), options.repo_id, check=check)
+        check()
         shutil.move(made if python is not None else arrays, options.out)
     frames = sum(e["frames"] for e in info["episodes"])
     print(f"{options.out}: {len(info['episodes'])} episodes, {frames} frames at {info['fps']} a second")
@@ -78,18 +82,18 @@ def _tell(words: str) -> None:
     print(f"seed dataset: {words}", file=sys.stderr, flush=True)
 
 
-def _episodes(options: argparse.Namespace) -> Iterator[Episode]:
-    """One after the other."""
+def _episodes(options: argparse.Namespace, check: Callable[[], None]) -> Iterator[Episode]:
+    """One after the other; check: is called all along, and raises where the command is to end."""
     from seed_bringup.dataset import episodes_bag, evaluations
 
     for bag in options.bags:
-        yield from episodes_bag.episodes_of(bag, options.fps, options.text, options.namespace, _tell)
+        yield from episodes_bag.episodes_of(bag, options.fps, options.text, options.namespace, _tell, check)
     if options.bags:
         return
     task = load_task(options.evaluate)
     for seed in range(options.seed, options.seed + options.episodes):
         try:
-            episode = evaluations.evaluated(task, seed, options.fps, options.estimator, options.text)
+            episode = evaluations.evaluated(task, seed, options.fps, options.estimator, options.text, check)
         except FailedError as error:
             _tell(str(error))
             continue

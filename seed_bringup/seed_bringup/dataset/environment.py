@@ -5,7 +5,10 @@ import hashlib
 import os
 import subprocess
 import sys
+import tempfile
+import time
 import venv
+from collections.abc import Callable
 from pathlib import Path
 
 from seed_core.errors import FailedError
@@ -46,14 +49,29 @@ def make(requirements: Path) -> Path:
     return python
 
 
-def run(python: Path, script: Path, *words: str) -> None:
-    """Run a script there. Raises FailedError with what it said."""
+def run(python: Path, script: Path, *words: str, check: Callable[[], None] = lambda: None) -> None:
+    """Run a script there. Raises FailedError with what it said.
+
+    check: is called meanwhile; where it raises the script is ended.
+    """
     outside = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "LD_LIBRARY_PATH")}
-    done = subprocess.run(
-        [str(python), str(script), *words],
-        env={**outside, "HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"},
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise FailedError(f"LeRobot could not write the dataset:\n{done.stderr[-2000:]}")
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(
+            [str(python), str(script), *words],
+            env={**outside, "HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"},
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+        )
+        try:
+            while process.poll() is None:
+                check()
+                time.sleep(0.05)
+            check()  # Ctrl-C reaches the script as well
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        if process.returncode:
+            log.seek(0)
+            said = log.read().decode(errors="replace")
+            raise FailedError(f"LeRobot could not write the dataset:\n{said[-2000:]}")

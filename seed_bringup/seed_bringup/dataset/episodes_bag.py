@@ -38,7 +38,12 @@ SHORTEST = 1.0  # [s]; what is shorter is no episode
 
 
 def episodes_of(
-    path: Path, fps: int, text: str, namespace: str = "", tell: Callable[[str], None] = lambda _: None
+    path: Path,
+    fps: int,
+    text: str,
+    namespace: str = "",
+    tell: Callable[[str], None] = lambda _: None,
+    checked: Callable[[], None] = lambda: None,
 ) -> Iterator[Episode]:
     """The episodes of a bag in the order of time, one at a time in memory.
 
@@ -48,6 +53,7 @@ def episodes_of(
         text: the task in words.
         namespace: of the cell that was recorded.
         tell: is given, in words, what is left out.
+        checked: is called at each message, and may raise.
 
     Raises:
         BagError: no readable bag, of another version, without what is needed, or nothing was asked of the controller.
@@ -58,6 +64,7 @@ def episodes_of(
         chosen = [c for c in reader.connections if c.id in names]
         cut = _Cut(fps, {names[c.id] for c in chosen if names[c.id] in PICTURES and c.msgcount})
         for connection, stamp, data in messages_of(reader, chosen):
+            checked()
             with _placed(where := f"{path}, {1e-9 * (stamp - reader.start_time):.1f} s into it"):
                 yield from kept.of(cut.until(1e-9 * stamp), where)
                 message = _decoded(types, data, connection.msgtype)

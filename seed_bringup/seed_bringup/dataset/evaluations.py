@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Episodes of a task in closed loop without ROS: the task's player is the teacher."""
 
+from collections.abc import Callable
+
 from seed_bringup.dataset.episode import Episode, Frames, three_colours
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.state import ControllerState
@@ -16,7 +18,14 @@ from seed_sim.scenario import Scenario, load_scenario
 RATE = 250  # [Hz] of the controller
 
 
-def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", text: str = "") -> Episode:
+def evaluated(
+    task: Task,
+    seed: int,
+    fps: int,
+    estimator: str = "rigid_fit",
+    text: str = "",
+    checked: Callable[[], None] = lambda: None,
+) -> Episode:
     """The episode of a seed.
 
     Args:
@@ -25,6 +34,7 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
         fps: frames a second, a divisor of 250.
         estimator: images are kept where it works on them.
         text: the task in words; default: its description.
+        checked: is called at each step of the controller, and may raise.
 
     Raises:
         SeedError: fps does not divide the controller's rate, or the estimator cannot work there. FailedError: the task was not finished.
@@ -32,7 +42,7 @@ def evaluated(task: Task, seed: int, fps: int, estimator: str = "rigid_fit", tex
     scenario = check(task, fps, estimator)
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
     poses = pose_source(estimator, scenario, seed, RATE, plant)
-    watched = _Watched(SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses)
+    watched = _Watched(SeedSteering(plant, scenario, "seed", estimator, seed, poses), fps, poses, checked)
     recording = play(task, plant, watched)
     if not recording.finished:
         raise FailedError(f"{task.name}, seed {seed}: {recording.message}; not in the dataset")
@@ -52,13 +62,14 @@ def check(task: Task, fps: int, estimator: str) -> Scenario:
 class _Watched:
     """Steers as SEED does, and keeps a frame at every so many steps once a set-point is followed."""
 
-    def __init__(self, steering: SeedSteering, fps: int, source: PoseSource) -> None:
+    def __init__(self, steering: SeedSteering, fps: int, source: PoseSource, checked: Callable[[], None]) -> None:
         self.rate = steering.rate
         self.frames = Frames()
-        self._steering, self._source = steering, source
+        self._steering, self._source, self._checked = steering, source, checked
         self._every, self._count = RATE // fps, 0
 
     def sense(self, t: float) -> ControllerState:
+        self._checked()
         return self._steering.sense(t)
 
     def steer(self, t: float, setpoint: HybridSetpoint | None) -> str:

@@ -155,6 +155,7 @@ def interrupts() -> Iterator[Callable[[], None]]:
     """Ctrl-C, a hang-up and a request to end wait until the function that this gives is called, which raises.
 
     Raised anywhere they would end in the middle of a library, with its traceback. A second one ends the process.
+    A hang-up that is ignored, as under nohup, stays so.
 
     Raises:
         KeyboardInterrupt: by the function.
@@ -174,7 +175,8 @@ def interrupts() -> Iterator[Callable[[], None]]:
             told.append(came[0])
             raise KeyboardInterrupt
 
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    numbers = (signal.SIGINT, signal.SIGTERM, *(() if nohup else (signal.SIGHUP,)))
     before = {number: signal.signal(number, note) for number in numbers}
     try:
         yield check
