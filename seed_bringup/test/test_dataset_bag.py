@@ -98,7 +98,8 @@ def write_bag(
                     message.height, message.width, message.encoding, message.step = *SIZE, encoding, 2 * SIZE[1]
                     message.data = np.full(SIZE, 16 * i, "<u2").tobytes()
                 change(topic, t, message)
-                bag.write(connection, round(1e9 * (100.0 + t)) + 20_000 * k, serialize_message(message))  # one after another
+                after = 20_000 * k  # [ns]: one comes after another
+                bag.write(connection, round(1e9 * (100.0 + t)) + after, serialize_message(message))
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8"])

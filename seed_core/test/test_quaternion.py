@@ -74,7 +74,9 @@ def test_logarithm_inverts_the_exponential(angle: float) -> None:
     assert_allclose(rotation_vector(q), vector, rtol=1e-13, atol=1e-24)
 
 
-@pytest.mark.parametrize("parts", [(1, 0, 0, 0), (0, 1, 0, 0), (0, -1, 1, 0), (1, -1, 1, 1), (-2, 1, 0, 0), (0, 0, 2, -1)])
+@pytest.mark.parametrize(
+    "parts", [(1, 0, 0, 0), (0, 1, 0, 0), (0, -1, 1, 0), (1, -1, 1, 1), (-2, 1, 0, 0), (0, 0, 2, -1)]
+)
 def test_noise_does_not_decide_between_the_two_quaternions_of_a_rotation(parts: tuple[float, ...]) -> None:
     q, before = Rotation.from_quat(parts), None
     first = continued(as_quaternion(q.as_matrix()), None)

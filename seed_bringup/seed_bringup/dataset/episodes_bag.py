@@ -199,7 +199,8 @@ class _Cut:
             return self.end()
         while self._start + self._count / self._fps < t:
             pictures = {PICTURES[p]: _pixels(self._newest[p]) for p in self._pictures}
-            self._frames.add(*(self._newest[n] for n in NEEDED), pictures)
+            flange, grasp, load, tip, wanted = (self._newest[n] for n in NEEDED)
+            self._frames.add(flange, grasp, load, tip, wanted, pictures)
             self._count += 1
         return None
 

@@ -37,7 +37,8 @@ def evaluated(
         checked: is called at each step of the controller, and may raise.
 
     Raises:
-        SeedError: fps does not divide the controller's rate, or the estimator cannot work there. FailedError: the task was not finished.
+        SeedError: fps does not divide the controller's rate, or the estimator cannot work there.
+        FailedError: the task was not finished.
     """
     scenario = check(task, fps, estimator)
     plant = Plant(scenario, seed, task.frame.pose, start_pose(scenario, task))
