@@ -36,6 +36,7 @@ from seed_control.tasks import load_task
 from seed_core.errors import FailedError, SeedError
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
 from seed_ros.images.arrays import image_message
+from seed_sim.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 FPS, SIZE = 25, (12, 16)
@@ -149,6 +150,16 @@ def test_an_evaluation_becomes_an_episode() -> None:
     assert state[:, 0].max() - state[:, 0].min() == pytest.approx(0.265, abs=0.015)  # [m] of the flange along the wipe
     for first in (3, 10):  # no quaternion jumps to its negative
         assert np.abs(np.diff(state[:, first : first + 4], axis=0)).max() < 0.1
+
+
+def test_the_flange_of_an_evaluation_is_the_one_that_the_controller_was_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    nominal = load_scenario("nominal")
+    noisy = replace(nominal, measurement=replace(nominal.measurement, kinematics_noise=0.3))  # [mm]
+    monkeypatch.setattr("seed_bringup.dataset.evaluations.load_scenario", lambda _: noisy)
+    task = load_task("squeegee")
+    down = replace(task.phases[0], to=(0.0, 0.0, 0.02))
+    episode = evaluated(replace(task, phases=(down, *task.phases[3:])), 1, FPS, "truth", text="approach and lift")
+    assert np.std(episode.fields["observation.state"][:, 1]) == pytest.approx(0.3e-3, rel=0.25)  # [m], nothing moves it
 
 
 def test_images_are_kept_where_the_estimator_works_on_them() -> None:
