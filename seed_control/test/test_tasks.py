@@ -429,6 +429,13 @@ def test_what_is_not_touched_within_reach_ends_with_a_lift(edge: str, most: floa
     assert bench.tip_height() > 0.015 - most + 0.5 * task.lift  # it was lifted
 
 
+def test_with_an_edge_reach_bounds_the_way_along_the_surface_alone() -> None:
+    task = small_task("name: edge, contact_stop: {edge: x, reach: 0.01 m}, speed: 0.02 m/s")
+    bench = above()  # the tip comes down by 15 mm, on a table without an end
+    status = play(bench, TaskPlayer(task), 30.0)
+    assert "found no edge within reach = 0.01 m along x" in status.message
+
+
 def test_a_reach_beyond_the_controllers_free_travel_is_refused_before_it_begins() -> None:
     with pytest.raises(
         TaskError, match=r"reaches for 0\.15 m, and the controller holds after max_free_travel = 0\.06 m"

@@ -124,12 +124,12 @@ class StopRun(StepRun):
             )
         if state.X_W_tip is not None and not self._images:
             gone = float(self._way @ ((self._tips.to_work @ state.X_W_tip)[:3, 3] - self._start))
-            most, remedy = stop.reach, "begin nearer or reach further"
-            if stop.edge:
-                most, remedy = min(stop.reach, _DEEPEST), "begin nearer"
+            remedy = "begin nearer" if stop.edge else "begin nearer or reach further"
+            most = _DEEPEST if stop.edge else stop.reach
             if gone > most:
                 self.why = f"phase '{phase.name}' found nothing within {most:g} m along {stop.towards}: let it {remedy}"
-        if not self.why and self._t > phase.timeout + self.path.duration + stop.reach / phase.speed:
+        way = max(stop.reach, _DEEPEST) if stop.edge else stop.reach
+        if not self.why and self._t > phase.timeout + self.path.duration + way / phase.speed:
             self.why = f"phase '{phase.name}' touched nothing steadily within {phase.timeout:g} s"
         return bool(self.why)
 
